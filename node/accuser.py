@@ -20,6 +20,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
 from consensus.transaction import sign_transaction
 from node.api.services import Clock, TransactionPool
+from node.directory import Directory
 from node.storage.ledger_store import LedgerSnapshot
 
 CONTRACT = "producers"
@@ -146,3 +147,22 @@ def _is_known(reader: LedgerSnapshot, place: bytes, evidence: Evidence) -> bool:
             return bool(entry["suspended_height"] > 0 or evidence.epoch < entry["reinstated_epoch"])
         suspect = entry["successor"]
     return False
+
+
+def suspended_height(state: LedgerSnapshot, producer: bytes) -> int | None:
+    """Return the height at which a producer's key was suspended, or None if it is not."""
+    data = state.get(CONTRACT.encode() + b"\x00" + CANDIDATE_PREFIX + producer)
+    entry: dict[str, Any] = {} if data is None else decode_stored_value(data)
+    return int(entry["suspended_height"]) if entry.get("status") == "suspended" else None
+
+
+def describe_accused(accuser: Accuser | None, directory: Directory, state: LedgerSnapshot) -> list[dict[str, Any]]:
+    """Return the nodes against which there is evidence that the chain does not know yet, and those that it suspended."""
+    pending = () if accuser is None else accuser.pending
+    names = {name for each in pending if (name := directory.name_of_producer(each.producer)) is not None}
+    rows: list[dict[str, Any]] = [{"name": name, "state": "evidence", "height": None} for name in sorted(names)]
+    for name, node in sorted(directory.content.active.items()):
+        height = suspended_height(state, node.producer_key) if node.producer_key else None
+        if height is not None:
+            rows.append({"name": name, "state": "suspended", "height": height})
+    return rows

@@ -1,8 +1,4 @@
-"""The parts of one node, put together from what surrounds them. Must never open a file, a socket or a page of HTTP.
-
-`Surroundings` holds all that reaches outside: the ledger, the voting journal, clocks, randomness, the links to peers and
-the custodian's store. `node/service.py` fills it with real ones, the simulator with its own; the parts are the same.
-"""
+"""The parts of one node, put together from `Surroundings`. Must never open a file, a socket or a page of HTTP."""
 
 from __future__ import annotations
 
@@ -22,34 +18,37 @@ from consensus.block import FinalityProof
 from consensus.core import Core
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
-from consensus.primitives.encoding import decode_stored_value
 from consensus.primitives.keys import PrivateKey
 from consensus.signature_cache import SignatureCache, SignatureCheck
 from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
 from contracts.execution.standing import find_account, require_standing
-from node.accuser import Accuser
+from node.accuser import Accuser, describe_accused, suspended_height
 from node.api.services import Clock
+from node.byte_budget import ByteBudgets
 from node.call_check import CallCheck
-from node.candidacy import CANDIDATE_PREFIX, Candidacy
+from node.candidacy import Candidacy
 from node.custody import Custody
+from node.custody_place import CustodyPlace
 from node.directory import Directory
 from node.engine import Engine, Outbox
 from node.epochs import EpochStart, Head, read_head
-from node.execution import ExecutedBlock, Executor, Machine
+from node.execution import ExecutedBlock, Executor
 from node.finality import FinalityFeed, LedgerWriter
 from node.finality_watch import FinalityWatch
+from node.gauges import gauges_of
+from node.intake import TransactionIntake
 from node.interface import FinalizedLedger, Pool
 from node.journal import JournalEntry
 from node.machine import genesis_block
+from node.machines import Machine
 from node.mempool import Mempool
 from node.metrics import NodeMetrics
-from node.offchain.custodian import Custodian
-from node.offchain.erase_keys import ErasableKeys
-from node.offchain.store import CustodyStore
 from node.p2p.network import PeerHandler
+from node.p2p.refusals import Refusals
 from node.peers import Network, Peers
 from node.pruning import Pruner
+from node.quarantine import Quarantine
 from node.recording import VotingJournal
 from node.storage.ledger_store import LedgerStore, Position
 from node.sync import LAG_TOLERATED_BLOCKS, Synchroniser
@@ -71,23 +70,13 @@ class OpenJournal(VotingJournal, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class CustodyPlace:
-    """What makes a node a custodian: its key, its store and its erase keys, both open."""
-
-    key: PrivateKey
-    store: CustodyStore
-    erase_keys: ErasableKeys
-
-
-@dataclass(frozen=True, slots=True)
 class Surroundings:
     """All that a node's parts touch outside of themselves.
 
     `stopwatch` gives seconds that only grow, also while a callback runs; `randomness` that many fresh bytes.
     `open_network` makes the links for a handler. `machine`, `check` and `transactions` may be shared between nodes of
-    one process, and `wrap_outbox` may put something between the engine and the peers. `directory` is the one that the
-    network follows too; without one it begins with the genesis file. `waits_for_machine` says that the machine works in
-    another process.
+    one process, and `wrap_outbox` may put something before the peers. `directory` is the one that the network follows
+    too (else the genesis file's). `waits_for_machine`: the machine works in another process.
     """
 
     genesis: Genesis
@@ -165,6 +154,7 @@ class Assembly:
             cache=around.transactions,
             key=around.key,
             waits=around.waits_for_machine,
+            quarantine=Quarantine(around.stopwatch),
         )
         self.executor.begin_epoch(start.schedule)
         try:
@@ -181,7 +171,10 @@ class Assembly:
             has_standing=self._has_standing,
             is_spent=self._is_spent,
             account_of=lambda transaction: find_account(self.executor.reader, transaction),
+            byte_budgets=ByteBudgets(asyncio.get_running_loop().time),
         )
+        self.over_budget = Refusals("over_budget")
+        self.intake = TransactionIntake(self.mempool, now_ms, self.note_over)
         self.feed = FinalityFeed(core.finalized.height)
         self.writer = LedgerWriter(around.ledger)
         self.engine = Engine(
@@ -201,8 +194,10 @@ class Assembly:
             start=start,
             name_of_producer=self._name_of_producer,
             mempool=self.mempool,
+            intake=self.intake,
             ledger=around.ledger,
             clock=now_ms,
+            note_over=self.note_over,
         )
         self.network = around.open_network(self.peers)
         self.sync = Synchroniser(
@@ -219,6 +214,7 @@ class Assembly:
         self.directory.add_listener(lambda _directory: self.peers.name_producers())
         self.pool = Pool(
             mempool=self.mempool,
+            intake=self.intake,
             engine=self.engine,
             gossip=self.peers.gossip,
             feed=self.feed,
@@ -227,10 +223,11 @@ class Assembly:
         )
         self.finalized = FinalizedLedger(around.ledger, self.feed)
         self.finality_watch = FinalityWatch(around.stopwatch, lambda: self.engine.epoch.epoch.settings)
-        self._metrics = NodeMetrics(self._gauges(), now_ms)
+        self._metrics = NodeMetrics(gauges_of(self), now_ms)
         self.custody = self._make_custody()
         self.upkeep = self._make_upkeep()
         self.pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
+        self.pruner.add_listener(self.peers.forget_blocks)
         self._candidacy = self._make_candidacy()
         self.accuser = self._make_accuser()
 
@@ -272,7 +269,7 @@ class Assembly:
         custody = Custody(
             genesis=self.genesis,
             name=around.name,
-            custodian=Custodian(place.store, place.erase_keys, member=place.key.public_key, clock_ms=now_ms),
+            custodian=place.make_custodian(around.ledger, now_ms),
             key=place.key,
             ledger=around.ledger,
             feed=self.feed,
@@ -283,6 +280,7 @@ class Assembly:
             custodians=lambda: self.directory.custodians,
             is_in_touch=self._has_heard_the_network,
             final_height=lambda: self.writer.queued_height,
+            hold_room=None if place.reserve is None else place.reserve.hold,
         )
         self.peers.clips = custody
         return custody
@@ -306,6 +304,7 @@ class Assembly:
             clock=around.clock.now_ms,
             find_peers=custody.find_peers,
             is_serving=lambda: custody.is_serving,
+            describe_uploads=partial(custody.describe_uploads, place.store, reserve=place.reserve),
         )
 
     def _custody_height(self) -> int | None:
@@ -329,7 +328,7 @@ class Assembly:
             on_recovery=partial(self.engine.resume, "ledger"),
             between_events=self.engine.call_between_events,
         )
-        for stop in (self.writer.stop, self.engine.stop, self.sync.stop, self.peers.stop):
+        for stop in (self.writer.stop, self.engine.stop, self.sync.stop, self.peers.stop, self.intake.stop):
             stack.push_async_callback(stop)
         await self.network.start()
         stack.push_async_callback(self.network.stop)
@@ -352,6 +351,10 @@ class Assembly:
         return self.engine.core
 
     # What the parts ask of the whole
+
+    def note_over(self, source: str, error: BlockRobotError) -> None:
+        """Name a source of work that is over its budget. What stands before its name is its kind."""
+        self.over_budget.note(source, error, self.surroundings.clock.now_ms(), source.rpartition(" ")[0])
 
     def _name_of_producer(self, key: bytes) -> str | None:
         """Return the name of the node that produces with this key, or None."""
@@ -444,17 +447,19 @@ class Assembly:
             "peers": self.network.connected,
             "mempool": len(self.mempool),
             "custody_checkpoint": None if self.custody is None else self.custody.checkpoint_height,
+            "over_budget": self.over_budget.describe(self.surroundings.clock.now_ms()),
             "fault": core.halted or self.engine.fault,
+            "execution": self.executor.quarantine.describe(),
             "silent": None if core.silence is None else core.silence._asdict(),
             "finality": self.finality_watch.describe(),
             "suspended_height": self._suspended_height(),
+            "accused": describe_accused(self.accuser, self.directory, self.executor.reader),
             "version": version("blockrobot"),
             "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
         }
 
     def _organisation(self) -> str | None:
-        node = self.directory.content.nodes.get(self.surroundings.name)
-        return None if node is None else node.organisation
+        return getattr(self.directory.content.nodes.get(self.surroundings.name), "organisation", None)
 
     def _membership(self) -> str:
         """Tell whether the network counts this node in, as far as the node's own chain says."""
@@ -465,9 +470,7 @@ class Assembly:
     def _suspended_height(self) -> int | None:
         """Return the height at which the node's producer key was suspended, or None if it is not."""
         key = self.surroundings.key
-        data = None if key is None else self.executor.reader.get(CANDIDATE_PREFIX + key.public_key)
-        entry: dict[str, Any] = {} if data is None else decode_stored_value(data)
-        return int(entry["suspended_height"]) if entry.get("status") == "suspended" else None
+        return None if key is None else suspended_height(self.executor.reader, key.public_key)
 
     def _leader_name(self) -> str | None:
         return self._name_of_producer(self.engine.epoch.schedule.producers[self.core.leader])
@@ -475,23 +478,6 @@ class Assembly:
     def metrics(self) -> bytes:
         """Return the metrics in the Prometheus text format."""
         return self._metrics.render()
-
-    def _gauges(self) -> dict[str, tuple[str, Any]]:
-        return {
-            "blockrobot_finalized_height": ("Height of the newest stored block.", lambda: self.feed.height),
-            "blockrobot_round": ("The round that the node is in.", lambda: self.core.round),
-            "blockrobot_peers_connected": ("Connected peers.", lambda: len(self.network.connected)),
-            "blockrobot_mempool_transactions": ("Waiting transactions.", partial(len, self.mempool)),
-            "blockrobot_mempool_size_bytes": ("Bytes of waiting transactions.", lambda: self.mempool.size_bytes),
-            "blockrobot_rounds_timed_out": (
-                "Rounds that this node gave up since its start.",
-                lambda: self.engine.rounds_timed_out_count,
-            ),
-            "blockrobot_signing": (
-                "1 while the node takes part.",
-                lambda: float(self.engine.is_signing and self.core.silence is None),
-            ),
-        }
 
 
 async def _cancel(task: asyncio.Task[None]) -> None:

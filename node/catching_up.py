@@ -15,7 +15,8 @@ from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from contracts.state.view import Overlay
 from node.block_ranges import CheckedBlock, CheckedRange
-from node.execution import ExecutedBlock, Executor, Outcome
+from node.execution import ExecutedBlock, Executor
+from node.machines import Outcome
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 
 GROUP_BLOCKS_MAX_COUNT = 64

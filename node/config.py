@@ -14,26 +14,33 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
 from consensus.possession import require_possession
 from consensus.primitives.keys import PrivateKey
+from node.disk_reserve import RESERVE_DEFAULT_MIB
 
 CONFIG_FILE = "node.toml"
 KEEP_BLOCKS_MIN_COUNT = 256
 """A node serves at least so many blocks to peers that missed a few."""
+KEEP_BLOCKS_COUNT = 10_000
 SNAPSHOT_LAG_BLOCKS = 100_000
 SNAPSHOT_LAG_MIN_BLOCKS = 100
 OPERATOR_HOST = "127.0.0.1"
+READING_TOKEN_FILE_NAME = "operator-read.token"  # noqa: S105 - a file's name
 """Where the operator's listener is, wherever the node listens for peers and clients: it asks nobody for a password."""
 _PORT_MAX = 65_535
+CONTRACT_MEMORY_MIB = 1024
+"""The modelled memory of a call is 8 MiB, and its real peak at most four times that. The rest is for what a worker keeps:
+the results of up to 384 blocks above the ledger, a MiB each if they are full, and the compiled forms of 64 sources."""
+CONTRACT_MEMORY_MIN_MIB = 4
 _WALLS = ("on", "require", "off")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 SECTIONS: dict[str, frozenset[str]] = {
     "node": frozenset({"name", "genesis", "organisation"}),
     "listen": frozenset({"host", "p2p_port", "api_port", "operator_port"}),
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
-    "custody": frozenset({"store"}),
+    "custody": frozenset({"store", "reserve_mib"}),
     "log": frozenset({"level"}),
     "faults": frozenset({"enabled"}),
-    "storage": frozenset({"keep_blocks", "snapshot_lag_blocks"}),
-    "contracts": frozenset({"wall"}),
+    "storage": frozenset({"archive", "keep_blocks", "snapshot_lag_blocks"}),
+    "contracts": frozenset({"wall", "memory_mib"}),
     "explorer": frozenset({"public"}),
 }
 """The tables of the file and their fields."""
@@ -56,13 +63,20 @@ class NodeConfig:
     custodian_key_path: Path | None
     custody_store: str
     log_level: str
+    custody_reserve_mib: int = RESERVE_DEFAULT_MIB
+    """Free space below which the node takes no uploads; 0: none."""
     faults_enabled: bool = False
-    keep_blocks: int = 0
-    """How many of the newest blocks keep their bodies; 0: all."""
+    archive: bool = False
+    """Whether the node keeps the bodies of all blocks for ever."""
+    keep_blocks: int = KEEP_BLOCKS_COUNT
+    """How many of the newest blocks keep their bodies, however old they are."""
     snapshot_lag_blocks: int = SNAPSHOT_LAG_BLOCKS
     """From how many blocks behind on a snapshot is preferred to blocks; 0: only where there is no other way."""
     contract_wall: str = "on"
     """Whether contracts run in worker processes behind a wall: "on", "require" (all of the wall, or no start), "off"."""
+    contract_memory_mib: int = CONTRACT_MEMORY_MIB
+    """How many MiB a contract worker may take beyond what it has at its start; twice as many after each failure on a block
+    that others executed."""
     public_explorer: bool = False
     """Whether the explorer shows headers, producers and counts to anybody, without a session."""
     organisation: str = ""
@@ -140,10 +154,16 @@ class _Section:
             raise _invalid(f"[{self._name}] needs a port number {field!r}.")
         return value
 
-    def count(self, field: str, least: int, default: int = 0) -> int:
+    def count(self, field: str, least: int, default: int) -> int:
         value = self._table.get(field, default)
         if not isinstance(value, int) or isinstance(value, bool) or not (value == 0 or value >= least):
             raise _invalid(f"[{self._name}] needs 0, or a number of at least {least}, for {field!r}.")
+        return value
+
+    def size(self, field: str, least: int, default: int) -> int:
+        value = self._table.get(field, default)
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            raise _invalid(f"[{self._name}] needs a number of at least {least} for {field!r}.")
         return value
 
     def flag(self, field: str) -> bool:
@@ -195,10 +215,13 @@ def load_config(data_dir: Path) -> NodeConfig:
         custodian_key_path=data_dir / custodian if custodian else None,
         custody_store=custody.text("store", "sqlite"),
         log_level=level,
+        custody_reserve_mib=custody.count("reserve_mib", 1, RESERVE_DEFAULT_MIB),
         faults_enabled=faults.flag("enabled"),
-        keep_blocks=storage.count("keep_blocks", KEEP_BLOCKS_MIN_COUNT),
+        archive=storage.flag("archive"),
+        keep_blocks=storage.size("keep_blocks", KEEP_BLOCKS_MIN_COUNT, KEEP_BLOCKS_COUNT),
         snapshot_lag_blocks=storage.count("snapshot_lag_blocks", SNAPSHOT_LAG_MIN_BLOCKS, SNAPSHOT_LAG_BLOCKS),
         contract_wall=wall,
+        contract_memory_mib=contracts.size("memory_mib", CONTRACT_MEMORY_MIN_MIB, CONTRACT_MEMORY_MIB),
         public_explorer=explorer.flag("public"),
         organisation=node.optional_text("organisation") or "",
     )
@@ -229,17 +252,20 @@ def config_to_toml(config: NodeConfig) -> str:
         "",
         "[custody]",
         f'store = "{config.custody_store}"',
+        f"reserve_mib = {config.custody_reserve_mib}",
         "",
         "[log]",
         f'level = "{config.log_level}"',
         *(["", "[faults]", "enabled = true"] if config.faults_enabled else []),
         "",
         "[storage]",
+        *(["archive = true"] if config.archive else []),
         f"keep_blocks = {config.keep_blocks}",
         f"snapshot_lag_blocks = {config.snapshot_lag_blocks}",
         "",
         "[contracts]",
         f'wall = "{config.contract_wall}"',
+        *([f"memory_mib = {config.contract_memory_mib}"] if config.contract_memory_mib != CONTRACT_MEMORY_MIB else []),
         *(["", "[explorer]", "public = true"] if config.public_explorer else []),
     ]
     return "\n".join(lines) + "\n"
@@ -278,3 +304,12 @@ def load_key(path: Path, expected: bytes | None, role: str) -> PrivateKey:
     if expected is not None and key.public_key != expected:
         raise _invalid(f"the {role} key is not the one that the genesis file names for this node.")
     return key
+
+
+def reading_headers(config: NodeConfig) -> dict[str, str]:
+    """Return the headers by which a node lets itself be looked at: none for who may not read its data directory."""
+    try:
+        token = (config.data_dir / READING_TOKEN_FILE_NAME).read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError):
+        return {}
+    return {"Authorization": f"Bearer {token}"}

@@ -26,25 +26,29 @@ from consensus.records.notices import (
     version_key,
 )
 from consensus.transaction import decode_transaction
+from node.api.pruned import Keepers, require_kept
 from node.api.services import LedgerSnapshot, SignedReceipt
 
 
 class ConsentReceipts:
     """The receipts of one custodian's organisation, made from a snapshot whenever they are asked for; none is kept."""
 
-    def __init__(self, key: PrivateKey) -> None:
+    def __init__(self, key: PrivateKey, keepers: Keepers = lambda _: ()) -> None:
         """`key` is the custodian's, under which the chain knows the node and its organisation."""
         self._key = key
+        self._keepers = keepers
 
     def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
         """Return the signed receipt of a caller's own word.
 
         Raises CONSENT_RECEIPT_ELSEWHERE if she is of another organisation, NOT_FOUND for a transaction that is not
-        final, not hers, or too old to be kept, CONSENT_WORD_MISSING, NOTICE_INVALID, and as `require_told` for a consent
-        beyond the notice that was in force.
+        final or not hers, BLOCK_PRUNED for one that is too old, CONSENT_WORD_MISSING, NOTICE_INVALID, and as
+        `require_told` for a consent beyond the notice that was in force.
         """
         organisation = self._organisation(snapshot, caller)
         place = snapshot.locate(txid)
+        if place is not None:
+            require_kept(snapshot, place.height, self._keepers)
         block = None if place is None else snapshot.block(place.height)
         receipts = None if place is None else snapshot.receipts(place.height)
         if place is None or block is None or receipts is None:

@@ -37,6 +37,10 @@ class WorkerLedger:
         """Yield up to `limit` pairs under the prefix, in key order."""
         return self._snapshot.scan(prefix, limit)
 
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order."""
+        return self._snapshot.scan_range(start, end)
+
     def close(self) -> None:
         """Let go of it."""
         del self.get, self.page

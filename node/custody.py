@@ -9,32 +9,40 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import partial
+from typing import Any
 
 import structlog
 
 from consensus.block import Block, Receipt, Receipts
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
-from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, decode_value, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
+from consensus.records.png import check_depth_png
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from consensus.transaction import SALT_SIZE_BYTES, Transaction, sign_transaction
+from consensus.upload_quotas import read_quotas
 from node.api.services import TransactionPool
+from node.disk_reserve import DiskReserve
 from node.finality import FinalityFeed
 from node.offchain.chain_facts import ChainFacts
 from node.offchain.custodian import Custodian
-from node.offchain.finalized import collect_events
+from node.offchain.finalized import CUSTODIANS_REMOVED, collect_events
 from node.offchain.grantees import require_grantee, require_open_grant
+from node.offchain.peer_custodians import PeerLink, PeerRequests
 from node.offchain.store import Checkpoint, OutboxRow
+from node.offchain.uploads import UploadAccount
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import LedgerStore, TransactionLocation
+from node.upload_admission import CATCH_UP_MAX_MS, HoldRoom, UploadAdmission
+from node.upload_report import describe_uploads
 
 OUTBOX_BATCH_COUNT = 64
+SUBMISSIONS_KEPT_MAX_COUNT = 4_096
 OUTBOX_INTERVAL_MS = 1_000
 OUTBOX_LIFETIME_MS = 60_000
 FETCH_INTERVAL_MS = 2_000
@@ -42,47 +50,12 @@ REFUSALS_MAX_COUNT = 3
 KNOWN_ALREADY_CODES = frozenset({"RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS"})
 CLIP_ABSENT_CODES = frozenset({"NOT_FOUND", "CLIP_NOT_CONFIRMED", "CLIP_ERASED"})
 CLIP_PART_BYTES = 1024 * 1024
-CLIP_WIRE_MAX_BYTES = CLIP_SIZE_MAX_BYTES + 1024 * 1024
 CLIPS_SERVED_KEPT_COUNT = 2
 RETRY_MS = 500
-CATCH_UP_MAX_MS = 3_000
 SERVING_POLL_MS = 50
 _WAIT_MS = 60_000
 
 log = structlog.get_logger(__name__)
-
-
-class PeerRequests(Protocol):
-    """Asks peers."""
-
-    @property
-    def connected(self) -> list[str]:
-        """The names of the connected peers."""
-        ...
-
-    async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Return the answer. Raises PEER_UNAVAILABLE."""
-        ...
-
-
-class PeerLink:
-    """Another custodian over the nodes' own connection (`PeerCustodian`)."""
-
-    def __init__(self, name: str, peers: PeerRequests) -> None:
-        self.name = name
-        self._peers = peers
-
-    async def fetch(self, record_id: bytes) -> ClipDownload | None:
-        """Return a confirmed clip as that custodian holds it, or None if it has none. Raises PEER_*, ENCODING_*."""
-        data = bytearray()
-        while True:
-            request = ClipRequest(record_id=record_id, offset=len(data))
-            part = decode(await self._peers.request(self.name, RequestKind.CLIP, encode(request)), ClipPart)
-            if part.total > CLIP_WIRE_MAX_BYTES or (not part.data and len(data) < part.total):
-                raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer's clip is not what it announced.")
-            data += part.data
-            if len(data) >= part.total:
-                return decode(bytes(data), ClipDownload) if data else None
 
 
 @dataclass(slots=True)
@@ -114,11 +87,14 @@ class Custody:
         custodians: Callable[[], frozenset[str]] | None = None,
         is_in_touch: Callable[[], bool] = lambda: True,
         final_height: Callable[[], int] = lambda: -1,
+        hold_room: HoldRoom | None = None,
     ) -> None:
         """`is_in_touch` tells whether the node is as far as a quorum of the network: before that nothing is served.
 
-        `final_height` is how far that is, blocks included that are final and not stored yet.
+        `final_height` is how far that is, blocks included that are final and not stored yet. `hold_room` holds room on
+        the disk beside its reserve.
         """
+        self.admission = UploadAdmission(ledger, feed, custodian, hold_room)
         self._genesis = genesis
         self.custodian = self._custodian = custodian
         self._key = key
@@ -153,15 +129,30 @@ class Custody:
         """
         if self._serves_from is None and self._is_in_touch():
             self._serves_from = max(self._feed.height, self._final_height())
-        followed = -1 if self.checkpoint_height is None else self.checkpoint_height
-        return self._serves_from is not None and followed >= self._serves_from
+        return self._serves_from is not None and self._has_followed(self._serves_from)
 
-    async def _wait_serving(self) -> None:
-        """Wait, not long, until clips may leave. Raises CUSTODY_CATCHING_UP."""
+    def _has_followed(self, height: int) -> bool:
+        return (-1 if self.checkpoint_height is None else self.checkpoint_height) >= height
+
+    async def _wait_current(self, txid: bytes | None = None) -> None:
+        """Wait, not long, until the store holds all that is final here when something is asked of it.
+
+        Until then it may hold what was denied, erased or withdrawn since. A transaction `txid` may have been final
+        elsewhere a moment ago: it is waited for here first. Raises CUSTODY_CATCHING_UP.
+        """
+        if txid is not None and self._locate(txid) is None:
+            await self._feed.wait_final(txid, CATCH_UP_MAX_MS)
+        needed = self._feed.height
         for _ in range(CATCH_UP_MAX_MS // SERVING_POLL_MS):
             if self.is_serving:
-                return
+                break
             await asyncio.sleep(SERVING_POLL_MS / 1000)
+        try:
+            async with asyncio.timeout(CATCH_UP_MAX_MS / 1000), self._followed:
+                await self._followed.wait_for(lambda: self._has_followed(needed))
+        except TimeoutError:
+            log.warning("custody_behind", height=self.checkpoint_height, needed=needed)
+            raise BlockRobotError("CUSTODY_CATCHING_UP") from None
         if not self.is_serving:
             raise BlockRobotError("CUSTODY_CATCHING_UP")
 
@@ -187,19 +178,33 @@ class Custody:
 
     # What clients ask (`CustodyService`)
 
-    async def stage(self, upload: ClipUpload, robot: bytes) -> None:  # noqa: ARG002 - the chain names the robot
-        """Keep an uploaded clip until its record is final. Raises UPLOAD_*, CLIP_ERASED, STORE_UNAVAILABLE."""
-        await self._custodian.stage(upload)
+    async def stage(self, upload: ClipUpload, robot: bytes) -> None:
+        """Keep a clip of a robot's open visit, whose body was let in (`admission`), until its record is final.
+
+        Raises UPLOAD_*, VISIT_NOT_OPEN, CLIP_ERASED, STORE_UNAVAILABLE.
+        """
+        with self.admission.refused.noted(robot):
+            await self.admission.wait_for_visit(upload.record_id, upload.owner, robot)
+            await self._custodian.stage(upload, self.admission.read_terms(robot))
         self._wake_outbox.set()
+
+    async def describe_uploads(
+        self, account: UploadAccount, timestamp_ms: int, reserve: DiskReserve | None, *, counts_held: bool
+    ) -> dict[str, Any]:
+        """Return what an operator is told of uploads, at a block's time; see `upload_report.describe_uploads`."""
+        with self._ledger.snapshot() as snapshot:
+            quotas = read_quotas(snapshot.get)
+        refused = self.admission.refused
+        return await describe_uploads(
+            account, timestamp_ms, quotas, self.admission.organisation_of, refused, reserve, counts_held=counts_held
+        )
 
     async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
         """Return a clip to its owner under a final access transaction of hers. Raises as the custodian does.
 
-        Her transaction may have been final elsewhere a moment ago: wait for it here before it is missed. Raises
-        CUSTODY_CATCHING_UP while the custodian has not followed the chain since its start.
+        Raises CUSTODY_CATCHING_UP while the custodian has not followed the chain as far as it is final here.
         """
-        await self._wait_serving()
-        await self._wait_for(access_id)
+        await self._wait_current(access_id)
         return await self._custodian.download(record_id, access_id, owner)
 
     async def stage_part(self, upload: GrantUpload, owner: bytes) -> str:
@@ -209,6 +214,7 @@ class Custody:
             with self._ledger.snapshot() as snapshot:
                 require_open_grant(snapshot, upload.grant_txid, self._clock())
 
+        self.admission.require_room()
         status = await self._custodian.stage_part(upload, owner, require_open)
         self._wake_outbox.set()
         return status
@@ -216,34 +222,30 @@ class Custody:
     async def download_shared(self, request: SharedRequest, grant_id: bytes, grantee: bytes) -> SharedDownload:
         """Return a shared clip to the holder of a grant's one-time key, if she is of the staff or an officer still.
 
-        Both the newest final state and the custodian's own store have to agree. Raises as the custodian does.
+        Both the newest final state and the custodian's own store have to agree. Raises as `download`.
         """
-        await self._wait_serving()
-        await self._wait_for(request.access_id)
+        await self._wait_current(request.access_id)
         with self._ledger.snapshot() as snapshot:
             require_grantee(snapshot, request, grant_id, grantee, self._clock())
         return await self._custodian.download_shared(request, grant_id)
 
-    async def put_background(self, digest: bytes, content: bytes) -> None:
-        """Keep a recorded empty frame under its SHA-256."""
-        await self._custodian.put_background(digest, content)
+    async def put_background(self, digest: bytes, content: bytes, robot: bytes) -> None:
+        """Keep a robot's empty frame, a depth picture that was approved on the chain and let in, under its SHA-256.
+
+        Raises EMPTY_FRAME_NOT_APPROVED, BACKGROUND_NOT_A_PICTURE, UPLOAD_QUOTA_EXCEEDED.
+        """
+        with self.admission.refused.noted(robot):
+            await asyncio.to_thread(check_depth_png, content)
+            terms, require_approved = self.admission.read_terms(robot), self.admission.require_approved
+            await self._custodian.put_background(digest, content, terms, partial(require_approved, digest, robot))
 
     async def get_background(self, digest: bytes) -> bytes | None:
-        """Return a recorded empty frame, or None."""
-        return await self._custodian.get_background(digest)
+        """Return a recorded empty frame, or None if there is none or its approval was withdrawn.
 
-    async def _wait_for(self, txid: bytes) -> None:
-        """Wait, not long, until a transaction is stored here and its block's effects are in the custodian's store."""
-        place = self._locate(txid)
-        if place is None and await self._feed.wait_final(txid, CATCH_UP_MAX_MS):
-            place = self._locate(txid)
-        if place is None:
-            return
-        try:
-            async with asyncio.timeout(CATCH_UP_MAX_MS / 1000), self._followed:
-                await self._followed.wait_for(lambda: (self.checkpoint_height or 0) >= place.height)
-        except TimeoutError:
-            log.warning("custody_behind", height=self.checkpoint_height)
+        Raises CUSTODY_CATCHING_UP, as for clips.
+        """
+        await self._wait_current()
+        return await self._custodian.get_background(digest)
 
     def _locate(self, txid: bytes) -> TransactionLocation | None:
         with self._ledger.snapshot() as snapshot:
@@ -296,6 +298,8 @@ class Custody:
             raise BlockRobotError("STORAGE_DAMAGED", f"The ledger does not hold block {height}.")
         block, receipts = decode(block_bytes, Block), decode(receipts_bytes, Receipts).receipts
         events = collect_events(height, block.block_id, block.header.timestamp_ms, receipts)
+        if any(event.kind == CUSTODIANS_REMOVED for event in events.events):
+            await self._report_expired()  # before the block counts as followed: after a crash it is done again
         try:
             await self._custodian.on_finalized_block(events)
         finally:
@@ -304,6 +308,13 @@ class Custody:
         await self._note_refusals(receipts)
         if events.events:
             self._wake_outbox.set()
+
+    async def _report_expired(self) -> None:
+        with self._ledger.snapshot() as snapshot:
+            position = snapshot.position
+            if position is not None:
+                point = Checkpoint(position.height, position.block_id, position.timestamp_ms)
+                await self._custodian.report_expired(ChainFacts(snapshot, point))
 
     async def _note_refusals(self, receipts: Sequence[Receipt]) -> None:
         """A contract that refuses what is owed will mostly do so again: try a few times, then let it be."""
@@ -343,7 +354,7 @@ class Custody:
         """Sign and submit the rows that are due, each again only after its last transaction expired unseen."""
         now_ms = self._clock()
         rows = {row.key: row for row in await self._custodian.owed(OUTBOX_BATCH_COUNT)}
-        self._submitted = {key: submission for key, submission in self._submitted.items() if key in rows}
+        self._forget_submissions(rows.keys(), now_ms)
         due = [row for row in rows.values() if self._is_due(row, now_ms)]
         if not due:
             return
@@ -356,6 +367,20 @@ class Custody:
             previous = self._submitted.get(row.key)
             refusals = 0 if previous is None else previous.refusals
             self._submitted[row.key] = _Submission(row, transaction.txid, transaction.body.valid_until_ms, refusals)
+
+    def _forget_submissions(self, owed: Collection[tuple[str, bytes, int]], now_ms: int) -> None:
+        """Forget what is not among the first that are owed, once nothing has to be known of it any more.
+
+        It may be owed still, behind others: what is on its way is signed no second time, and refusals are not forgotten.
+        """
+        self._submitted = {
+            key: submission
+            for key, submission in self._submitted.items()
+            if key in owed or submission.refusals or submission.valid_until_ms > now_ms
+        }
+        others = [key for key in self._submitted if key not in owed]
+        for key in others[: max(0, len(self._submitted) - SUBMISSIONS_KEPT_MAX_COUNT)]:
+            del self._submitted[key]
 
     def _is_due(self, row: OutboxRow, now_ms: int) -> bool:
         submission = self._submitted.get(row.key)
@@ -384,8 +409,7 @@ class Custody:
             raise BlockRobotError("PEER_REFUSED", f"{peer} is no custodian of this network.")
         if kind is not RequestKind.CLIP:
             raise BlockRobotError("NOT_FOUND")
-        if not self.is_serving:
-            raise BlockRobotError("CUSTODY_CATCHING_UP")
+        await self._wait_current()
         request = decode(body, ClipRequest)
         data = await self._read_clip(request.record_id, is_first=request.offset == 0)
         part = data[request.offset : request.offset + CLIP_PART_BYTES] if request.offset >= 0 else b""

@@ -24,7 +24,7 @@ from node.comparing import (
     newest_height,
     read_block,
 )
-from node.execution import Machine
+from node.machines import Machine
 from node.replaying import Base, Replay, Writer, execute_on, find_writers
 from node.storage.ledger_store import LedgerSnapshot
 

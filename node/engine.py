@@ -31,6 +31,7 @@ from consensus.effects import (
     Halt,
     Message,
     Persist,
+    ProposalLost,
     SendTo,
     SetTimer,
     SilenceChanged,
@@ -57,6 +58,7 @@ from consensus.evidence import Evidence
 from consensus.messages import Timeout
 from consensus.primitives.encoding import encode
 from consensus.transaction import Transaction
+from contracts.execution.results import ExecutionFault
 from node.epochs import EpochStart, Head
 from node.execution import ExecutedBlock, Executor
 from node.mempool import Mempool
@@ -272,6 +274,8 @@ class Engine:
                 self._cancel_timer(kind)
             case BlockCertified(block_id=block_id):
                 self._note_certified(block_id)
+            case ProposalLost(block_id=block_id):
+                self._executor.note_lost(block_id)
             case EvidenceFound(evidence=evidence):
                 self._show_evidence(evidence)
             case SilenceChanged(reason=reason, until=until):
@@ -331,16 +335,22 @@ class Engine:
 
     def _verify(self, effect: ExecuteBlock) -> Event:
         block_id = effect.block.block_id
-        valid, fault = True, False
+        valid, fault, withheld = True, False, False
         try:
-            self._executor.verify(effect.block)
+            withheld = self._executor.verify(effect.block, certified=effect.certified).withheld
         except BlockRobotError as error:
             log.warning("block_refused", block=block_id.hex(), code=error.code, detail=error.detail)
-            valid = False
+            valid, fault = (
+                False,
+                error.code.startswith("STORAGE_"),
+            )  # the node's own ledger says nothing about the block
+        except ExecutionFault as error:
+            log.error("block_not_executed", block=block_id.hex(), certified=effect.certified, reason=error.reason)
+            valid, fault = False, True
         except Exception:
             log.exception("block_execution_fault", block=block_id.hex())
             valid, fault = False, True
-        return BlockExecuted(block_id=block_id, valid=valid, fault=fault, now_ms=self._clock())
+        return BlockExecuted(block_id, valid=valid, fault=fault, withheld=withheld, now_ms=self._clock())
 
     def _build(self, effect: BuildBlock) -> None:
         timestamp_ms = max(effect.parent_timestamp_ms + 1, self._clock())
@@ -352,13 +362,10 @@ class Engine:
 
     def _built(self, effect: BuildBlock, timestamp_ms: int, transactions: list[Transaction]) -> Event:
         try:
-            executed, faulty = self._executor.build(effect, timestamp_ms, transactions)
+            executed, _ = self._executor.build(effect, timestamp_ms, transactions)
         except Exception:
             log.exception("block_building_fault", round=effect.round)
             return BlockBuilt(round=effect.round, block=None, now_ms=self._clock())
-        if faulty:
-            log.error("transactions_left_out", count=len(faulty))
-            self._loop.call_soon_threadsafe(self._mempool.remove, faulty)
         return BlockBuilt(round=effect.round, block=executed.block, now_ms=self._clock())
 
     def _commit(self, effect: CommitBlocks) -> None:
@@ -471,7 +478,7 @@ class Engine:
     def note_work(self) -> None:
         """Tell the core if there began, or ceased, to be transactions worth a block."""
         patience = _PATIENCE_TURNS * len(self._executor.schedule.producers)
-        pending = self._mempool.has_work(self._branch_txids, patience)
+        pending = self._mempool.has_work(self._branch_txids | self._executor.quarantine.held(), patience)
         if pending != self._pending and not self._outages:
             self._pending = pending
             self.submit(WorkChanged(pending=pending, now_ms=self._clock()))

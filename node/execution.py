@@ -6,10 +6,10 @@ id. When blocks are stored the base moves up, and the overlays above stand on th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 from consensus.block import (
     HEADER_VERSION,
@@ -22,6 +22,7 @@ from consensus.block import (
     compute_receipts_root,
     compute_transactions_root,
 )
+from consensus.block_rules import lost_rounds_before_giving_up, may_give_up_change
 from consensus.effects import BuildBlock
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -38,11 +39,14 @@ from consensus.schedule import Schedule
 from consensus.settings import Epoch, compute_epoch_hash
 from consensus.transaction import Transaction, decode_transaction
 from contracts.execution.epochs import next_epoch
-from contracts.execution.results import ExpectedBlock
+from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.execution.validity import RecentTransactions, check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
+from node.attempts import Attempts
 from node.block_ranges import CheckedBlock
+from node.machines import DistantMachine, Machine, Outcome
 from node.mempool import Mempool
+from node.quarantine import Quarantine
 from node.storage.ledger_store import FinalizedBlock, LedgerSnapshot, LedgerStore
 from node.transaction_cache import TransactionCache
 
@@ -50,54 +54,12 @@ BLOCK_CONTENT_MAX_BYTES = BLOCK_SIZE_MAX_BYTES - 64 * 1024
 ROOMY_PER_CENT = 80
 
 
-class Outcome(Protocol):
-    """What the execution of a block's transactions gave. `left_out` are the txids without a receipt."""
-
-    @property
-    def receipts(self) -> tuple[Receipt, ...]: ...  # noqa: D102
-
-    @property
-    def writes(self) -> Mapping[bytes, bytes | None]: ...  # noqa: D102
-
-    @property
-    def page_writes(self) -> Mapping[bytes, bytes | None]: ...  # noqa: D102
-
-    @property
-    def state_root(self) -> bytes: ...  # noqa: D102
-
-    @property
-    def gas_used(self) -> int: ...  # noqa: D102
-
-    @property
-    def left_out(self) -> tuple[bytes, ...]: ...  # noqa: D102
-
-
-class Machine(Protocol):
-    """What runs the contracts: a pure function of parent state, height, time and transactions."""
-
-    def build(
-        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
-    ) -> tuple[Outcome, list[bytes]]:
-        """Execute what fits into a block, in order; return that and the txids that no block should ever hold."""
-        ...
-
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> Outcome:
-        """Execute exactly these transactions. Raises BLOCK_INVALID if they cannot all stand in one block."""
-        ...
-
-
-@runtime_checkable
-class DistantMachine(Machine, Protocol):
-    """A machine that is slow to reach: it takes several blocks at once."""
-
-    def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> Sequence[Outcome]:
-        """Execute consecutive blocks; return what `verify` would give for the first ones, maybe for none."""
-        ...
-
-
 @dataclass(slots=True, eq=False)
 class ExecutedBlock:
-    """A block and what its execution gave. `next_epoch` is set for a boundary: what it decides."""
+    """A block and what its execution gave. `next_epoch` is set for a boundary: what it decides.
+
+    `withheld`: it gives up a change of contracts that this node could carry out (R42).
+    """
 
     block: Block
     block_id: bytes
@@ -107,6 +69,7 @@ class ExecutedBlock:
     overlay: Overlay
     txids: frozenset[bytes]
     next_epoch: Epoch | None = None
+    withheld: bool = False
 
     @property
     def is_roomy(self) -> bool:
@@ -166,14 +129,17 @@ class Executor:
         cache: TransactionCache,
         key: PrivateKey | None,
         waits: bool = False,
+        quarantine: Quarantine | None = None,
     ) -> None:
         """`waits` says that the machine works in another process, so that the event loop must not wait for it."""
+        self.quarantine = quarantine or Quarantine(time.monotonic)
         self.waits = waits
         self.schedule: Schedule = genesis.schedule
         self.thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="execution")
         self._chain_id = genesis.chain_id
         self._ledger = ledger
         self._machine = machine
+        self._attempts = Attempts(machine, self.quarantine)
         self._cache = cache
         self._key = key
         self._blocks: dict[bytes, ExecutedBlock] = {}
@@ -245,10 +211,11 @@ class Executor:
 
     # Verifying
 
-    def verify(self, block: Block) -> ExecutedBlock:
+    def verify(self, block: Block, *, certified: bool = False) -> ExecutedBlock:
         """Execute a block of somebody else and compare the roots; its parent was executed or is the base.
 
-        Raises BLOCK_INVALID, or what is wrong with one of its transactions. LookupError for an unknown parent.
+        What failed here before is not tried again before it is `certified`. Raises BLOCK_INVALID, or what is wrong with
+        one of its transactions; ExecutionFault if it cannot be executed here. LookupError for an unknown parent.
         """
         block_id = block.block_id
         known = self._blocks.get(block_id)
@@ -261,9 +228,24 @@ class Executor:
             raise BlockRobotError("BLOCK_INVALID", "Only empty closing blocks stand behind a boundary, and only there.")
         transactions = [self._cache.verified(wire) for wire in block.transactions]
         checked = CheckedBlock(block, block_id, header, tuple(transactions))
-        executed = self.execute_final(checked, parent, self._time_of(header.parent_id), self._recent(header.parent_id))
+        if not certified:
+            self._attempts.require_hope(checked, parent)
+        parent_id = header.parent_id
+        executed = self.execute_final(
+            checked, parent, self._time_of(parent_id), self._recent(parent_id), certified=certified
+        )
+        if header.gives_up_change and not certified:
+            executed.withheld = not may_give_up_change(header, self.schedule) and self._attempts.can_change(
+                parent, header
+            )
         self._blocks[block_id] = executed
         return executed
+
+    def note_lost(self, block_id: bytes) -> None:
+        """R41: the round of an own block was lost: leave what it held to others for a while."""
+        executed = self._blocks.get(block_id)
+        if executed is not None:
+            self.quarantine.note_lost(executed.txids)
 
     def execute_final(
         self,
@@ -272,11 +254,13 @@ class Executor:
         parent_time_ms: int,
         recent: RecentTransactions,
         result: Outcome | None = None,
+        *,
+        certified: bool = True,
     ) -> ExecutedBlock:
         """Execute a block on its parent's state, compare the roots, and keep nothing of it.
 
         What it gives is taken from `result` if it was executed ahead. The signatures of its transactions were checked.
-        Raises BLOCK_INVALID, or what is wrong with a transaction.
+        Raises BLOCK_INVALID, or what is wrong with a transaction; ExecutionFault, and next time it may take more.
         """
         header, transactions = checked.header, list(checked.transactions)
         check_block_transactions(
@@ -286,8 +270,10 @@ class Executor:
             time_ms=header.timestamp_ms,
             recent=recent,
         )
-        if result is None:
-            result = self._machine.verify(parent, header.height, header.timestamp_ms, transactions)
+        if header.is_closing:
+            result = _unchanged(parent)
+        elif result is None:
+            result = self._attempts.verify(checked, parent, certified=certified)
         following = next_epoch(result.writes, header.epoch)
         _require_equal(header, result, following)
         return _executed(checked.block, checked.block_id, header, transactions, parent, result, following)
@@ -301,7 +287,9 @@ class Executor:
             return ()
         headers = [checked.header for checked in blocks]
         expected = [
-            ExpectedBlock(header.height, header.timestamp_ms, checked.transactions, header.state_root)
+            ExpectedBlock(
+                header.height, header.timestamp_ms, checked.transactions, header.state_root, header.gives_up_change
+            )
             for header, checked in zip(headers, blocks, strict=True)
         ]
         return self._machine.verify_ahead(parent, expected)
@@ -327,7 +315,7 @@ class Executor:
             max_count=BLOCK_TRANSACTIONS_MAX_COUNT,
             max_bytes=BLOCK_CONTENT_MAX_BYTES,
             timestamp_ms=timestamp_ms,
-            exclude=self.txids_on_branch(parent_id),
+            exclude=self.txids_on_branch(parent_id) | self.quarantine.held(),
         )
         recent = self._recent(parent_id)
         return select_valid(taken, chain_id=self._chain_id, time_ms=timestamp_ms, recent=recent)
@@ -335,15 +323,24 @@ class Executor:
     def build(
         self, request: BuildBlock, timestamp_ms: int, transactions: list[Transaction]
     ) -> tuple[ExecutedBlock, list[bytes]]:
-        """Execute, fill in and sign a block; return it and the txids that no block should hold.
+        """Execute, fill in and sign a block; return it and the txids on which the execution failed.
 
-        If what it executes decides a new epoch, it is a boundary; behind one it is a closing block.
+        If what it executes decides a new epoch, it is a boundary; behind one it is a closing block, which executes nothing.
+        A change of contracts that fails here is given up (R42).
         LookupError for an unknown parent; whatever the machine raises passes through.
         """
         if self._key is None:
             raise AssertionError("a follower never builds")
         parent = self._view(request.parent_id)
-        result, faulty = self._machine.build(parent, request.height, timestamp_ms, transactions)
+        is_closing, gives_up_change = self.must_close(request.parent_id, request.epoch), False
+        if is_closing:
+            result, faulty = _unchanged(parent), list[bytes]()
+        else:
+            lost_rounds = request.round - request.qc.round - 1
+            is_hopeless = lost_rounds >= 2 * lost_rounds_before_giving_up(self.schedule)
+            result, faulty, gives_up_change = self._attempts.build(
+                parent, request.height, timestamp_ms, transactions, is_hopeless=is_hopeless
+            )
         included = {receipt.txid for receipt in result.receipts}
         chosen = [transaction for transaction in transactions if transaction.txid in included]
         following = next_epoch(result.writes, request.epoch)
@@ -363,7 +360,8 @@ class Executor:
             state_root=result.state_root,
             next_schedule_hash=None if following is None else compute_epoch_hash(following),
             gas_used=result.gas_used,
-            is_closing=self.must_close(request.parent_id, request.epoch),
+            is_closing=is_closing,
+            gives_up_change=gives_up_change,
         )
         header_bytes = encode(header)
         block_id = sha256(header_bytes)
@@ -396,6 +394,7 @@ class Executor:
         if position is None or position.height <= self.base_height:
             newest.close()
             return
+        self.quarantine.forget_up_to(position.height)
         previous, self._base = self._base, newest
         above = sorted(self._blocks.values(), key=lambda executed: executed.header.height)
         self._blocks = {}
@@ -410,6 +409,11 @@ class Executor:
         previous.close()
         self._reader.close()
         self._reader = self._ledger.snapshot()
+
+
+def _unchanged(parent: StateView) -> Outcome:
+    """Return what a closing block gives: it executes nothing, whatever is due at its height (R21)."""
+    return BlockResult((), {}, {}, parent.state_root, compute_receipts_root(()), 0)
 
 
 def _executed(

@@ -203,9 +203,9 @@ class _FillableFile:
         self._file.close()
 
 
-def read_or_make_token(folder: Path) -> str:
+def read_or_make_token(folder: Path, name: str = TOKEN_FILE_NAME) -> str:
     """Return the operator's token of a data directory; make it (0600) if there is none. Raises FILE_UNUSABLE."""
-    path = folder / TOKEN_FILE_NAME
+    path = folder / name
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
     except FileExistsError:

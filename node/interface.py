@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import msgspec
@@ -14,17 +13,17 @@ from consensus.block import Block, ContractEvent, FinalityProof, Header, Receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
-from consensus.transaction import Transaction, decode_transaction
 from node.api.services import BlockHead, Clock, PoolStatus, RoundPlace, SubmitResult, TransactionPlace
+from node.budget import OWN, Source
 from node.call_check import CallCheck
 from node.engine import Engine
 from node.execution import ExecutedBlock
 from node.finality import FinalityFeed
 from node.gossip import Gossip
+from node.intake import Outcome, TransactionIntake
 from node.mempool import Mempool
 from node.storage.ledger_store import EventCursor, LedgerSnapshot, LedgerStore, Position
 
-SUBMIT_SLICE_COUNT = 64
 EXPIRED_REMEMBERED_MAX_COUNT = 16_384
 LAGS_KEPT_COUNT = 1_024
 
@@ -82,6 +81,10 @@ class DecodedSnapshot:
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
         """Yield up to `limit` pairs under the prefix, in key order."""
         return self._snapshot.scan(prefix, limit)
+
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order."""
+        return self._snapshot.scan_range(start, end)
 
     def prove(self, key: bytes) -> Proof:
         """Return the proof of the key's presence or absence under `header.state_root`."""
@@ -195,10 +198,19 @@ class Pool:
     """`TransactionPool` over the node's mempool: admits, passes on, wakes the engine."""
 
     def __init__(
-        self, *, mempool: Mempool, engine: Engine, gossip: Gossip, feed: FinalityFeed, clock: Clock, calls: CallCheck
+        self,
+        *,
+        mempool: Mempool,
+        intake: TransactionIntake,
+        engine: Engine,
+        gossip: Gossip,
+        feed: FinalityFeed,
+        clock: Clock,
+        calls: CallCheck,
     ) -> None:
         """`calls` looks at what clients submit; what peers pass on was looked at where it was submitted."""
         self._mempool = mempool
+        self._intake = intake
         self._engine = engine
         self._gossip = gossip
         self._feed = feed
@@ -206,30 +218,24 @@ class Pool:
         self._calls = calls
         self._expired: OrderedDict[bytes, None] = OrderedDict()
 
-    async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
-        """Check and admit transactions; one result for each wire, in order. An already waiting one is no error."""
-        results: list[SubmitResult] = []
-        for start in range(0, len(wires), SUBMIT_SLICE_COUNT):
-            if start:
-                await asyncio.sleep(0)
-            self._submit_slice(wires[start : start + SUBMIT_SLICE_COUNT], results)
-        return results
+    async def submit(self, wires: Sequence[bytes], source: Source = OWN) -> Sequence[SubmitResult]:
+        """Check and admit transactions; one result for each wire, in order. An already waiting one is no error.
 
-    def _submit_slice(self, wires: Iterable[bytes], results: list[SubmitResult]) -> None:
-        now_ms = self._clock.now_ms()
-        fresh: list[Transaction] = []
-        for wire in wires:
-            try:
-                transaction, is_new = self._mempool.admit(wire, now_ms, self._calls.require)
-            except BlockRobotError as error:
-                results.append(SubmitResult(txid=_txid_of(wire), error=error))
-                continue
-            results.append(SubmitResult(txid=transaction.txid, error=None))
-            if is_new:
-                fresh.append(transaction)
-        if fresh:
-            self._gossip.offer(fresh)
-            self._engine.note_work()
+        Raises RATE_LIMITED if too much of this source waits.
+        """
+        found: dict[bytes, SubmitResult] = {}
+
+        def note(outcomes: list[Outcome]) -> None:
+            for outcome in outcomes:
+                txid = b"" if outcome.transaction is None else outcome.transaction.txid
+                found[outcome.wire] = SubmitResult(txid=txid, error=outcome.error)
+            fresh = [item.transaction for item in outcomes if item.is_new and item.transaction is not None]
+            if fresh:
+                self._gossip.offer(fresh)
+                self._engine.note_work()
+
+        await self._intake.submit(source, list(dict.fromkeys(wires)), self._calls.require, note)
+        return [found[wire] for wire in wires]
 
     def status(self, txid: bytes) -> PoolStatus:
         """Tell what the pool knows of a transaction that is not final."""
@@ -250,11 +256,3 @@ class Pool:
             self._expired.popitem(last=False)
         self._feed.give_up(expired)
         return len(expired)
-
-
-def _txid_of(wire: bytes) -> bytes:
-    """Return the txid that refused bytes would have, or nothing if they are no transaction."""
-    try:
-        return decode_transaction(wire).txid
-    except BlockRobotError:
-        return b""

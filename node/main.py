@@ -21,6 +21,7 @@ import structlog
 
 from consensus.errors import BlockRobotError
 from node.config import NodeConfig, load_config
+from node.process_memory import guard_process
 from node.service import Node
 from node.snapshot.restoring import adopt_restored
 from node.storage.directory_lock import DirectoryLock
@@ -89,6 +90,7 @@ def _new_event_loop() -> asyncio.AbstractEventLoop:
 
 def _run(data_dir: Path, make_node: Callable[[NodeConfig], Node]) -> None:
     os.umask(0o077)  # what a node writes is for its own user
+    guard_process()
     config = load_config(data_dir)
     lock = DirectoryLock(data_dir)
     try:

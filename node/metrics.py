@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
 
 from consensus.block import FinalityProof
 from node.execution import ExecutedBlock
@@ -13,11 +16,27 @@ from node.storage.ledger_store import Position
 _LATENCY_BUCKETS_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 
-class NodeMetrics:
-    """Counters that grow with the chain, and gauges read when asked for."""
+Figures = Mapping[str, tuple[str, Callable[[], float]]]
+"""Figures that are read when asked for, by name: each with its description. What only grows is named `_total`."""
 
-    def __init__(self, gauges: Mapping[str, tuple[str, Callable[[], float]]], clock: Callable[[], int]) -> None:
-        """`gauges` maps a name to its description and the function that reads it."""
+
+class _Figures(Collector):
+    """Counters and gauges that are read when asked for."""
+
+    def __init__(self, figures: Figures) -> None:
+        self._figures = figures
+
+    def collect(self) -> Iterator[Metric]:
+        for name, (description, read) in self._figures.items():
+            family = CounterMetricFamily if name.endswith("_total") else GaugeMetricFamily
+            yield family(name, description, value=read())
+
+
+class NodeMetrics:
+    """Counters that grow with the chain, and figures read when asked for."""
+
+    def __init__(self, figures: Figures, clock: Callable[[], int]) -> None:
+        """Count from now on."""
         self._registry = CollectorRegistry()
         self._clock = clock
         self._blocks = Counter("blockrobot_blocks_finalized", "Blocks finalized.", registry=self._registry)
@@ -34,8 +53,7 @@ class NodeMetrics:
             buckets=_LATENCY_BUCKETS_S,
             registry=self._registry,
         )
-        for name, (description, read) in gauges.items():
-            Gauge(name, description, registry=self._registry).set_function(read)
+        self._registry.register(_Figures(figures))
 
     def note_finalized(self, blocks: list[ExecutedBlock], _proof: FinalityProof, _position: Position) -> None:
         """Count stored blocks."""

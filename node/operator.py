@@ -1,12 +1,16 @@
 """The operator's listener: is the node alive, ready, how is it doing. Must never be reachable but from this machine.
 
-`/livez`, `/readyz`, `/metrics`, `/status`, in plain HTTP on a loopback port of its own; for whoever holds the operator's
-token also `/custody` of a custodian, and `/faults`, where node.toml allows faults.
+In plain HTTP on a loopback port of its own, under the names of this machine alone (against DNS rebinding) and for no web
+page: `/livez` and `/readyz` for everybody here, `/metrics` and `/status` for who holds the reading token, and for who
+holds the operator's token also `/custody` of a custodian, and `/faults`, where node.toml allows faults. Who takes the
+port while the node is down gets no more than the reading token from those who ask how it does.
 """
 
 from __future__ import annotations
 
 import hmac
+import re
+from collections.abc import Awaitable, Callable
 from ipaddress import ip_address
 
 import structlog
@@ -17,17 +21,27 @@ from node.api.services import NodeStatus
 from node.faults import FaultSwitch
 from node.upkeep import Upkeep
 from node.upkeep_routes import add_custody_routes
+from pages.serving import is_client_gone
 
 FAULT_REQUEST_MAX_BYTES = 64 * 1024
-OPEN_PATHS = ("/livez", "/readyz", "/status", "/metrics")
-"""What is answered without the operator's token, and nothing else (see `docs/reference/authorisation.md`)."""
+OPEN_PATHS = ("/livez", "/readyz")
+"""What is answered without a token, and nothing else (see `docs/reference/authorisation.md`)."""
+READING_PATHS = ("/status", "/metrics")
+"""What is answered with the reading token too."""
+_HOSTS = frozenset({"127.0.0.1", "localhost", "[::1]"})
+_PORT = re.compile(r":[0-9]{1,5}$", re.ASCII)
 METRICS_CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 log = structlog.get_logger(__name__)
 
 
 def create_operator_listener(
-    status: NodeStatus, faults: FaultSwitch | None = None, token: str = "", upkeep: Upkeep | None = None
+    status: NodeStatus,
+    faults: FaultSwitch | None = None,
+    token: str = "",
+    upkeep: Upkeep | None = None,
+    *,
+    reading_token: str = "",
 ) -> web.Application:
     """Return the application that answers the operator. Without a switch and a token it takes no faults."""
 
@@ -41,11 +55,14 @@ def create_operator_listener(
         problem = {"ready": False, "code": error.code, "detail": error.detail, "next_step": error.next_step}
         return web.json_response(problem, status=error.entry.status)
 
-    async def describe(_request: web.Request) -> web.Response:
+    async def describe(request: web.Request) -> web.Response:
+        _require_token(request, token, reading_token)
         return web.json_response(dict(status.describe()))
 
-    async def metrics(_request: web.Request) -> web.Response:
-        return web.Response(body=status.metrics(), headers={"Content-Type": METRICS_CONTENT_TYPE})
+    async def metrics(request: web.Request) -> web.Response:
+        _require_token(request, token, reading_token)
+        uploads = b"" if upkeep is None else await upkeep.metrics()
+        return web.Response(body=status.metrics() + uploads, headers={"Content-Type": METRICS_CONTENT_TYPE})
 
     async def take_faults(request: web.Request) -> web.Response:
         try:
@@ -56,10 +73,9 @@ def create_operator_listener(
             log.warning("faults_changed", **state)
             return web.json_response(state)
         except BlockRobotError as error:
-            problem = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
-            return web.json_response(problem, status=error.entry.status)
+            return _problem(error)
 
-    application = web.Application(client_max_size=FAULT_REQUEST_MAX_BYTES)
+    application = web.Application(client_max_size=FAULT_REQUEST_MAX_BYTES, middlewares=[_guard])
     add_custody_routes(application, upkeep, lambda request: _require_token(request, token))
     application.router.add_get("/faults", take_faults)
     application.router.add_post("/faults", take_faults)
@@ -68,6 +84,28 @@ def create_operator_listener(
     application.router.add_get("/status", describe)
     application.router.add_get("/metrics", metrics)
     return application
+
+
+def _problem(error: BlockRobotError) -> web.Response:
+    problem = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
+    return web.json_response(problem, status=error.entry.status)
+
+
+@web.middleware
+async def _guard(
+    request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+) -> web.StreamResponse:
+    """Let nobody in who came by another name than this machine's, nor a web page; take a client's leaving quietly."""
+    try:
+        if _PORT.sub("", request.headers.get("Host", "")).lower() not in _HOSTS or "Origin" in request.headers:
+            raise BlockRobotError("NOT_PERMITTED", "This is for a program of this machine, not for a web page.")
+        return await handler(request)
+    except BlockRobotError as error:
+        return _problem(error)
+    except ConnectionError as error:
+        if not is_client_gone(request, error):
+            raise
+        return web.Response()
 
 
 def _require_operator(request: web.Request, faults: FaultSwitch | None, token: str) -> FaultSwitch:
@@ -81,13 +119,13 @@ def _require_operator(request: web.Request, faults: FaultSwitch | None, token: s
     return faults
 
 
-def _require_token(request: web.Request, token: str) -> None:
-    """Let a program of this machine pass that shows the token, and no web page.
+def _require_token(request: web.Request, *tokens: str) -> None:
+    """Let a program of this machine pass that shows one of the tokens, and no web page.
 
     Raises NOT_PERMITTED, OPERATOR_TOKEN_INVALID.
     """
     if not ip_address(request.remote or "0.0.0.0").is_loopback or "Origin" in request.headers:  # noqa: S104
         raise BlockRobotError("NOT_PERMITTED", "This is for a program of this machine, not for a web page.")
     shown = request.headers.get("Authorization", "").encode("utf-8", "replace")
-    if not token or not hmac.compare_digest(shown, f"Bearer {token}".encode()):
+    if not any(token and hmac.compare_digest(shown, f"Bearer {token}".encode()) for token in tokens):
         raise BlockRobotError("OPERATOR_TOKEN_INVALID")

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 from consensus.errors import BlockRobotError
 from node.api.services import PoolStatus, SubmitResult, TransactionPool
+from node.budget import OWN, Source
 
 
 class OutwardPool:
@@ -20,12 +21,12 @@ class OutwardPool:
         self._pool = pool
         self._problem = problem
 
-    async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
+    async def submit(self, wires: Sequence[bytes], source: Source = OWN) -> Sequence[SubmitResult]:
         """As `TransactionPool.submit`. Raises NODE_REMOVED, CERTIFICATE_EXPIRED, CERTIFICATE_REVOKED."""
         problem = self._problem()
         if problem is not None:
             raise problem
-        return await self._pool.submit(wires)
+        return await self._pool.submit(wires, source)
 
     def status(self, txid: bytes) -> PoolStatus:
         """Tell what the pool knows of a transaction that is not final."""

@@ -6,8 +6,8 @@ Between the frames of `node/p2p` and the parts that decide: the engine, the memp
 from __future__ import annotations
 
 import asyncio
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
 import structlog
@@ -28,20 +28,42 @@ from consensus.events import (
 )
 from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
 from consensus.primitives.encoding import decode, encode
+from node.budget import Allowance, Budgets, Source, over_budget
+from node.costs import FRAME_COSTS, Lane
 from node.engine import Engine
 from node.epochs import EpochStart, Handover, verify_following
 from node.gossip import AGAIN_MAX_BYTES, Gossip, batches, oldest_within
+from node.intake import Outcome, TransactionIntake
 from node.mempool import Mempool
-from node.p2p.wire import BlockBatch, BranchRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
+from node.p2p.wire import (
+    BlockBatch,
+    BranchRequest,
+    FinalizedRequest,
+    FrameKind,
+    HeightNotice,
+    RequestKind,
+    TransactionBatch,
+)
+from node.peer_requests import PeerRequests
 from node.storage.ledger_store import LedgerStore
 from node.sync import Synchroniser
 
 FETCH_PEERS_MAX_COUNT = 2
-BRANCH_MAX_BYTES = 4 * 1024 * 1024
-BRANCH_STORED_MAX_COUNT = 128
-UNSETTLED_MAX_COUNT = 1024
+UNSETTLED_OF_PEER_MAX_COUNT = 256
 UNSETTLED_MAX_MS = 3_000
 OWN_BOUNDARY_WAIT_MS = 100
+NEVER_PASSED_ON = frozenset(
+    {
+        "ENCODING_INVALID",
+        "ENCODING_NOT_CANONICAL",
+        "SIGNATURE_HIGH_S",
+        "SIGNATURE_INVALID",
+        "TRANSACTION_TOO_LARGE",
+        "TRANSACTION_WRONG_CHAIN",
+    }
+)
+"""What is wrong with a transaction whoever looks at it: a node passes on what it checked, so a peer that sends it lies."""
+CONTROL_ALLOWANCE = Allowance(us_per_s=50_000, burst_us=250_000)
 
 _KINDS: dict[type[Message], FrameKind] = {
     Proposal: FrameKind.PROPOSAL,
@@ -84,6 +106,10 @@ class Network(Protocol):
         """Ask one peer and return its answer. Raises PEER_UNAVAILABLE."""
         ...
 
+    def cut_off(self, peer: str, error: BlockRobotError) -> None:
+        """Hear nothing more of a peer that sent what no honest node sends, for a while that grows each time."""
+        ...
+
 
 class SnapshotSource(Protocol):
     """What a node serves to those who are too far behind for blocks."""
@@ -112,20 +138,28 @@ class Peers:
         start: EpochStart,
         name_of_producer: Callable[[bytes], str | None],
         mempool: Mempool,
+        intake: TransactionIntake,
         ledger: LedgerStore,
         clock: Callable[[], int],
+        note_over: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
     ) -> None:
         """`start` is how the epoch began that the node is in; `name_of_producer` finds the node of a producer key."""
         self._chain_id = chain_id
         self._name_of_producer = name_of_producer
         self._mempool = mempool
+        self._intake = intake
+        self._note_over = note_over
+        self._control: Budgets[str] = Budgets(lambda _peer: CONTROL_ALLOWANCE, asyncio.get_running_loop().time)
+        self._requests = PeerRequests(ledger, note_over)
         self._ledger = ledger
+        with ledger.snapshot() as view:
+            self._earliest_height = view.earliest_height
         self._clock = clock
         self._own_name = name
         self._epoch = start
         self._handover = Handover(start=start, ledger=ledger, send=self._send)
         self.name_producers()
-        self._unsettled: OrderedDict[bytes, int] = OrderedDict()
+        self._unsettled: dict[str, dict[bytes, int]] = {}
         self._fetching: set[asyncio.Task[None]] = set()
         self._hints: dict[str, asyncio.TimerHandle] = {}
         self.gossip = Gossip(self._send_batch)
@@ -140,6 +174,7 @@ class Peers:
         """Stop what is under way."""
         self.gossip.stop()
         self._handover.stop()
+        self._requests.stop()
         for timer in self._hints.values():
             timer.cancel()
         for task in self._fetching:
@@ -230,7 +265,7 @@ class Peers:
             self._note_word(peer)
         if notice.epoch > self._epoch.number:
             self._follow_later(peer, notice.epoch)
-        self._sync.note_height(peer, notice.finalized_height)
+        self._sync.note_height(peer, notice.finalized_height, notice.earliest_height)
 
     # Outbox of the engine
 
@@ -283,11 +318,17 @@ class Peers:
 
     def announce_height(self, height: int) -> None:
         """Tell all peers how far this node is."""
-        notice = HeightNotice(finalized_height=height, epoch=self._epoch.number)
+        notice = HeightNotice(height, self._epoch.number, self._earliest_height)
         self._network.broadcast(FrameKind.HEIGHT, encode(notice))
 
+    def forget_blocks(self, below_height: int) -> None:
+        """The ledger has dropped the bodies below a height: serve none of them from memory, and tell all peers."""
+        self._requests.forget_below(below_height)
+        self._earliest_height = below_height
+        self.announce_height(self.finalized_height())
+
     def _tell_height(self, peer: str) -> None:
-        notice = HeightNotice(finalized_height=self.finalized_height(), epoch=self._epoch.number)
+        notice = HeightNotice(self.finalized_height(), self._epoch.number, self._earliest_height)
         self._network.send(peer, FrameKind.HEIGHT, encode(notice))
 
     # Handler of the network
@@ -310,13 +351,26 @@ class Peers:
     def peer_disconnected(self, peer: str) -> None:
         """A peer is gone."""
         self._sync.forget(peer)
+        self._intake.forget(Source("peer", peer))
+        self._unsettled.pop(peer, None)
+
+    def note_over(self, source: Source, wait_s: float) -> None:
+        """Name a source of frames, requests or handshakes that is over its budget for so long."""
+        self._note_over(str(source), over_budget(str(source), wait_s))
 
     def peer_frame(self, peer: str, kind: FrameKind, payload: bytes) -> None:
-        """Take a frame. Raises ENCODING_* for what is malformed, PROOF_INVALID or CERTIFICATE_INVALID for a forgery."""
+        """Take a frame. Raises ENCODING_* for what is malformed, PROOF_INVALID or CERTIFICATE_INVALID for a forgery.
+
+        Heights and questions beyond the peer's budget are dropped: they come again.
+        """
+        cost = FRAME_COSTS[kind]
+        if cost.lane is Lane.CONTROL and not self._control.take(peer, cost.us):
+            self.note_over(Source("peer", peer), self._control.wait_s(peer, cost.us))
+            return
         if kind in _WORDS:
             self._take_word(peer, kind, payload)
         elif kind is FrameKind.TRANSACTIONS:
-            self._take_transactions(decode(payload, TransactionBatch).transactions, self._clock())
+            self._take_transactions(peer, decode(payload, TransactionBatch).transactions)
         elif kind is FrameKind.HEIGHT:
             self._note_height(peer, decode(payload, HeightNotice))
         elif kind is FrameKind.EPOCH:
@@ -324,57 +378,54 @@ class Peers:
 
     async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Answer a request. Raises BlockRobotError to refuse."""
+        return await self._requests.answer(peer, kind, partial(self._answer, peer, kind, body))
+
+    async def _answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         if kind is RequestKind.BRANCH:
-            return self._serve_branch(decode(body, BranchRequest))
+            request = decode(body, BranchRequest)
+            branch = [encode(block) for block in self._engine.core.branch(request.block_id, request.above_height)]
+            return await self._requests.read_branch(request, branch)
         if kind is RequestKind.FINALIZED:
-            return self._sync.serve(body)
+            return await self._requests.read_finalized(decode(body, FinalizedRequest))
         if kind is RequestKind.SNAPSHOT:
             return b"" if self.snapshots is None else await self.snapshots.serve(body)
         if self.clips is None:
             raise BlockRobotError("NOT_FOUND", "This node is no custodian.")
         return await self.clips.serve_peer(peer, kind, body)
 
-    def _serve_branch(self, request: BranchRequest) -> bytes:
-        """Return a branch, completed from the ledger where the core no longer holds it."""
-        branch = [encode(block) for block in self._engine.core.branch(request.block_id, request.above_height)]
-        lowest = decode(branch[0], Block).header.height if branch else 0
-        with self._ledger.snapshot() as snapshot:
-            if not branch:
-                lowest = (snapshot.block_height(request.block_id) or -1) + 1
-            first = max(request.above_height + 1, lowest - BRANCH_STORED_MAX_COUNT, 1)
-            stored = [data for _, data in snapshot.iter_blocks(first, lowest - first)] if lowest > first else []
-        kept: list[bytes] = []
-        size = 0
-        for data in reversed(stored + branch):
-            size += len(data)
-            if kept and size > BRANCH_MAX_BYTES:
-                break
-            kept.append(data)
-        return encode(BlockBatch(blocks=tuple(reversed(kept)), proof=None))
-
     # Transactions
 
-    def _take_transactions(self, wires: Sequence[bytes], now_ms: int) -> None:
-        for wire in wires:
-            self._admit(wire, now_ms)
-        self._engine.note_work()
+    def _take_transactions(self, peer: str, wires: Sequence[bytes]) -> None:
+        self._intake.offer(Source("peer", peer), wires, partial(self._note_taken, peer, None))
 
-    def _admit(self, wire: bytes, now_ms: int) -> None:
-        try:
-            self._mempool.admit(wire, now_ms)
-        except BlockRobotError as error:
-            if error.code == "SENDER_WITHOUT_STANDING" and len(self._unsettled) < UNSETTLED_MAX_COUNT:
-                self._unsettled.setdefault(wire, now_ms + UNSETTLED_MAX_MS)
+    def _note_taken(self, peer: str, until_ms: int | None, outcomes: list[Outcome]) -> None:
+        """Wake the engine; keep what may get standing soon; hear no more of a peer that passes on what nobody checked."""
+        for outcome in outcomes:
+            error = outcome.error
+            if error is None:
+                continue
+            if error.code in NEVER_PASSED_ON:
+                self._network.cut_off(peer, error)
+                self._intake.forget(Source("peer", peer))
+                return
+            if error.code == "SENDER_WITHOUT_STANDING":
+                self._keep_unsettled(peer, outcome.wire, until_ms)
+        if any(outcome.is_new for outcome in outcomes):
+            self._engine.note_work()
+
+    def _keep_unsettled(self, peer: str, wire: bytes, until_ms: int | None) -> None:
+        kept = self._unsettled.setdefault(peer, {})
+        if len(kept) < UNSETTLED_OF_PEER_MAX_COUNT:
+            kept.setdefault(wire, self._clock() + UNSETTLED_MAX_MS if until_ms is None else until_ms)
 
     def retry_unsettled(self) -> None:
         """Look again at transactions whose sender had no standing here yet: the peer may have been ahead."""
         if not self._unsettled:
             return
         now_ms = self._clock()
-        waiting, self._unsettled = self._unsettled, OrderedDict()
-        for wire, until_ms in waiting.items():
-            if until_ms > now_ms:
-                self._admit(wire, now_ms)
-                if wire in self._unsettled:
-                    self._unsettled[wire] = until_ms
-        self._engine.note_work()
+        waiting, self._unsettled = self._unsettled, {}
+        for peer, kept in waiting.items():
+            for until_ms in sorted(set(kept.values())):
+                if until_ms > now_ms:
+                    wires = [wire for wire, until in kept.items() if until == until_ms]
+                    self._intake.offer(Source("peer", peer), wires, partial(self._note_taken, peer, until_ms))

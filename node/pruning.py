@@ -1,7 +1,8 @@
 """Drops the bodies of old blocks. Must never drop one whose effects the node's own custodian has not brought about.
 
-What stays of a pruned block is its header (with the certificate of its parent), the places of its transactions and the
-txids of the replay window; epoch proofs and the state, with the audit in it, are not touched.
+Which are old is in `node/retention.py`. What stays of a pruned block is its header (with the certificate of its parent),
+the places of its transactions and the txids of the replay window; epoch proofs and the state, with the audit in it, are
+not touched.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import structlog
 from consensus.errors import BlockRobotError
 from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig
 from node.offchain.open_store import open_store
+from node.retention import HeldBy, Retention, highest_prunable
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerStore
 from node.storage.lmdb_store import LmdbStore
@@ -37,44 +39,68 @@ async def prune_ledger(ledger: LedgerStore, below_height: int) -> int:
         await asyncio.sleep(0)
 
 
-def highest_prunable(head: int, keep: int, followed: int | None) -> int:
-    """Return the height below which bodies may go: `keep` stay, and all that the custodian still has to follow.
-
-    `followed` is the height of the custodian's checkpoint, -1 if it has none yet, None without a custodian.
-    """
-    below = head - keep + 1
-    return max(0, below if followed is None else min(below, followed + 1))
-
-
 class Pruner:
-    """Prunes a running node's ledger now and then; `keep` of 0 keeps everything. `followed` as above."""
+    """Prunes a running node's ledger now and then.
+
+    `keep` newest blocks stay in any case; 0 makes the node an archive, which keeps everything. `followed` is how far the
+    custodian is, as in `highest_prunable`.
+    """
 
     def __init__(self, ledger: LedgerStore, keep: int, followed: Callable[[], int | None]) -> None:
         self._ledger = ledger
         self._keep = keep
         self._followed = followed
-        self._done_below = 0
+        self._retention = Retention(ledger)
+        self._held_by = HeldBy.NOTHING
+        self._listeners: list[Callable[[int], None]] = []
+
+    def add_listener(self, listener: Callable[[int], None]) -> None:
+        """Call `listener` with the earliest height that keeps its body, after each pruning."""
+        self._listeners.append(listener)
+
+    async def _prune(self, below: int) -> int:
+        earliest = await prune_ledger(self._ledger, below)
+        for listener in self._listeners:
+            listener(earliest)
+        return earliest
 
     async def prune_to(self, keep: int) -> None:
-        """Prune now, as somebody asked: `keep` stay, and what the custodian has yet to follow."""
+        """Prune now, as somebody asked: `keep` stay, and what the custodian has yet to follow. Raises NODE_IS_ARCHIVE."""
+        if not self._keep:
+            raise BlockRobotError("NODE_IS_ARCHIVE")
         position = self._ledger.position
         head = 0 if position is None else position.height
-        await prune_ledger(self._ledger, highest_prunable(head, max(keep, KEEP_BLOCKS_MIN_COUNT), self._followed()))
+        below = highest_prunable(head, max(keep, KEEP_BLOCKS_MIN_COUNT), self._followed())
+        await self._prune(below)
 
     async def run_once(self) -> None:
-        """Prune if enough has piled up. A refusal of the store is logged; the next time may work."""
-        position = self._ledger.position
-        if not self._keep or position is None:
-            return
-        below = highest_prunable(position.height, self._keep, self._followed())
-        if below < self._done_below + PRUNE_SLACK_COUNT:
+        """Prune if enough has piled up. What fails is logged; the next time may work."""
+        if not self._keep:
             return
         try:
-            self._done_below = await prune_ledger(self._ledger, below)
+            below, self._held_by = await self._retention.find_cutoff(self._keep, self._followed())
+            if below < self._retention.earliest()[0] + PRUNE_SLACK_COUNT:
+                return
+            earliest = await self._prune(below)
         except BlockRobotError as error:
             log.warning("prune_failed", code=error.code, detail=error.detail)
             return
-        log.info("ledger_pruned", earliest_height=self._done_below)
+        except Exception:  # what a later version of a contract writes may not be readable: the rest goes on
+            log.exception("prune_fault")
+            return
+        log.info("ledger_pruned", earliest_height=earliest)
+
+    def describe(self) -> dict[str, Any]:
+        """Return how far back the node keeps blocks, ready for JSON."""
+        try:
+            earliest_ms: int | None = self._retention.earliest()[1]
+        except BlockRobotError:
+            earliest_ms = None
+        return {
+            "archive": not self._keep,
+            "earliest_ms": earliest_ms,
+            "held_by": self._held_by.value or None,
+        }
 
 
 def request_pruning(data_dir: Path, keep: int) -> Path:

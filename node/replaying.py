@@ -13,9 +13,8 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.transaction import Transaction, decode_transaction
 from contracts.execution.genesis import open_genesis
-from contracts.execution.machine import ContractMachine
 from contracts.state.view import MemoryState, Overlay, StateView
-from node.execution import Machine
+from node.machines import Machine
 from node.snapshot.checking import restore_into
 from node.snapshot.form import SnapshotSource
 from node.storage.memory_store import MemoryRestore
@@ -58,16 +57,12 @@ def base_of_snapshot(source: SnapshotSource, genesis: Genesis) -> Base:
     return Base(state, head.header.height, head.block.block_id)
 
 
-def machine_of(genesis: Genesis) -> Machine:
-    """Return what executes the chain's contracts. Raises GENESIS_INVALID."""
-    return ContractMachine.of_genesis(genesis)
-
-
 def execute_on(machine: Machine, parent: StateView, block: Block) -> tuple[Overlay, bool]:
     """Execute a finalized block; return what it makes of the state, and whether that has the root of its header."""
     header = block.header
     transactions = [decode_transaction(wire) for wire in block.transactions]
-    result = machine.verify(parent, header.height, header.timestamp_ms, transactions)
+    gives_up = header.gives_up_change
+    result = machine.verify(parent, header.height, header.timestamp_ms, transactions, gives_up_change=gives_up)
     overlay = Overlay(parent, result.writes, result.page_writes, result.state_root)
     return overlay, result.state_root == header.state_root
 
@@ -122,13 +117,13 @@ class Replay:
 def find_writers(machine: Machine, parent: StateView, block: Block, keys: Iterable[bytes]) -> dict[bytes, Writer]:
     """Return which transaction of a block wrote each of these keys last: each is executed by itself, in order."""
     header: Header = block.header
-    wanted = set(keys)
-    found = {key: Writer(header.height, block.block_id, None) for key in wanted}
-    view = parent
+    found = {key: Writer(header.height, block.block_id, None) for key in sorted(keys)}
+    view, gives_up = parent, header.gives_up_change
     for wire in block.transactions:
         transaction = decode_transaction(wire)
-        result = machine.verify(view, header.height, header.timestamp_ms, [transaction])
-        for key in wanted & result.writes.keys():
+        result = machine.verify(view, header.height, header.timestamp_ms, [transaction], gives_up_change=gives_up)
+        gives_up = False  # it is done with the first
+        for key in [key for key in found if key in result.writes]:
             found[key] = Writer(header.height, block.block_id, transaction)
         view = Overlay(view, result.writes, result.page_writes, result.state_root)
     return found

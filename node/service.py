@@ -22,12 +22,14 @@ from consensus.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
 from node.api import ApiServices, create_api
 from node.api.server import serve_api
-from node.assembly import Assembly, CustodyPlace, Surroundings, begin_ledger
-from node.config import OPERATOR_HOST, NodeConfig, load_genesis, load_key
+from node.assembly import Assembly, Surroundings, begin_ledger
+from node.config import OPERATOR_HOST, READING_TOKEN_FILE_NAME, NodeConfig, load_genesis, load_key
 from node.consent_receipts import ConsentReceipts
+from node.custody_place import CustodyPlace
 from node.directory import Directory
 from node.directory_file import newest_beginning
 from node.disk import SystemDisk
+from node.disk_reserve import DiskReserve
 from node.engine import Outbox
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.interface import EngineRounds, WallClock
@@ -44,7 +46,6 @@ from node.spoken import NotingOutbox, SpokenRounds
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
 from node.walled_contracts import open_contracts
 
-API_BODY_MAX_BYTES = 32 * 1024 * 1024
 HTTP_STOP_MS = 500
 JOIN_INTERVAL_S = 1.0
 
@@ -149,7 +150,7 @@ class Node:
                 key=self._own_key(directory, config.producer_key_path, "producer"),
                 directory=directory,
                 custody=await self._open_custody(directory),
-                keep_blocks=config.keep_blocks,
+                keep_blocks=0 if config.archive else config.keep_blocks,
                 wrap_outbox=self._around_outbox,
                 machine=self._contracts.machine,
                 waits_for_machine=self._contracts.machine is not None,
@@ -159,14 +160,14 @@ class Node:
         await self._open_snapshots(ledger)
 
     async def _open_snapshots(self, ledger: LmdbStore) -> None:
-        """Serve snapshots to others, make them at milestones if old blocks are dropped, fetch one if need be."""
+        """Serve snapshots to others, make them at milestones, fetch one if need be."""
         config, parts = self.config, self._parts
         shelf = SnapshotShelf(ledger, config.snapshots_dir)
         await shelf.open()
         self._stack.push_async_callback(shelf.stop)
         parts.peers.snapshots = shelf
-        if config.keep_blocks:
-            parts.writer.set_milestones(config.keep_blocks // 2, shelf.begin)
+        parts.writer.set_milestones(config.keep_blocks // 2, shelf.begin)
+        parts.pruner.add_listener(shelf.note_pruned)
         self._joiner = Joiner(
             genesis=self.genesis,
             requester=self._network,
@@ -208,7 +209,8 @@ class Node:
         """Return how the node is doing, ready for JSON."""
         links = self._network.describe()
         own = {"ready": self.is_ready(), "now_ms": self._clock.now_ms(), "contracts": self._contracts.describe()}
-        return {**self._parts.describe(), **links, **own, **self._seats(), "rounds": self._spoken.describe()}
+        kept = {"blocks_kept": self._parts.pruner.describe()}
+        return {**self._parts.describe(), **links, **own, **kept, **self._seats(), "rounds": self._spoken.describe()}
 
     def metrics(self) -> bytes:
         """Return the metrics in the Prometheus text format."""
@@ -259,7 +261,8 @@ class Node:
         store = open_store(config.custody_store, config.custody_dir, self._require_custody_space)
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
-        return CustodyPlace(key, store, erase_keys)
+        reserve = DiskReserve(config.data_dir, config.custody_reserve_mib)
+        return CustodyPlace(key, store, erase_keys, reserve)
 
     def _require_custody_space(self) -> None:
         if self._faults is not None:
@@ -285,12 +288,15 @@ class Node:
             views=self._contracts.views,
             pool=OutwardPool(parts.pool, self.problem),
             custody=parts.custody,
-            receipts=None if self._custodian_key is None else ConsentReceipts(self._custodian_key),
+            receipts=None if self._custodian_key is None else ConsentReceipts(self._custodian_key, parts.sync.keepers),
             rounds=rounds,
             public_explorer=config.public_explorer,
+            note_over=parts.note_over,
+            keepers=parts.sync.keepers,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
-        operator = create_operator_listener(self, self._faults, self._token, parts.upkeep)
+        reading = read_or_make_token(config.data_dir, READING_TOKEN_FILE_NAME)
+        operator = create_operator_listener(self, self._faults, self._token, parts.upkeep, reading_token=reading)
         await self._serve(operator, operator_socket)
         log.info("node_started", name=config.name, height=parts.feed.height)
 

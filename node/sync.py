@@ -23,7 +23,8 @@ from consensus.block import Block, FinalityProof
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode, encode
-from node.block_ranges import CheckedRange, check_range, decode_range, read_range
+from contracts.execution.results import ExecutionFault
+from node.block_ranges import CheckedRange, check_range, decode_range
 from node.catching_up import CatchUp
 from node.engine import Engine
 from node.execution import Executor
@@ -39,6 +40,7 @@ UNSTORED_MAX_COUNT = 4 * RANGE_COUNT
 STANDSTILL_MS = 2_000
 PATIENCE_MS = 3_000
 RETRY_MS = 500
+RETRY_STEPS_MAX_COUNT = 60
 FRUITLESS_MS = 5_000
 DISTRUST_MS = 60_000
 INSTALL_TIMEOUT_MS = 30_000
@@ -140,11 +142,19 @@ class Synchroniser:
             raise AssertionError("the ledger holds genesis")
         return position
 
-    def note_height(self, peer: str, height: int) -> None:
-        """A peer said how far it is: begin to catch up if that is far ahead."""
+    def keepers(self, height: int) -> list[str]:
+        """Return the peers that say they have the body of the block of this height."""
+        return sorted(
+            peer for peer, earliest in self._earliest.items() if earliest <= height <= self._heights.get(peer, -1)
+        )
+
+    def note_height(self, peer: str, height: int, earliest_height: int | None = None) -> None:
+        """A peer said how far it is, and from where on it has bodies: begin to catch up if that is far ahead."""
         if self._is_distrusted(peer):
             return
         self._heights[peer] = height
+        if earliest_height is not None:
+            self._earliest[peer] = earliest_height
         if height > self._writer.queued_height + LAG_TOLERATED_BLOCKS:
             self._begin()
 
@@ -202,12 +212,6 @@ class Synchroniser:
             await asyncio.gather(self._task, return_exceptions=True)
         self._checking.shutdown(wait=True)
 
-    def serve(self, body: bytes) -> bytes:
-        """Answer a peer's request for finalized blocks. Raises ENCODING_*."""
-        request = decode(body, FinalizedRequest)
-        with self._ledger.snapshot() as snapshot:
-            return encode(read_range(snapshot, max(1, request.from_height), request.count))
-
     # The work
 
     def _is_behind(self) -> bool:
@@ -220,15 +224,21 @@ class Synchroniser:
 
     async def _run(self) -> None:
         log.info("sync_started", height=self._writer.queued_height)
+        failures_count = 0
         while self._is_behind():
             reached = self._writer.queued_height
             try:
                 await self._catch_up()
             except BlockRobotError as error:
                 log.warning("sync_failed", code=error.code, detail=error.detail)
+            except ExecutionFault as error:
+                failures_count += 1
+                log.error("sync_block_not_executed", height=reached + 1, reason=error.reason)  # R41: again, with more
             if self._writer.queued_height == reached:
                 self._has_proof = False  # what was proved is here; of what is still claimed nothing is
-                await asyncio.sleep(RETRY_MS / 1000)
+                await asyncio.sleep(RETRY_MS * (1 + min(failures_count, RETRY_STEPS_MAX_COUNT)) / 1000)
+            else:
+                failures_count = 0
         log.info("sync_finished", height=self._feed.height, blocks=self.blocks_installed_count)
 
     async def _catch_up(self) -> None:
@@ -270,7 +280,7 @@ class Synchroniser:
         epoch = self._engine.epoch.number
         able = [
             peer
-            for peer in self._heights.keys() | self._epochs.keys()
+            for peer in sorted(self._heights.keys() | self._epochs.keys())
             if peer not in tried
             and (self._heights.get(peer, 0) >= height or self._epochs.get(peer, 0) > epoch)
             and self._earliest.get(peer, 0) <= height

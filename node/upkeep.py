@@ -6,20 +6,23 @@ Must never open a clip, nor do two long things at once. What it answers is ready
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import structlog
 
+from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
 from node.offchain.chain_facts import ChainFacts
-from node.offchain.custodian import Custodian, PeerCustodian
+from node.offchain.custodian import Custodian
 from node.offchain.erase_keys import ErasableKeys
+from node.offchain.peer_custodians import PeerCustodian
 from node.offchain.rebuilding import Rebuild, RebuildReport
 from node.offchain.scrub import ScrubReport, Tell, scrub, tell_nobody
 from node.offchain.store import Checkpoint, CustodyStore
 from node.storage.ledger_store import LedgerStore
+from node.upload_report import render_uploads
 
 FETCH_PAUSE_S = 1.0
 _LISTED_MAX_COUNT = 1_000
@@ -42,7 +45,10 @@ class Upkeep:
         clock: Callable[[], int],
         find_peers: Callable[[], Sequence[PeerCustodian]],
         is_serving: Callable[[], bool],
+        describe_uploads: Callable[..., Awaitable[dict[str, Any]]],
     ) -> None:
+        """`describe_uploads` returns what is to be said of uploads at a block's time (ms), see `counts_held` there."""
+        self._describe_uploads = describe_uploads
         self._name = name
         self._member = member
         self._custodian = custodian
@@ -89,7 +95,18 @@ class Upkeep:
             "slots_total": self._keys.capacity_count,
             "store_bytes": counts.size_bytes,
             "waiting_for": waiting,
+            **await self._describe_uploads(0 if point is None else point.timestamp_ms, counts_held=True),
         }
+
+    async def metrics(self) -> bytes:
+        """Return the uploads as Prometheus text, or nothing while the store does not answer."""
+        try:
+            point = await self._custodian.checkpoint()
+            at_ms = 0 if point is None else point.timestamp_ms
+            return render_uploads(await self._describe_uploads(at_ms, counts_held=False))
+        except BlockRobotError as error:
+            log.warning("upload_metrics_left_out", code=error.code)
+            return b""
 
     def _look_at_erasures(self) -> tuple[int, dict[str, dict[str, Any]]]:
         """Return the state's height and what the chain waits for; walks over all erasures there ever were: in a thread."""
@@ -101,7 +118,7 @@ class Upkeep:
         waiting: dict[str, dict[str, Any]] = {}
         now_ms = self._clock()
         for erasure in facts.open_erasures():
-            for custodian in set(erasure.custodians) - erasure.receipts:
+            for custodian in sorted(set(erasure.custodians) - erasure.receipts):
                 entry = waiting.setdefault(custodian.hex(), {"receipts": 0, "overdue": []})
                 entry["receipts"] += 1
                 age_ms = now_ms - erasure.asked_at_ms
@@ -158,6 +175,7 @@ def describe_scrub(report: ScrubReport) -> dict[str, Any]:
             {"grant": grant_id.hex(), "record": record_id.hex()}
             for grant_id, record_id in report.parts_held_though_ended[:_LISTED_MAX_COUNT]
         ],
+        "empty_frames_held_though_withdrawn": _ids(report.empty_frames_held_though_withdrawn),
         "unclaimed_keys": report.unclaimed_keys[:_LISTED_MAX_COUNT],
         "dirty_slots_count": report.dirty_slots_count,
         "log_bytes": report.leftovers.log_bytes,

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
@@ -18,17 +19,20 @@ import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_to_json
+from contracts.execution.machine import ContractMachine
 from contracts.execution.registry import check_contracts
 from contracts.worker.machine import Hold, Staff, WorkerMachine, WorkerViews, missing_parts
 from contracts.worker.wire import Begin, WallPart
 from node.api.services import LedgerSnapshot, ViewRunner
-from node.config import NodeConfig
+from node.config import CONTRACT_MEMORY_MIB, NodeConfig
 from node.contract_views import ContractViews
-from node.execution import Machine
+from node.machines import Machine
 from node.storage.ledger_store import LedgerStore
+from node.storage.lmdb_reader import LedgerFile
 
 WORKER_COMMAND = (sys.executable, "-I", "-m", "node.contract_worker")
-WORKER_MEMORY_MAX_BYTES = 2 * 1024**3
+_BYTES_PER_MIB = 1024**2
+WORKER_MEMORY_MAX_BYTES = CONTRACT_MEMORY_MIB * _BYTES_PER_MIB
 VIEWS_WAITING_MAX_COUNT = 64
 
 log = structlog.get_logger(__name__)
@@ -70,6 +74,50 @@ class StoreOfWorkers:
     def hold(self) -> Hold:
         """Open a snapshot."""
         return self._ledger.snapshot()
+
+
+class _FileOfWorkers:
+    """A ledger that a tool reads beside its node."""
+
+    def __init__(self, ledger: LedgerFile) -> None:
+        self._ledger = ledger
+
+    def height(self) -> int:
+        with self._ledger.snapshot() as ledger:
+            return -1 if ledger.position is None else ledger.position.height
+
+    def hold(self) -> Hold:
+        return self._ledger.snapshot()
+
+
+@contextmanager
+def open_walled_machine(config: NodeConfig, genesis: Genesis, ledger: LedgerFile) -> Iterator[Machine]:
+    """Execute blocks for a tool that reads a node's ledger: behind the wall, unless the node itself goes without one.
+
+    Raises CONTRACT_WORKER_FAILED, CONTRACT_WALL_INCOMPLETE, GENESIS_INVALID.
+    """
+    if config.contract_wall == "off":
+        yield ContractMachine.of_genesis(genesis)
+        return
+    check_contracts(genesis)
+    machine = WorkerMachine(Staff(WORKER_COMMAND, _begin(config, genesis)), _FileOfWorkers(ledger))
+    try:
+        _require_wall(config.contract_wall, machine.greet())
+        yield machine
+    finally:
+        machine.close()
+
+
+def _begin(config: NodeConfig, genesis: Genesis) -> Begin:
+    return Begin(genesis_to_json(genesis), str(config.ledger_dir), config.contract_memory_mib * _BYTES_PER_MIB)
+
+
+def _require_wall(wall: str, parts: tuple[WallPart, ...]) -> None:
+    """Raise CONTRACT_WALL_INCOMPLETE if the wall must be whole and is not."""
+    missing = missing_parts(parts)
+    if wall == "require" and missing:
+        named = "; ".join(f"{name}: {why}" for name, why in missing.items())
+        raise BlockRobotError("CONTRACT_WALL_INCOMPLETE", f"The wall around contracts lacks {named}.")
 
 
 class InsideContracts:
@@ -116,10 +164,7 @@ class WalledContracts:
         """
         parts = await asyncio.to_thread(self._blocks.greet)
         _report(parts)
-        missing = missing_parts(parts)
-        if self._wall == "require" and missing:
-            named = "; ".join(f"{name}: {why}" for name, why in missing.items())
-            raise BlockRobotError("CONTRACT_WALL_INCOMPLETE", f"The wall around contracts lacks {named}.")
+        _require_wall(self._wall, parts)
 
     async def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
         """Return the encoded result of a view on this snapshot, run in the worker for views.
@@ -190,8 +235,7 @@ async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerSto
         log.warning("contract_wall_off")
         return InsideContracts(genesis)
     check_contracts(genesis)  # said here: a worker that cannot begin only ends
-    begin = Begin(genesis_to_json(genesis), str(config.ledger_dir), WORKER_MEMORY_MAX_BYTES)
-    place = WalledContracts(config.contract_wall, Staff(WORKER_COMMAND, begin), ledger)
+    place = WalledContracts(config.contract_wall, Staff(WORKER_COMMAND, _begin(config, genesis)), ledger)
     try:
         await place.greet()
     except BaseException:

@@ -15,15 +15,18 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.access import Access
+from node.api.bodies import Bodies
 from node.api.openapi import build_openapi
 from node.api.problems import problem_from_fault, problem_from_http, problem_response
-from node.api.rate_limit import RateLimiter
+from node.api.rate_limit import RateLimiter, RefusalDelay, Turns, is_over_budget, source_of
 from node.api.routes import ROUTES
 from node.api.routes.openapi import DOCUMENT_KEY
 from node.api.routing import Call, Route
 from node.api.server import ApiConnection, name_server, refuse_expectation
 from node.api.services import ApiServices
 from node.api.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
+from node.budget import Source
+from node.costs import ROUTE_COSTS, ROUTE_DEFAULT_US
 
 OPEN_REQUESTS_MAX_COUNT = 4096
 _log = logging.getLogger("node.api")
@@ -50,8 +53,11 @@ class _Gate:
 
     def __init__(self, services: ApiServices) -> None:
         self._services = services
-        self._limiter = RateLimiter(services.clock)
+        self._limiter = RateLimiter(services.note_over)
         self._sessions = SessionTable(services.genesis.chain_id, services.node_name, services.clock, services.ledger)
+        self._turns = Turns(services.note_over)
+        self._bodies = Bodies(services.note_over)
+        self._refusals = RefusalDelay()
         self._open_count = 0
 
     def _session_of(self, request: web.Request) -> Session | None:
@@ -66,8 +72,6 @@ class _Gate:
 
     def _session_if_any(self, route: Route, request: web.Request) -> Session | None:
         """Return the session of who shows one where anybody may ask: he need not wait behind strangers of his address."""
-        if not route.access.needs_session:
-            return None
         try:
             session = self._session_of(request)
             route.access.check(session)
@@ -75,8 +79,10 @@ class _Gate:
             return None
         return session
 
-    def _authorise(self, route: Route, request: web.Request) -> Session | None:
-        session: Session | None = None
+    def _authorise(self, route: Route, request: web.Request) -> tuple[Session | None, Source]:
+        """Return the session, if there is one, and who pays. A caller who fails to identify pays as a stranger."""
+        stranger = source_of(request.remote, None)
+        cost_us = ROUTE_COSTS.get(route.operation, ROUTE_DEFAULT_US)
         try:
             if route.access.asks_session(is_public=self._services.public_explorer):
                 session = self._session_of(request)
@@ -84,12 +90,11 @@ class _Gate:
             else:
                 session = self._session_if_any(route, request)
         except BlockRobotError:
-            # A caller who fails to identify is a caller without a session, and pays like one.
-            self._limiter.take(request.remote or "")
+            self._limiter.take(stranger, cost_us)
             raise
-        if session is None:
-            self._limiter.take(request.remote or "")
-        return session
+        source = stranger if session is None else source_of(request.remote, session)
+        self._limiter.take(source, cost_us)
+        return session, source
 
     async def run(self, route: Route, request: web.Request) -> web.StreamResponse:
         """Authorise and answer one request. Raises BlockRobotError for a refusal."""
@@ -97,8 +102,14 @@ class _Gate:
             raise BlockRobotError("RATE_LIMITED", "The node has as many open requests as it takes.")
         self._open_count += 1
         try:
-            session = self._authorise(route, request)
-            return await route.handler(Call(self._services, self._sessions, request, route, session))
+            session, source = self._authorise(route, request)
+            await self._turns.wait(source, ROUTE_COSTS.get(route.operation, ROUTE_DEFAULT_US))
+            with self._bodies.of(source) as hold:
+                return await route.handler(Call(self._services, self._sessions, request, route, session, source, hold))
+        except BlockRobotError as error:
+            if is_over_budget(error):
+                await self._refusals.wait()
+            raise
         finally:
             self._open_count -= 1
 
@@ -110,6 +121,8 @@ async def _answer(name: str, work: Awaitable[web.StreamResponse]) -> web.StreamR
         response = await work
     except BlockRobotError as error:
         response = problem_response(error)
+        if is_over_budget(error):
+            response.force_close()
     except web.HTTPException as error:
         response = problem_from_http(error)
     except (asyncio.CancelledError, ConnectionError):

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from consensus.errors import BlockRobotError
 from contracts.execution.callers import ROLES, CallerRule, entry_rules
 from node.api.access import Access
+from node.api.markdown import write_table
 from node.api.routes import ROUTES
 from node.api.sessions import Session
 from node.api.standing import ROLE_ADMIN, ROLE_CUSTODIAN, ROLE_REGISTRAR, Standing
-from node.operator import OPEN_PATHS
+from node.operator import OPEN_PATHS, READING_PATHS
 
 _MADE = "<!-- Made from the code by `python -m node.api.reference docs/reference`. Do not edit. -->"
 _INTRODUCTION = """\
@@ -41,8 +42,14 @@ remains but the receipt. Views (entries that only read) are not here: they are c
 _OPERATOR = """\
 ## The operator's listener
 
-It listens on the node's own machine only, and answers {paths} to whoever asks there.
+It listens on the node's own machine only, under the names of this machine (127.0.0.1, localhost, [::1]) and for no web
+page (`NOT_PERMITTED`). It answers {paths} to whoever asks there, and {reading} to who shows the token of
+`operator-read.token` in the node's data directory (mode 0600), as Prometheus does with `authorization.credentials_file`.
 Whatever else there is takes the operator's token (`OPERATOR_TOKEN_INVALID`), and is for no web page (`NOT_PERMITTED`)."""
+
+
+def _listed(paths: tuple[str, ...]) -> str:
+    return ", ".join(f"`{path}`" for path in paths)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,14 +100,6 @@ def refusal_of(access: Access, caller: Caller, *, is_public: bool = False) -> st
     return ""
 
 
-def _row(cells: list[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def _table(head: list[str], rows: list[list[str]]) -> list[str]:
-    return [_row(head), "|---" * len(head) + "|", *map(_row, rows)]
-
-
 def _route_cell(access: Access, *, is_public: bool) -> Callable[[Caller], str]:
     return lambda caller: "-" if refusal_of(access, caller, is_public=is_public) else "yes"
 
@@ -124,7 +123,7 @@ def write_authorisation_page() -> str:
         [f"`{contract}.{entry}`", rule.words, *(_entry_cell(rule, role) for role in ROLES)]
         for (contract, entry), rule in entry_rules().items()
     ]
-    lines = [_MADE, "", "# Who may call what", "", _INTRODUCTION, "", *_table(["route", *heads], routes), ""]
-    lines += [_OPERATOR.format(paths=", ".join(f"`{path}`" for path in OPEN_PATHS)), ""]
+    lines = [_MADE, "", "# Who may call what", "", _INTRODUCTION, "", *write_table(["route", *heads], routes), ""]
+    lines += [_OPERATOR.format(paths=_listed(OPEN_PATHS), reading=_listed(READING_PATHS)), ""]
     lines += [_ENTRIES_INTRODUCTION, "", *(f"- **{role}**: {what}." for role, what in ROLES.items()), ""]
-    return "\n".join(lines + _table(["entry", "who may call", *ROLES], entries)) + "\n"
+    return "\n".join(lines + write_table(["entry", "who may call", *ROLES], entries)) + "\n"

@@ -12,7 +12,7 @@ from typing import Any
 
 from aiohttp import web
 
-from consensus.errors import CATALOGUE, BlockRobotError
+from consensus.errors import BlockRobotError
 
 PROBLEM_TYPE = "application/problem+json"
 _log = logging.getLogger("node.api")
@@ -45,7 +45,7 @@ def problem_response(error: BlockRobotError) -> web.Response:
     if error.entry.status == 401:
         headers["WWW-Authenticate"] = "Bearer"
     if error.entry.status in {429, 503}:
-        headers["Retry-After"] = "1"
+        headers["Retry-After"] = str(error.context.get("retry_after_s", 1))
     return web.Response(
         status=error.entry.status, body=json.dumps(document).encode(), content_type=PROBLEM_TYPE, headers=headers
     )
@@ -64,8 +64,3 @@ def problem_from_fault(error: Exception, route: str) -> web.Response:
     """Log an exception that nobody foresaw and return INTERNAL without any detail of it."""
     _log.error("unexpected fault in %s: %s", route, type(error).__name__, exc_info=error)
     return problem_response(BlockRobotError("INTERNAL"))
-
-
-def is_known_code(code: str) -> bool:
-    """Tell whether the catalogue holds this code."""
-    return code in CATALOGUE

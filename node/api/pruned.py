@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 from consensus.errors import BlockRobotError
 from node.api.services import LedgerSnapshot
 
+Keepers = Callable[[int], Sequence[str]]
+"""Returns the names of the peers that say they keep the body of the block of a height."""
 
-def require_kept(snapshot: LedgerSnapshot, height: int) -> None:
-    """Raise BLOCK_PRUNED if the body of the finalized block of this height is no longer here."""
+
+def require_kept(snapshot: LedgerSnapshot, height: int, keepers: Keepers) -> None:
+    """Raise BLOCK_PRUNED if the body of the finalized block of this height is no longer here, and say who keeps it."""
     earliest = snapshot.earliest_height
     if height < earliest:
+        names = keepers(height)
+        who = f"{', '.join(names)} {'keep' if len(names) > 1 else 'keeps'} it" if names else "No peer says to keep it"
         raise BlockRobotError(
-            "BLOCK_PRUNED", f"The body of block {height} was pruned; this node has them from {earliest} on."
+            "BLOCK_PRUNED", f"The body of block {height} was pruned; this node has them from {earliest} on. {who}."
         )

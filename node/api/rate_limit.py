@@ -1,50 +1,174 @@
-"""A token bucket per remote address, for callers without a session. Must never grow without bound.
+"""What clients' requests may cost, by who asks: a session's key, or else the address. Must never grow without bound.
 
-Loopback has a generous bucket of its own: on an emulated network every client shares that one address.
+A request costs what its route is worth (`node/costs.py`). Loopback has a generous budget of its own: on an emulated
+network every client without a session shares that one address. Whoever is behind a shared address and shows a session has
+a budget of his own, but for the keys of visits: one person has many, so all those at one address share a larger one, and
+each has a small part of a reserve beside it, so that one who floods does not keep the others from erasing.
 """
 
 from __future__ import annotations
 
-import ipaddress
-from collections import OrderedDict
+import asyncio
+import time
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable
 
 from consensus.errors import BlockRobotError
-from node.api.services import Clock
+from node.api.sessions import Session
+from node.budget import Allowance, Budgets, Source, over_budget, source_at
+from node.costs import ROUTE_DEFAULT_US
 
-REQUESTS_PER_SECOND = 20.0
-REQUESTS_BURST_COUNT = 100.0
-LOOPBACK_REQUESTS_PER_SECOND = 20_000.0
-LOOPBACK_BURST_COUNT = 40_000.0
-ADDRESSES_MAX_COUNT = 4096
+ADDRESS_ALLOWANCE = Allowance(us_per_s=20 * ROUTE_DEFAULT_US, burst_us=100 * ROUTE_DEFAULT_US)
+LOOPBACK_ALLOWANCE = Allowance(us_per_s=400 * ROUTE_DEFAULT_US, burst_us=4_000 * ROUTE_DEFAULT_US)
+SESSION_ALLOWANCE = Allowance(us_per_s=400 * ROUTE_DEFAULT_US, burst_us=4_000 * ROUTE_DEFAULT_US)
+VISIT_KEYS_ALLOWANCE = Allowance(us_per_s=1_600 * ROUTE_DEFAULT_US, burst_us=16_000 * ROUTE_DEFAULT_US)
+"""Of the keys of all visits at one address together."""
+VISIT_KEY_ALLOWANCE = Allowance(us_per_s=2 * ROUTE_DEFAULT_US, burst_us=40 * ROUTE_DEFAULT_US)
+"""What each of them may ask when the others have used that up."""
+VISIT_KEYS_RESERVE = Allowance(us_per_s=400 * ROUTE_DEFAULT_US, burst_us=4_000 * ROUTE_DEFAULT_US)
+"""How much that may come to at one address: 200 visits have to ask all they may until one is refused that asks little."""
+SOURCES_MAX_COUNT = 4096
+NoteOver = Callable[[str, BlockRobotError], None]
+TURN_MAX_US = 2_000
+REFUSAL_DELAY_S = 0.5
+REFUSALS_DELAYED_MAX_COUNT = 512
+WAITING_OF_SOURCE_MAX_COUNT = 256
+WAITING_MAX_COUNT = 2048
 
 
-def _is_loopback(address: str) -> bool:
-    try:
-        return ipaddress.ip_address(address).is_loopback
-    except ValueError:
-        return False
+def source_of(address: str | None, session: Session | None) -> Source:
+    """Return who pays for a request."""
+    if session is None:
+        return source_at(address or "unknown")
+    if session.kind == "member":
+        return Source("session", session.public_key.hex())
+    return Source("visit_keys", address or "unknown", session.public_key.hex())
+
+
+def _allowance_of(source: Source) -> Allowance:
+    if source.kind == "session":
+        return SESSION_ALLOWANCE
+    if source.kind == "visit_keys":
+        return VISIT_KEYS_ALLOWANCE
+    return LOOPBACK_ALLOWANCE if source.kind == "loopback" else ADDRESS_ALLOWANCE
 
 
 class RateLimiter:
-    """Buckets by remote address; the least recently seen addresses make room."""
+    """The budgets of all sources; the least recently seen make room."""
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._buckets: OrderedDict[str, tuple[float, int]] = OrderedDict()
+    def __init__(self, note_over: NoteOver, clock_s: Callable[[], float] = time.monotonic) -> None:
+        """`note_over` hears who is over his budget; `clock_s` gives seconds that only grow."""
+        self._note_over = note_over
+        self._budgets = Budgets(_allowance_of, clock_s, SOURCES_MAX_COUNT)
+        self._parts: Budgets[Source] = Budgets(lambda _part: VISIT_KEY_ALLOWANCE, clock_s, SOURCES_MAX_COUNT)
+        self._reserves: Budgets[Source] = Budgets(lambda _shared: VISIT_KEYS_RESERVE, clock_s, SOURCES_MAX_COUNT)
 
-    def take(self, address: str) -> None:
-        """Take one token of this address. Raises RATE_LIMITED if there is none."""
-        rate, burst = (
-            (LOOPBACK_REQUESTS_PER_SECOND, LOOPBACK_BURST_COUNT)
-            if _is_loopback(address)
-            else (REQUESTS_PER_SECOND, REQUESTS_BURST_COUNT)
-        )
-        now_ms = self._clock.now_ms()
-        level, seen_ms = self._buckets.pop(address, (burst, now_ms))
-        level = min(burst, level + max(0, now_ms - seen_ms) * rate / 1000)
-        allowed = level >= 1
-        self._buckets[address] = (level - 1 if allowed else level, now_ms)
-        while len(self._buckets) > ADDRESSES_MAX_COUNT:
-            self._buckets.popitem(last=False)
-        if not allowed:
-            raise BlockRobotError("RATE_LIMITED")
+    def __len__(self) -> int:
+        return max(len(budgets) for budgets in (self._budgets, self._parts, self._reserves))
+
+    def take(self, source: Source, cost_us: int = ROUTE_DEFAULT_US) -> None:
+        """Let a source pay for a request. Raises RATE_LIMITED if it cannot."""
+        shared = source.shared
+        if self._budgets.take(shared, cost_us) or (source.part and self._take_reserved(source, cost_us)):
+            return
+        error = over_budget(str(source), self._budgets.wait_s(shared, cost_us))
+        self._note_over(str(source), error)
+        raise error
+
+    def _take_reserved(self, source: Source, cost_us: int) -> bool:
+        if not self._parts.take(source, cost_us):
+            return False
+        if self._reserves.take(source.shared, cost_us):
+            return True
+        self._parts.refund(source, cost_us)
+        return False
+
+
+class Turns:
+    """Lets requests begin, a few milliseconds' worth in each turn of the event loop, one source after another.
+
+    Those who share a source take its turns one after another, too, and its places: there whoever has most loses the newest.
+    """
+
+    def __init__(self, note_over: NoteOver) -> None:
+        """`note_over` hears of whom too much waits."""
+        self._note_over = note_over
+        self._spent_us = 0
+        self._waiting: OrderedDict[Source, OrderedDict[str, deque[tuple[int, asyncio.Future[None]]]]] = OrderedDict()
+        self._counts: Counter[Source] = Counter()
+        self._count = 0
+        self._is_due = False
+
+    async def wait(self, source: Source, cost_us: int) -> None:
+        """Return when this request may begin. Raises RATE_LIMITED if too many wait."""
+        if not self._waiting and self._spent_us < TURN_MAX_US:
+            self._spend(cost_us)
+            return
+        shared = source.shared
+        if self._counts[shared] >= WAITING_OF_SOURCE_MAX_COUNT or self._count >= WAITING_MAX_COUNT:
+            error = over_budget(str(source), 1.0)
+            self._note_over(str(source), error)
+            self._make_place(source, error)
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(shared, OrderedDict()).setdefault(source.part, deque()).append((cost_us, future))
+        self._counts[shared] += 1
+        self._count += 1
+        await future
+
+    def _make_place(self, source: Source, error: BlockRobotError) -> None:
+        """Refuse the newest request of whoever has most waiting of those that share a source, or else this one."""
+        parts = self._waiting.get(source.shared, OrderedDict())
+        greedy = max(parts, key=lambda part: len(parts[part]), default="")
+        if len(parts.get(greedy, ())) <= len(parts.get(source.part, ())) + 1:
+            raise error
+        _, future = parts[greedy].pop()
+        self._counts[source.shared] -= 1
+        self._count -= 1
+        if not future.done():
+            future.set_exception(error)
+
+    def _spend(self, cost_us: int) -> None:
+        self._spent_us += cost_us
+        if not self._is_due:
+            self._is_due = True
+            asyncio.get_running_loop().call_soon(self._next_turn)
+
+    def _next_turn(self) -> None:
+        self._is_due, self._spent_us = False, 0
+        while self._waiting and self._spent_us < TURN_MAX_US:
+            source, parts = next(iter(self._waiting.items()))
+            part, queue = next(iter(parts.items()))
+            cost_us, future = queue.popleft()
+            self._counts[source] -= 1
+            self._count -= 1
+            parts.move_to_end(part)
+            self._waiting.move_to_end(source)
+            if not queue:
+                del parts[part]
+            if not parts:
+                del self._waiting[source], self._counts[source]
+            if not future.done():
+                self._spend(cost_us)
+                future.set_result(None)
+
+
+class RefusalDelay:
+    """Lets whoever is over his budget wait for his refusal: he asks again no faster, and waiting costs the node nothing."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    async def wait(self) -> None:
+        """Return after a while, or at once if too many wait already."""
+        if self._count >= REFUSALS_DELAYED_MAX_COUNT:
+            return
+        self._count += 1
+        try:
+            await asyncio.sleep(REFUSAL_DELAY_S)
+        finally:
+            self._count -= 1
+
+
+def is_over_budget(error: BlockRobotError) -> bool:
+    """Tell whether a refusal says that a budget is used up, so that its source is to be named."""
+    return error.code == "RATE_LIMITED" and "retry_after_s" in error.context

@@ -13,6 +13,7 @@ from pathlib import Path
 from consensus.errors import CATALOGUE
 from consensus.exit_codes import exit_code_of
 from node.api.authorisation import write_authorisation_page
+from node.api.markdown import write_table
 from node.api.openapi import errors_of
 from node.api.routes import ROUTES
 from node.api.routing import Parameter, Route
@@ -74,8 +75,8 @@ def _describe_route(route: Route) -> list[str]:
 def write_http_page(routes: Iterable[Route] = ROUTES) -> str:
     """Return the text of `docs/reference/http-api.md`."""
     routes = tuple(routes)
-    lines = [_MADE, "", "# HTTP interface", "", _HTTP_INTRODUCTION, "", "| route | for |", "|---|---|"]
-    lines += [f"| `{route.method} {route.path}` | {route.access.label} |" for route in routes]
+    lines = [_MADE, "", "# HTTP interface", "", _HTTP_INTRODUCTION, ""]
+    lines += write_table(["route", "for"], [[f"`{route.method} {route.path}`", route.access.label] for route in routes])
     lines.append("")
     for route in routes:
         lines += _describe_route(route)
@@ -84,13 +85,19 @@ def write_http_page(routes: Iterable[Route] = ROUTES) -> str:
 
 def write_errors_page() -> str:
     """Return the text of `docs/reference/errors.md`."""
-    lines = [_MADE, "", "# Errors", "", _ERRORS_INTRODUCTION, "", "| code | status | meaning | next step | again |"]
-    lines.append("|---|---|---|---|---|")
-    for entry in sorted(CATALOGUE.values(), key=lambda entry: entry.code):
-        again = "yes" if entry.retryable else "no"
-        codes = f"`{entry.code}` | {entry.status} | {exit_code_of(entry)}"
-        lines.append(f"| {codes} | {entry.meaning} | {entry.next_step} | {again} |")
-    return "\n".join(lines) + "\n"
+    rows = [
+        [
+            f"`{entry.code}`",
+            str(entry.status),
+            str(exit_code_of(entry)),
+            entry.meaning,
+            entry.next_step,
+            "yes" if entry.retryable else "no",
+        ]
+        for entry in sorted(CATALOGUE.values(), key=lambda entry: entry.code)
+    ]
+    head = ["code", "status", "exit", "meaning", "next step", "again"]
+    return "\n".join([_MADE, "", "# Errors", "", _ERRORS_INTRODUCTION, "", *write_table(head, rows)]) + "\n"
 
 
 def pages() -> dict[str, str]:

@@ -17,10 +17,12 @@ from aiohttp.http_exceptions import HttpProcessingError
 
 from consensus.errors import BlockRobotError
 from node.api.access import Access
+from node.api.bodies import Hold
 from node.api.documents import Document
 from node.api.server import NO_KEY, ApiConnection
 from node.api.services import ApiServices
 from node.api.sessions import Session, SessionTable
+from node.budget import Source
 
 JSON = "application/json"
 MSGPACK = "application/msgpack"
@@ -80,6 +82,8 @@ class Call:
     http: web.Request
     route: Route
     session: Session | None
+    source: Source
+    hold: Hold
 
     @property
     def caller(self) -> bytes:
@@ -112,23 +116,30 @@ class Call:
             )
         return number
 
+    @property
+    def body_size_bytes(self) -> int:
+        """How many bytes the body has, as its headers say, or the most that it may have. Raises REQUEST_TOO_LARGE."""
+        limit = self.route.body.max_bytes if self.route.body else 0
+        stated = self.http.content_length
+        if stated is not None and stated > limit:
+            raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
+        return limit if stated is None else stated
+
     async def body(self) -> bytes:
         """Return the request's body.
 
         Raises MEDIA_TYPE_UNSUPPORTED, REQUEST_TOO_LARGE beyond the route's own limit, REQUEST_TIMEOUT if it dawdles,
-        REQUEST_INVALID if it is cut off.
+        REQUEST_INVALID if it is cut off, RATE_LIMITED if its source has too many bytes in the node already.
         """
-        limit = self.route.body.max_bytes if self.route.body else 0
         self._require_media_type()
-        if self.http.content_length is not None and self.http.content_length > limit:
-            raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
-        content = bytearray()
+        limit, content = self.body_size_bytes, bytearray()
         connection = self.http.protocol
         if isinstance(connection, ApiConnection):
             connection.end()  # who sends slowly may have to make room
         try:
             async with asyncio.timeout(BODY_TIMEOUT_MS / 1000):
                 async for chunk in self.http.content.iter_chunked(64 * 1024):
+                    self.hold(len(chunk))
                     content += chunk
                     if len(content) > limit:
                         raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")

@@ -150,7 +150,13 @@ class ApiConnection(web.RequestHandler):
         exc: BaseException | None = None,
         message: str | None = None,  # noqa: ARG002 - the parser's words quote what was sent
     ) -> web.StreamResponse:
-        """Answer what is no HTTP, or a fault below the routes, as a problem document, and close."""
+        """Answer what is no HTTP, or a fault below the routes, as a problem document, and close.
+
+        Raises ConnectionError where nobody is left to answer; aiohttp takes that quietly.
+        """
+        if isinstance(exc, ConnectionError):
+            _log.debug("client gone: %s", type(exc).__name__)
+            raise exc
         if request.writer.output_size > 0:
             raise ConnectionError("A part of an answer is sent already.")
         if status < 500:

@@ -5,8 +5,8 @@ Everything that is read comes from one finalized snapshot: nothing that could st
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -16,6 +16,7 @@ from consensus.genesis import Genesis
 from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
+from node.budget import OWN, Source
 
 PoolStatus = Literal["pending", "unknown", "expired"]
 
@@ -63,6 +64,10 @@ class LedgerSnapshot(Protocol):
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
         """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
+        ...
+
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order."""
         ...
 
     def prove(self, key: bytes) -> Proof:
@@ -134,8 +139,11 @@ class ViewRunner(Protocol):
 class TransactionPool(Protocol):
     """The node's pool of waiting transactions."""
 
-    async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
-        """Check and admit transactions; one result for each wire, in order. An already known one is no error."""
+    async def submit(self, wires: Sequence[bytes], source: Source = OWN) -> Sequence[SubmitResult]:
+        """Check and admit transactions; one result for each wire, in order. An already known one is no error.
+
+        `source` is whose budget pays for what nobody signed; this node's own, if it is not said. Raises RATE_LIMITED.
+        """
         ...
 
     def status(self, txid: bytes) -> PoolStatus:
@@ -147,13 +155,31 @@ class TransactionPool(Protocol):
         ...
 
 
+class UploadAdmissionService(Protocol):
+    """Judges a robot's upload by what stands before its body, and holds room and quota for it meanwhile."""
+
+    def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AbstractAsyncContextManager[None]:
+        """Let a clip of so many bytes in. Raises VISIT_NOT_OPEN, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED."""
+        ...
+
+    def background(self, digest: bytes, size_bytes: int, robot: bytes) -> AbstractAsyncContextManager[None]:
+        """Let an empty frame in. Raises EMPTY_FRAME_NOT_APPROVED, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED."""
+        ...
+
+
 class CustodyService(Protocol):
     """The node's custodian."""
+
+    @property
+    def admission(self) -> UploadAdmissionService:
+        """What lets uploads in before their bodies are read."""
+        ...
 
     async def stage(self, upload: ClipUpload, robot: bytes) -> None:
         """Keep an uploaded clip of the robot with this member key until its record is final. Repeating is harmless.
 
-        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, STORE_UNAVAILABLE.
+        It was let in before. Raises UPLOAD_INVALID, UPLOAD_CONFLICT, UPLOAD_QUOTA_EXCEEDED, VISIT_NOT_OPEN,
+        STORE_UNAVAILABLE.
         """
         ...
 
@@ -179,8 +205,12 @@ class CustodyService(Protocol):
         """
         ...
 
-    async def put_background(self, digest: bytes, content: bytes) -> None:
-        """Keep a recorded empty frame under its SHA-256 (already checked). Repeating is harmless."""
+    async def put_background(self, digest: bytes, content: bytes, robot: bytes) -> None:
+        """Keep a robot's recorded empty frame under its SHA-256 (already checked). Repeating is harmless.
+
+        It was let in before. Raises EMPTY_FRAME_NOT_APPROVED, BACKGROUND_NOT_A_PICTURE, UPLOAD_QUOTA_EXCEEDED,
+        STORE_UNAVAILABLE.
+        """
         ...
 
     async def get_background(self, digest: bytes) -> bytes | None:
@@ -260,9 +290,16 @@ class Clock(Protocol):
         ...
 
 
+def _ignore(_source: str, _error: BlockRobotError) -> None:
+    """Tell nobody."""
+
+
 @dataclass(frozen=True, slots=True)
 class ApiServices:
     """All that `create_api` needs. `custody` and `receipts` are None at a node without a custodian.
+
+    `note_over` hears which source of requests is over its budget. `keepers` names the peers that say they keep the body
+    of the block of a height.
 
     `public_explorer` opens headers, producers and counts to anybody (`node.api.access.EXPLORER`).
     """
@@ -277,3 +314,5 @@ class ApiServices:
     receipts: ReceiptIssuer | None = None
     rounds: RoundWatch | None = None
     public_explorer: bool = False
+    note_over: Callable[[str, BlockRobotError], None] = _ignore
+    keepers: Callable[[int], Sequence[str]] = lambda _: ()

@@ -1,7 +1,9 @@
 """Sessions: a client proves its key once and gets a short-lived token. Must never log, store or return a token twice.
 
 Tokens are kept as hashes only. The table is bounded, for all and for each account, which is a key, or all the grantees
-of one visit: who opens too many closes the oldest of the same account, so a single member cannot put the others out.
+of one visit: who opens too many closes the oldest of the same account. One person has a key for each visit, so visits
+share half of the table: once it is full, they close the sessions of each other, and none of a member. If they have
+less, or as much, the account that has most sessions loses its oldest.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from node.api.standing import SessionKind, Standing, find_key_standing
 
 SESSION_LIFETIME_MS = 10 * 60_000
 SESSIONS_MAX_COUNT = 4096
+VISITS_DIVISOR = 2
+"""What part of a full table the sessions of all visits have together."""
 SESSIONS_OF_KEY_MAX_COUNT = 32
 TOKEN_SIZE_BYTES = 32
 
@@ -41,6 +45,7 @@ class _Kept:
     grant_id: bytes
     expires_at_ms: int
     account: bytes
+    is_of_visit: bool
 
 
 class SessionTable:
@@ -53,7 +58,9 @@ class SessionTable:
         self._ledger = ledger
         self._challenges = ChallengeBook(clock)
         self._sessions: OrderedDict[bytes, _Kept] = OrderedDict()
-        self._of_account: dict[bytes, OrderedDict[bytes, None]] = {}
+        self._of_members: dict[bytes, OrderedDict[bytes, None]] = {}
+        self._of_visits: dict[bytes, OrderedDict[bytes, None]] = {}
+        self._of_visits_count = 0
 
     def challenge(self, public_key: bytes) -> tuple[bytes, int]:
         """Return a fresh single-use challenge (32 bytes) for this key and when it ends. Raises KEY_INVALID."""
@@ -76,18 +83,26 @@ class SessionTable:
         self._challenges.use_up(public_key, challenge)
         token = secrets.token_bytes(TOKEN_SIZE_BYTES)
         expires_at_ms = self._clock.now_ms() + SESSION_LIFETIME_MS
-        kept = _Kept(public_key, grant_id, expires_at_ms, standing.account or public_key)
+        is_of_visit = standing.kind != "member"
+        kept = _Kept(public_key, grant_id, expires_at_ms, standing.account or public_key, is_of_visit)
         self._insert(sha256(token), kept)
         return token, _session(kept, standing)
 
+    def _accounts(self, kept: _Kept) -> dict[bytes, OrderedDict[bytes, None]]:
+        return self._of_visits if kept.is_of_visit else self._of_members
+
     def _insert(self, digest: bytes, kept: _Kept) -> None:
-        own = self._of_account.setdefault(kept.account, OrderedDict())
+        own = self._accounts(kept).setdefault(kept.account, OrderedDict())
         self._sessions[digest] = kept
         own[digest] = None
+        self._of_visits_count += kept.is_of_visit
         if len(own) > SESSIONS_OF_KEY_MAX_COUNT:
             self._forget(self._find_surplus(own))
-        while len(self._sessions) > SESSIONS_MAX_COUNT:
-            self._forget(next(iter(self._sessions)))
+        if len(self._sessions) > SESSIONS_MAX_COUNT:
+            accounts = list(self._of_visits.values())
+            if self._of_visits_count <= SESSIONS_MAX_COUNT // VISITS_DIVISOR:
+                accounts += self._of_members.values()
+            self._forget(self._find_surplus(max(accounts, key=len)))
 
     def _find_surplus(self, own: OrderedDict[bytes, None]) -> bytes:
         """Return the oldest session of that key of an account which has the most."""
@@ -97,10 +112,12 @@ class SessionTable:
     def _forget(self, digest: bytes) -> None:
         known = self._sessions.pop(digest, None)
         if known is not None:
-            own = self._of_account[known.account]
+            accounts = self._accounts(known)
+            own = accounts[known.account]
             del own[digest]
+            self._of_visits_count -= known.is_of_visit
             if not own:
-                del self._of_account[known.account]
+                del accounts[known.account]
 
     def resolve(self, token: bytes) -> Session:
         """Return the session behind a token, with the key's standing as it is now on the finalized state.

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
-from contracts.execution.standing import find_grant, find_role, find_root, name_grantees
+from contracts.execution.standing import find_grant, find_role, find_root, name_grantees, name_key
 from node.api.services import LedgerSnapshot
 
 SessionKind = Literal["member", "owner", "grantee", "former-grantee"]
@@ -25,11 +25,12 @@ ROLE_CUSTODIAN = "custodian"
 _ORGANISATIONS_MAX_COUNT = 256
 _NODES = (b"membership\x00",)
 _CUSTODIANS = (b"identity\x00custodians", b"identity\x00custodian/")
+_EMPTY_FRAMES = (b"records\x00empty-frame/",)
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What a key may be: its kind, and the roles of a member. Sessions are counted by `account`, if it says one.
+    """What a key may be: its kind, and the roles of a member. Sessions are counted by `account`, which no new key changes.
 
     All grantees of a visit are one account: whoever has a visit makes as many of their keys as she likes.
     """
@@ -76,9 +77,9 @@ def find_key_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"
     if not roles and _is_admin(snapshot, key):
         roles.add(ROLE_ADMIN)
     if roles:
-        return Standing(kind="member", roles=frozenset(roles))
+        return Standing(kind="member", roles=frozenset(roles), account=name_key(snapshot, key))
     if find_root(snapshot, key) is not None:
-        return Standing(kind="owner", roles=frozenset())
+        return Standing(kind="owner", roles=frozenset(), account=name_key(snapshot, key))
     return None
 
 
@@ -97,11 +98,11 @@ def require_readable(
     """Refuse state that is none of the reader's business: by the key of a grant what is not of its visit.
 
     What names a visit's first key or a granted record is of it; which nodes there are she may read as well, and which are
-    custodians while the grant stands. Raises NOT_PERMITTED.
+    custodians, and whether an empty frame may be shown, while the grant stands. Raises NOT_PERMITTED.
     """
     if standing not in {"grantee", "former-grantee"}:
         return
-    open_to_her = _NODES if standing == "former-grantee" else (*_NODES, *_CUSTODIANS)
+    open_to_her = _NODES if standing == "former-grantee" else (*_NODES, *_CUSTODIANS, *_EMPTY_FRAMES)
     grant = find_grant(snapshot, grant_id, reader, snapshot.header.timestamp_ms)
     if grant is None:
         raise BlockRobotError("NOT_PERMITTED")

@@ -14,6 +14,7 @@ from typing import Any, Protocol, cast
 import structlog
 
 from consensus.errors import BlockRobotError
+from node.costs import FRAME_COSTS, FRAME_US, bytes_cost_us
 from node.p2p.traffic import Traffic
 from node.p2p.wire import (
     GOSSIP_KINDS,
@@ -30,6 +31,10 @@ SEND_BUFFER_MAX_BYTES = 32 * 1024 * 1024
 GOSSIP_ABOVE_BYTES = 1024 * 1024
 GOSSIP_QUEUE_MAX_COUNT = 256
 REQUESTS_SERVED_MAX_COUNT = 8
+UNASKED_FACTOR = 4
+"""An answer that nobody waits for costs its sender so much more: one may come late, a stream of them is a flood."""
+
+SLICE_MAX_US = 2_000
 _ANSWERED, _REFUSED = 0, 1
 
 log = structlog.get_logger(__name__)
@@ -70,6 +75,22 @@ class ConnectionOwner(Protocol):
         """Return the answer to a peer's request. Raises BlockRobotError to refuse."""
         ...
 
+    def pay(self, peer: str, kind: FrameKind, cost_us: int) -> None:
+        """Let a peer pay for a frame that is about to be handled."""
+        ...
+
+    def too_many_requests(self, peer: str) -> None:
+        """A peer's request is refused, since more of it are open already than an honest node has."""
+        ...
+
+    def wait_s(self, peer: str) -> float:
+        """Return for how long nothing more of a peer is read: 0 while it has a budget left."""
+        ...
+
+    def offended(self, connection: PeerConnection, error: BlockRobotError) -> None:
+        """The peer sent what no honest node sends: the connection is to be closed."""
+        ...
+
 
 class PeerConnection(asyncio.Protocol):
     """A connection, dialled or accepted. `peer` is empty until the certificate was looked at."""
@@ -90,6 +111,8 @@ class PeerConnection(asyncio.Protocol):
         self._decoder = FrameDecoder()
         self._is_resuming = False
         self._is_cut_off = False
+        self._is_held = False
+        self._reading_on: asyncio.Handle | None = None
         self._transport: asyncio.Transport | None = None
         self._gossip: deque[bytes] = deque(maxlen=GOSSIP_QUEUE_MAX_COUNT)
         self._requests: dict[int, asyncio.Future[bytes]] = {}
@@ -124,6 +147,8 @@ class PeerConnection(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
         """Fail what waits for an answer and tell the owner."""
         self._transport = None
+        if self._reading_on is not None:
+            self._reading_on.cancel()
         for future in self._requests.values():
             if not future.done():
                 future.set_exception(BlockRobotError("PEER_UNAVAILABLE", "The connection to the peer was lost."))
@@ -138,14 +163,46 @@ class PeerConnection(asyncio.Protocol):
         """Cut bytes into frames and pass them on; a peer that breaks the framing is cut off."""
         if self._is_cut_off:
             return
+        self._decoder.take(data)
+        if self._reading_on is None:
+            self._read_on()
+
+    def _read_on(self) -> None:
+        """Handle the frames that are here: for a slice of time, and no more than the peer can pay for.
+
+        Meanwhile nothing is read from the socket: a peer that sends more than it may is held up by its own buffers.
+        """
+        self._reading_on = None
+        spent_us = 0
         try:
-            for kind, payload in self._decoder.feed(data):
-                self._dispatch(kind, payload)
-                if not self.is_open:
+            while self.is_open and not self._is_cut_off:
+                wait_s = self._owner.wait_s(self.peer)
+                if wait_s > 0 or spent_us >= SLICE_MAX_US:
+                    self._hold(wait_s)
                     return
+                frame = self._decoder.next_frame()
+                if frame is None:
+                    self._let_go()
+                    return
+                kind, payload = frame
+                cost_us = FRAME_US + FRAME_COSTS[kind].us + bytes_cost_us(len(payload))
+                spent_us += cost_us
+                self._owner.pay(self.peer, kind, cost_us)
+                self._dispatch(kind, payload)
         except BlockRobotError as error:
-            log.warning("peer_message_refused", peer=self.peer, code=error.code, detail=error.detail)
-            self.close()
+            self._owner.offended(self, error)
+
+    def _hold(self, wait_s: float) -> None:
+        loop = asyncio.get_running_loop()
+        self._reading_on = loop.call_later(wait_s, self._read_on) if wait_s > 0 else loop.call_soon(self._read_on)
+        if not self._is_held and self._transport is not None:
+            self._is_held = True
+            self._transport.pause_reading()
+
+    def _let_go(self) -> None:
+        if self._is_held and self._transport is not None:
+            self._is_held = False
+            self._transport.resume_reading()
 
     def resume_writing(self) -> None:
         """The send buffer has room again: gossip goes on."""
@@ -246,6 +303,7 @@ class PeerConnection(asyncio.Protocol):
         number, status, body = decode_request(payload)
         future = self._requests.get(number)
         if future is None or future.done():
+            self._owner.pay(self.peer, FrameKind.RESPONSE, UNASKED_FACTOR * bytes_cost_us(len(payload)))
             return
         if status == _ANSWERED:
             future.set_result(body)
@@ -259,6 +317,7 @@ class PeerConnection(asyncio.Protocol):
         except ValueError:
             raise BlockRobotError("PEER_MESSAGE_INVALID", f"A request of unknown kind {kind}.") from None
         if len(self._serving) >= REQUESTS_SERVED_MAX_COUNT:
+            self._owner.too_many_requests(self.peer)
             self._respond(number, _REFUSED, b"")
             return
         self._spawn(self._answer(number, request_kind, body))
@@ -272,7 +331,7 @@ class PeerConnection(asyncio.Protocol):
         try:
             self._respond(number, _ANSWERED, await self._owner.answer(self.peer, kind, body))
         except BlockRobotError as error:
-            log.info("peer_request_refused", peer=self.peer, kind=kind.name, code=error.code)
+            log.debug("peer_request_refused", peer=self.peer, kind=kind.name, code=error.code)
             self._respond(number, _REFUSED, b"")
 
     def _respond(self, number: int, status: int, body: bytes) -> None:

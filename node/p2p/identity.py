@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ssl
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import lru_cache
 
 from cryptography import x509
@@ -18,8 +17,9 @@ from cryptography.x509.oid import NameOID
 
 from consensus.errors import BlockRobotError
 from node.directory import DirectoryContent, DirectoryNode
+from pages.moments import show_utc_moment
 
-PROVEN_REFUSALS = frozenset({"PEER_REMOVED", "PEER_CERTIFICATE_REVOKED", "PEER_CERTIFICATE_EXPIRED"})
+PROVEN_REFUSALS = frozenset({"PEER_CUT_OFF", "PEER_REMOVED", "PEER_CERTIFICATE_REVOKED", "PEER_CERTIFICATE_EXPIRED"})
 """Refusals of certificates that the CA of the named node's organisation did issue: their holders may be told why."""
 
 
@@ -44,13 +44,8 @@ class CertificateFacts:
 
     @property
     def expires(self) -> str:
-        """The day and minute of its end, for people."""
-        return format_time(self.not_after_ms)
-
-
-def format_time(time_ms: int) -> str:
-    """Return a time as people read it, in UTC."""
-    return datetime.fromtimestamp(time_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M UTC")
+        """When it ends, for people and logs."""
+        return show_utc_moment(self.not_after_ms)
 
 
 def read_facts(certificate: x509.Certificate) -> CertificateFacts:
@@ -151,9 +146,8 @@ def _require_dates(facts: CertificateFacts, now_ms: int) -> None:
         detail = f"The certificate of {facts.name!r} expired on {facts.expires}."
         raise _refused("PEER_CERTIFICATE_EXPIRED", facts, detail)
     if now_ms < facts.not_before_ms:
-        detail = (
-            f"The certificate of {facts.name!r} counts from {format_time(facts.not_before_ms)} on: is a clock wrong?"
-        )
+        since = show_utc_moment(facts.not_before_ms)
+        detail = f"The certificate of {facts.name!r} counts from {since} on: is a clock wrong?"
         raise _refused("PEER_CERTIFICATE_EXPIRED", facts, detail)
 
 

@@ -12,6 +12,7 @@ import random
 import socket
 import ssl
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -20,10 +21,13 @@ import structlog
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode, encode
+from node.budget import Allowance, Budgets, Source, source_at
 from node.config import NodeConfig
+from node.costs import FRAME_COSTS, REFUSAL_US, Lane
 from node.directory import Directory
 from node.p2p.connection import LinkShaper, PeerConnection
 from node.p2p.identity import PROVEN_REFUSALS, identify_peer
+from node.p2p.penalties import Penalties
 from node.p2p.refusals import Refusals
 from node.p2p.tls import Credentials
 from node.p2p.traffic import Traffic
@@ -36,6 +40,15 @@ REQUEST_TIMEOUT_MS = 5_000
 CERTIFICATE_CHECK_MS = 1_000
 LINK_RENEWAL_MS = 250
 REFUSED_LINGER_MS = 200
+ACCEPT_PAUSE_MS = 100
+HANDSHAKE_US = 3_000
+HANDSHAKES_OPEN_MAX_COUNT, HANDSHAKES_OF_ADDRESS_MAX_COUNT = 64, 32
+HANDSHAKE_ALLOWANCE = Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US)
+"""By address: twenty handshakes a second."""
+LINK_ALLOWANCE = Allowance(us_per_s=60_000, burst_us=120_000)
+"""What reading a peer's frames may cost: some 7,000 small ones a second, or 30 MB."""
+CONSENSUS_ALLOWANCE = Allowance(us_per_s=150_000, burst_us=400_000)
+"""What a peer's votes, proposals and certificates may cost: ten times what an honest one says in a busy network."""
 _BACKLOG_COUNT = 128
 
 log = structlog.get_logger(__name__)
@@ -69,6 +82,10 @@ class PeerHandler(Protocol):
         """Answer a peer's request. Raises BlockRobotError to refuse."""
         ...
 
+    def note_over(self, source: Source, wait_s: float) -> None:
+        """Hear who sends or asks more than he may, or shakes hands too often, and for how long he has to wait."""
+        ...
+
 
 class PeerNetwork:
     """All connections of one node."""
@@ -94,7 +111,12 @@ class PeerNetwork:
         self.traffic = Traffic()
         self._peers: dict[str, PeerConnection] = {}
         self._open: set[PeerConnection] = set()
-        self._server: asyncio.Server | None = None
+        self._listener: socket.socket | None = None
+        self._handshakes: Budgets[str] = Budgets(lambda _host: HANDSHAKE_ALLOWANCE, time.monotonic)
+        self._handshakes_open: Counter[str] = Counter()
+        self._links: Budgets[str] = Budgets(lambda _peer: LINK_ALLOWANCE, time.monotonic)
+        self._consensus: Budgets[str] = Budgets(lambda _peer: CONSENSUS_ALLOWANCE, time.monotonic)
+        self._penalties = Penalties()
         self._dialling: dict[str, tuple[tuple[str, int], asyncio.Task[None]]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._refused = Refusals("peer_refused")
@@ -109,14 +131,9 @@ class PeerNetwork:
 
     async def start(self) -> None:
         """Listen, and dial the nodes whose names sort behind this one's. Raises PORT_IN_USE."""
-        loop = asyncio.get_running_loop()
-        listener = bind_listener(self._config.host, self._config.p2p_port)
-        self._server = await loop.create_server(
-            lambda: PeerConnection(self, self._shaper, None, self.traffic),
-            sock=listener,
-            ssl=self._credentials.listening,
-            ssl_handshake_timeout=DIAL_TIMEOUT_MS / 1000,
-        )
+        self._listener = bind_listener(self._config.host, self._config.p2p_port)
+        self._listener.setblocking(False)
+        self._spawn(self._accept(self._listener))
         self._directory.add_listener(self._directory_changed)
         self._dial_the_right_ones()
         self._spawn(self._watch_certificates())
@@ -128,8 +145,8 @@ class PeerNetwork:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        if self._server is not None:
-            self._server.close()
+        if self._listener is not None:
+            self._listener.close()
         connections = list(self._open)
         for connection in connections:
             connection.close()
@@ -167,6 +184,42 @@ class PeerNetwork:
             raise BlockRobotError("PEER_UNAVAILABLE", f"{peer} is not connected.")
         return await connection.request(kind, body, timeout_ms / 1000)
 
+    # Accepting
+
+    async def _accept(self, listener: socket.socket) -> None:
+        """Take connections, of each address no more than its budget of handshakes: what a stranger costs most."""
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                accepted, address = await loop.sock_accept(listener)
+            except OSError:  # no descriptor left, or the caller is gone already
+                await asyncio.sleep(ACCEPT_PAUSE_MS / 1000)
+                continue
+            host, opened = address[0], self._handshakes_open
+            if opened[host] >= HANDSHAKES_OF_ADDRESS_MAX_COUNT or not self._handshakes.take(host, HANDSHAKE_US):
+                self._handler.note_over(source_at(host), self._handshakes.wait_s(host, HANDSHAKE_US))
+                accepted.close()
+            elif opened.total() >= HANDSHAKES_OPEN_MAX_COUNT:
+                accepted.close()
+            else:
+                opened[host] += 1
+                self._spawn(self._shake_hands(accepted, host))
+            await asyncio.sleep(0)
+
+    async def _shake_hands(self, accepted: socket.socket, host: str) -> None:
+        try:
+            await asyncio.get_running_loop().connect_accepted_socket(
+                lambda: PeerConnection(self, self._shaper, None, self.traffic),
+                accepted,
+                ssl=self._credentials.listening,
+                ssl_handshake_timeout=DIAL_TIMEOUT_MS / 1000,
+            )
+        except (OSError, TimeoutError):
+            accepted.close()
+        finally:
+            self._handshakes_open[host] -= 1
+            self._handshakes_open += Counter()  # without those at 0
+
     # Dialling
 
     def _dial_the_right_ones(self) -> None:
@@ -186,14 +239,16 @@ class PeerNetwork:
     async def _keep_dialling(self, name: str, host: str, port: int) -> None:
         backoff_ms = DIAL_BACKOFF_MIN_MS
         while True:
-            if self._may_dial() and await self._dial(name, host, port):
+            if self._may_dial(name) and await self._dial(name, host, port):
                 backoff_ms = DIAL_BACKOFF_MIN_MS
             jitter = random.uniform(0.5, 1.0)  # noqa: S311 - no secret
             await asyncio.sleep(backoff_ms * jitter / 1000)
             backoff_ms = min(DIAL_BACKOFF_MAX_MS, backoff_ms * 2)
 
-    def _may_dial(self) -> bool:
-        """Tell whether anybody would take this node's certificate."""
+    def _may_dial(self, name: str) -> bool:
+        """Tell whether anybody would take this node's certificate, and the other one may be heard."""
+        if self._penalties.is_paused(name):
+            return False
         return not self._credentials.own.facts.is_expired(self._clock())
 
     async def _dial(self, name: str, host: str, port: int) -> bool:
@@ -301,6 +356,7 @@ class PeerNetwork:
         return {
             "certificate": self._credentials.own.describe(now_ms),
             "refused_peers": self._refused.describe(now_ms),
+            "cut_off_peers": self._penalties.describe(now_ms),
             "refused_by": self._refused_by.describe(now_ms),
             "problem": None
             if problem is None
@@ -320,6 +376,7 @@ class PeerNetwork:
         try:
             facts = identify_peer(connection.certificate, self._directory.content, self._clock())
             self._require_expected(connection, facts.name)
+            self._penalties.require_none(facts.name)
         except BlockRobotError as error:
             self._refuse(connection, error)
             return
@@ -390,6 +447,40 @@ class PeerNetwork:
         error = BlockRobotError(code, f"{connection.peer} refuses this node: {CATALOGUE[code].meaning}")
         self._refused_by.note(connection.peer, error, self._clock())
         connection.abort()
+
+    def pay(self, peer: str, kind: FrameKind, cost_us: int) -> None:
+        """Let a peer pay for a frame: for one of consensus as such, for any other one what reading it costs."""
+        if FRAME_COSTS[kind].lane is Lane.CONSENSUS:
+            self._consensus.charge(peer, cost_us)
+        else:
+            self._links.charge(peer, cost_us - FRAME_COSTS[kind].us)
+
+    def too_many_requests(self, peer: str) -> None:
+        """Let a peer pay for the refusal, and name it."""
+        self._links.charge(peer, REFUSAL_US)
+        self._handler.note_over(Source("peer", peer), 1.0)
+
+    def wait_s(self, peer: str) -> float:
+        """Return until when a peer's socket is not read: it sends more than any honest node has to say."""
+        wait_s = max(self._links.wait_s(peer), self._consensus.wait_s(peer))
+        if wait_s > 0:
+            self._handler.note_over(Source("peer", peer), wait_s)
+        return wait_s
+
+    def offended(self, connection: PeerConnection, error: BlockRobotError) -> None:
+        """Close a connection on which something malformed came; a peer that had said hello is not heard for a while."""
+        if connection.greeted:
+            self._penalties.punish(connection.peer, error)
+            connection.abort()
+        else:
+            log.warning("peer_message_refused", peer=connection.peer, code=error.code, detail=error.detail)
+            connection.close()
+
+    def cut_off(self, peer: str, error: BlockRobotError) -> None:
+        """Hear nothing more of a peer that sent what no honest node sends, for a while that grows each time."""
+        connection = self._peers.get(peer)
+        if connection is not None:
+            self.offended(connection, error)
 
     async def answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Pass a request on."""

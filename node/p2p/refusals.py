@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import structlog
@@ -11,7 +11,10 @@ from consensus.errors import CATALOGUE, BlockRobotError
 
 REPEAT_LOG_MS = 60_000
 REFUSALS_KEPT_COUNT = 64
+"""Of each kind of source, so that many addresses push no peer out."""
 REFUSAL_STANDS_MS = 60_000
+LINES_OF_KIND_MAX_COUNT = 10
+"""So many lines a minute are logged of each kind of source; the next one after that tells how many were left out."""
 
 log = structlog.get_logger(__name__)
 
@@ -23,6 +26,25 @@ class _Refusal:
     since_ms: int
     last_ms: int
     logged_ms: int
+    count: int = 1
+
+
+@dataclass(slots=True)
+class _Kind:
+    """What is kept of one kind of source, and how much was logged of it since when."""
+
+    refusals: dict[str, _Refusal] = field(default_factory=dict)
+    since_ms: int = 0
+    lines_count: int = 0
+    left_out_count: int = 0
+
+    def may_log(self, now_ms: int) -> bool:
+        if not 0 <= now_ms - self.since_ms < REPEAT_LOG_MS:
+            self.since_ms, self.lines_count = now_ms, 0
+        is_allowed = self.lines_count < LINES_OF_KIND_MAX_COUNT
+        self.lines_count += is_allowed
+        self.left_out_count += not is_allowed
+        return is_allowed
 
 
 class Refusals:
@@ -30,25 +52,36 @@ class Refusals:
 
     def __init__(self, event: str) -> None:
         self._event = event
-        self._by_peer: dict[str, _Refusal] = {}
+        self._kinds: dict[str, _Kind] = {}
 
-    def note(self, peer: str, error: BlockRobotError, now_ms: int) -> None:
-        """Take down a refusal; it is logged when it is new, and once a minute after that."""
-        known = self._by_peer.get(peer)
+    def note(self, peer: str, error: BlockRobotError, now_ms: int, kind_name: str = "") -> None:
+        """Take down a refusal; it is logged when it is new, and once a minute after that, if not too much is.
+
+        `kind_name` is one of a few kinds of sources: each has its own places and its own lines.
+        """
+        kind = self._kinds.setdefault(kind_name, _Kind())
+        known = kind.refusals.get(peer)
         if known is not None and known.code == error.code:
             known.detail, known.last_ms = error.detail, now_ms
+            known.count += 1
             if now_ms - known.logged_ms < REPEAT_LOG_MS:
                 return
             known.logged_ms = now_ms
         else:
-            if known is None and len(self._by_peer) >= REFUSALS_KEPT_COUNT:
-                del self._by_peer[next(iter(self._by_peer))]
-            self._by_peer[peer] = _Refusal(error.code, error.detail, now_ms, now_ms, now_ms)
-        log.warning(self._event, peer=peer, code=error.code, detail=error.detail, next_step=error.next_step)
+            if known is None and len(kind.refusals) >= REFUSALS_KEPT_COUNT:
+                del kind.refusals[next(iter(kind.refusals))]
+            kind.refusals[peer] = _Refusal(error.code, error.detail, now_ms, now_ms, now_ms)
+        if kind.may_log(now_ms):
+            left_out = {"left_out": kind.left_out_count} if kind.left_out_count else {}
+            kind.left_out_count = 0
+            log.warning(
+                self._event, peer=peer, code=error.code, detail=error.detail, next_step=error.next_step, **left_out
+            )
 
     def forget(self, peer: str) -> None:
         """The peer is connected, or is of no interest any more."""
-        self._by_peer.pop(peer, None)
+        for kind in self._kinds.values():
+            kind.refusals.pop(peer, None)
 
     def describe(self, now_ms: int) -> list[dict[str, Any]]:
         """Return all refusals that stand, ready for JSON: those of the last minute, since whoever is refused tries on."""
@@ -59,7 +92,8 @@ class Refusals:
                 "detail": refusal.detail,
                 "next_step": CATALOGUE[refusal.code].next_step,
                 "since_ms": refusal.since_ms,
+                "count": refusal.count,
             }
-            for peer, refusal in sorted(self._by_peer.items())
+            for peer, refusal in sorted(item for kind in self._kinds.values() for item in kind.refusals.items())
             if now_ms - refusal.last_ms <= REFUSAL_STANDS_MS
         ]

@@ -18,7 +18,8 @@ from cryptography.hazmat.primitives.serialization import Encoding
 
 from consensus.errors import BlockRobotError
 from node.directory import DirectoryContent
-from node.p2p.identity import CertificateFacts, format_time, load_authorities, read_facts
+from node.p2p.identity import CertificateFacts, load_authorities, read_facts
+from pages.moments import show_utc_moment
 
 EXPIRY_WARNING_MS = 30 * 24 * 3600 * 1000
 _NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL, for which the ssl module has no name
@@ -51,7 +52,7 @@ class OwnCertificate:
             "state": self.state(now_ms),
             "not_before_ms": self.facts.not_before_ms,
             "not_after_ms": self.facts.not_after_ms,
-            "expires": format_time(self.facts.not_after_ms),
+            "expires": show_utc_moment(self.facts.not_after_ms),
         }
 
 

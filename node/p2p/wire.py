@@ -88,10 +88,11 @@ class Refusal(Wire, frozen=True):
 
 
 class HeightNotice(Wire, frozen=True):
-    """How far the sender's store is: its height, and the epoch that this height is in (or begins)."""
+    """How far the sender's store is: its height, the epoch that this height is in (or begins), its oldest body's height."""
 
     finalized_height: int
     epoch: int
+    earliest_height: int = 0
 
 
 class TransactionBatch(Wire, frozen=True):
@@ -172,26 +173,38 @@ class FrameDecoder:
 
     def __init__(self) -> None:
         self._buffer = bytearray()
+        self._position = 0
+
+    def take(self, data: bytes) -> None:
+        """Take bytes; `next_frame` cuts them."""
+        if self._position:
+            del self._buffer[: self._position]
+            self._position = 0
+        self._buffer += data
+
+    def next_frame(self) -> tuple[FrameKind, bytes] | None:
+        """Return the next whole frame as (kind, payload), or None if it is not here yet.
+
+        Raises PEER_MESSAGE_INVALID for an unknown kind or a frame over its limit: the stream is then lost.
+        """
+        buffer, position = self._buffer, self._position
+        if len(buffer) - position < HEADER_SIZE_BYTES:
+            return None
+        length, kind = _LENGTH.unpack_from(buffer, position)
+        limit = FRAME_MAX_BYTES.get(kind)
+        if limit is None or not 1 <= length <= limit + 1:
+            raise BlockRobotError("PEER_MESSAGE_INVALID", f"A frame of type {kind} and {length} bytes.")
+        end = position + 4 + length
+        if len(buffer) < end:
+            return None
+        self._position = end
+        return FrameKind(kind), bytes(memoryview(buffer)[position + HEADER_SIZE_BYTES : end])
 
     def feed(self, data: bytes) -> Iterator[tuple[FrameKind, bytes]]:
         """Take bytes and yield each whole frame as (kind, payload).
 
         Raises PEER_MESSAGE_INVALID for an unknown kind or a frame over its limit: the stream is then lost.
         """
-        buffer = self._buffer
-        buffer += data
-        position = 0
-        try:
-            while len(buffer) - position >= HEADER_SIZE_BYTES:
-                length, kind = _LENGTH.unpack_from(buffer, position)
-                limit = FRAME_MAX_BYTES.get(kind)
-                if limit is None or not 1 <= length <= limit + 1:
-                    raise BlockRobotError("PEER_MESSAGE_INVALID", f"A frame of type {kind} and {length} bytes.")
-                end = position + 4 + length
-                if len(buffer) < end:
-                    break
-                payload = bytes(memoryview(buffer)[position + HEADER_SIZE_BYTES : end])
-                position = end
-                yield FrameKind(kind), payload
-        finally:
-            del buffer[:position]
+        self.take(data)
+        while (frame := self.next_frame()) is not None:
+            yield frame

@@ -132,6 +132,10 @@ class LedgerSnapshot(Protocol):
         """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
         ...
 
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order; see `StateReader`."""
+        ...
+
     def page(self, path: bytes) -> bytes | None:
         """Return the trie page under a nibble path, or None."""
         ...

@@ -7,6 +7,7 @@ of its version from being reused, so it is to be closed soon.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import islice
 from types import TracebackType
 from typing import Any, Self
 
@@ -15,6 +16,7 @@ import lmdb
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import EMPTY_ROOT, Proof
+from contracts.state.key_cache import prefix_end
 from contracts.state.trie import prove
 from node.storage import lmdb_layout as layout
 from node.storage.ledger_store import (
@@ -95,14 +97,14 @@ class LmdbSnapshot:
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
         """Yield up to `limit` pairs under the prefix, in key order."""
-        if limit <= 0:
-            return
-        for count, (key, value) in enumerate(self._rows(self._tables.state, prefix), start=1):
-            if not key.startswith(prefix):
+        return islice(self.scan_range(prefix, prefix_end(prefix)), max(limit, 0))
+
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order."""
+        for key, value in self._rows(self._tables.state, start):
+            if key >= end:
                 return
             yield key, value
-            if count >= limit:
-                return
 
     def page(self, path: bytes) -> bytes | None:
         """Return the trie page under a nibble path, or None."""

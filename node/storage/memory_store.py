@@ -114,6 +114,10 @@ class MemorySnapshot:
         """Yield up to `limit` pairs under the prefix, in key order."""
         return self._open.state.scan(prefix, limit)
 
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order."""
+        return self._open.state.scan_range(start, end)
+
     def page(self, path: bytes) -> bytes | None:
         """Return the trie page under a nibble path, or None."""
         return self._open.state.page(path)

@@ -18,10 +18,11 @@ _DIGEST = Parameter("sha256", "path", "The SHA-256 of the content.", 32)
 async def _put(call: Call) -> web.StreamResponse:
     custody = custody_of(call)
     digest = call.bytes_of("sha256")
-    content = await call.body()
-    if not content or sha256(content) != digest:
-        raise BlockRobotError("UPLOAD_HASH_MISMATCH")
-    await custody.put_background(digest, content)
+    async with custody.admission.background(digest, call.body_size_bytes, call.caller):
+        content = await call.body()
+        if not content or sha256(content) != digest:
+            raise BlockRobotError("UPLOAD_HASH_MISMATCH")
+        await custody.put_background(digest, content, call.caller)
     return json_answer(BackgroundAnswer(sha256=digest.hex()))
 
 
@@ -37,13 +38,21 @@ ROUTES = (
         "PUT",
         "/v1/backgrounds/{sha256}",
         "putBackground",
-        "Store a recorded empty frame under its hash. Repeating is harmless.",
+        "Store an empty frame, a depth picture that is approved on the chain, under its hash. Repeating is harmless.",
         ROBOT,
         _put,
         Answer(JSON, BackgroundAnswer, "It is stored."),
         Body(BYTES, None, "The picture's bytes.", BACKGROUND_MAX_BYTES),
         (_DIGEST,),
-        ("UPLOAD_HASH_MISMATCH", "CUSTODY_ELSEWHERE", "STORE_UNAVAILABLE"),
+        (
+            "UPLOAD_HASH_MISMATCH",
+            "EMPTY_FRAME_NOT_APPROVED",
+            "BACKGROUND_NOT_A_PICTURE",
+            "UPLOAD_QUOTA_EXCEEDED",
+            "DISK_RESERVE_REACHED",
+            "CUSTODY_ELSEWHERE",
+            "STORE_UNAVAILABLE",
+        ),
     ),
     Route(
         "GET",

@@ -32,7 +32,7 @@ async def _list_blocks(call: Call) -> web.StreamResponse:
     first, limit = call.int_of("from_height"), call.int_of("limit")
     with call.services.ledger.snapshot() as snapshot:
         head = snapshot.header.height
-        require_kept(snapshot, first)
+        require_kept(snapshot, first, call.services.keepers)
         blocks = [snapshot.block(height) for height in range(first, min(first + limit, head + 1))]
         earliest = snapshot.earliest_height
     return json_answer(
@@ -45,7 +45,7 @@ async def _list_blocks(call: Call) -> web.StreamResponse:
 async def _get_block(call: Call) -> web.StreamResponse:
     height = call.int_of("height")
     with call.services.ledger.snapshot() as snapshot:
-        require_kept(snapshot, height)
+        require_kept(snapshot, height, call.services.keepers)
         block, receipts = snapshot.block(height), snapshot.receipts(height)
     if block is None:
         raise BlockRobotError("NOT_FOUND", "There is no finalized block of this height here.")

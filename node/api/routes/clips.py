@@ -17,6 +17,7 @@ from node.api.standing import read_value
 
 _OVERHEAD_BYTES = 64 * 1024
 _RECORD_ID = Parameter("record_id", "path", "The record's id.", 16)
+_OWNER = Parameter("owner", "query", "The first key of the visit, as the upload has it; judged before the body.", 33)
 
 
 def custody_of(call: Call) -> CustodyService:
@@ -28,12 +29,13 @@ def custody_of(call: Call) -> CustodyService:
 
 async def _upload(call: Call) -> web.StreamResponse:
     custody = custody_of(call)
-    record_id = call.bytes_of("record_id")
-    upload = decode(await call.body(), ClipUpload)
-    if upload.record_id != record_id:
-        raise BlockRobotError("UPLOAD_INVALID", "The upload is for another record than its address says.")
-    check_clip_upload(upload)
-    await custody.stage(upload, call.caller)
+    record_id, owner = call.bytes_of("record_id"), call.bytes_of("owner")
+    async with custody.admission.clip(record_id, owner, call.body_size_bytes, call.caller):
+        upload = decode(await call.body(), ClipUpload)
+        if (upload.record_id, upload.owner) != (record_id, owner):
+            raise BlockRobotError("UPLOAD_INVALID", "The upload is for another record or visit than its address says.")
+        check_clip_upload(upload)
+        await custody.stage(upload, call.caller)
     return json_answer(UploadAnswer(record_id=record_id.hex(), status="staged"))
 
 
@@ -60,12 +62,15 @@ ROUTES = (
         _upload,
         Answer(JSON, UploadAnswer, "The clip is staged."),
         Body(MSGPACK, None, "A canonical ClipUpload.", CLIP_SIZE_MAX_BYTES + _OVERHEAD_BYTES),
-        (_RECORD_ID,),
+        (_RECORD_ID, _OWNER),
         (
             "ENCODING_INVALID",
             "ENCODING_NOT_CANONICAL",
             "UPLOAD_INVALID",
             "UPLOAD_CONFLICT",
+            "UPLOAD_QUOTA_EXCEEDED",
+            "VISIT_NOT_OPEN",
+            "DISK_RESERVE_REACHED",
             "CUSTODY_ELSEWHERE",
             "STORE_UNAVAILABLE",
         ),

@@ -38,6 +38,7 @@ ROUTES = (
         Answer(JSON, ConsentReceiptAnswer, "The receipt and its signature. Asking again gives the same bytes."),
         Body(JSON, ConsentReceiptRequest, "The transaction."),
         errors=(
+            "BLOCK_PRUNED",
             "CONSENT_RECEIPT_ELSEWHERE",
             "CONSENT_RECEIPT_INVALID",
             "CONSENT_WORD_MISSING",

@@ -35,7 +35,7 @@ def _read_place(call: Call, snapshot: LedgerSnapshot) -> tuple[int, int]:
 def _read_page(call: Call, snapshot: LedgerSnapshot) -> EventsPage:
     """Read one page. Raises BLOCK_PRUNED if events from there on may be missing here."""
     height, index = _read_place(call, snapshot)
-    require_kept(snapshot, height)
+    require_kept(snapshot, height, call.services.keepers)
     contract, name, limit = call.http.query.get("contract"), call.http.query.get("name"), call.int_of("limit")
     rows = snapshot.events(height, index, SCAN_MAX_COUNT)
     head = snapshot.header.height
@@ -62,7 +62,7 @@ def _read_page(call: Call, snapshot: LedgerSnapshot) -> EventsPage:
 def _items(snapshot: LedgerSnapshot, found: list[tuple[int, int, ContractEvent]]) -> list[EventItem]:
     """Join events with the ids of the transactions that they are of."""
     txids: dict[int, list[str]] = {}
-    for height in {at for at, _, _ in found}:
+    for height in sorted({at for at, _, _ in found}):
         txids[height] = [one.txid.hex() for one in snapshot.receipts(height) or () for _ in one.events]
     return [
         EventItem(

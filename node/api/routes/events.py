@@ -30,8 +30,8 @@ def _read_cursor(call: Call, head: int) -> tuple[int, int]:
     return int(height), int(index)
 
 
-def _events_of(snapshot: LedgerSnapshot, height: int, after: int) -> list[bytes]:
-    require_kept(snapshot, height)
+def _events_of(call: Call, snapshot: LedgerSnapshot, height: int, after: int) -> list[bytes]:
+    require_kept(snapshot, height, call.services.keepers)
     receipts = snapshot.receipts(height)
     if receipts is None:
         raise BlockRobotError("NOT_FOUND", f"Block {height} is no longer kept here.")
@@ -56,7 +56,7 @@ async def _send_events(call: Call) -> web.StreamResponse:
     ledger, expires_at_ms = call.services.ledger, call.session.expires_at_ms if call.session else 0
     with ledger.snapshot() as snapshot:
         height, after = _read_cursor(call, snapshot.header.height)
-        require_kept(snapshot, height)
+        require_kept(snapshot, height, call.services.keepers)
     response = web.StreamResponse(headers={"Content-Type": SSE, "Cache-Control": "no-store"})
     await response.prepare(call.http)
     while call.services.clock.now_ms() < expires_at_ms:
@@ -64,7 +64,7 @@ async def _send_events(call: Call) -> web.StreamResponse:
             last = min(snapshot.header.height, height + BLOCKS_PER_TURN_COUNT - 1)
             messages: list[bytes] = []
             while height <= last:
-                messages += _events_of(snapshot, height, after)
+                messages += _events_of(call, snapshot, height, after)
                 height, after = height + 1, -1
             behind = last < snapshot.header.height
         if messages:

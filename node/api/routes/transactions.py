@@ -48,15 +48,15 @@ async def _submit(call: Call) -> web.StreamResponse:
         raise BlockRobotError("REQUEST_INVALID", f"The body is no list of byte strings: {error}.") from None
     if not 1 <= len(wires) <= BATCH_MAX_COUNT:
         raise BlockRobotError("REQUEST_INVALID", f"A batch holds 1 to {BATCH_MAX_COUNT} transactions.")
-    results = await call.services.pool.submit(wires)
+    results = await call.services.pool.submit(wires, call.source)
     return json_answer(SubmitAnswer(results=[_outcome(result) for result in results]))
 
 
-def _find(snapshot: LedgerSnapshot, txid: bytes, with_evidence: bool) -> TransactionState | None:
+def _find(call: Call, snapshot: LedgerSnapshot, txid: bytes, with_evidence: bool) -> TransactionState | None:
     place = snapshot.locate(txid)
     if place is None:
         return None
-    require_kept(snapshot, place.height)
+    require_kept(snapshot, place.height, call.services.keepers)
     block, receipts = snapshot.block(place.height), snapshot.receipts(place.height)
     if block is None or receipts is None:
         raise BlockRobotError("NOT_FOUND", "The block of this transaction is no longer kept here.")
@@ -77,14 +77,14 @@ async def _get_transaction(call: Call) -> web.StreamResponse:
     wait_ms = call.int_of("wait_ms")
     with_evidence = call.int_of("evidence") == 1
     with services.ledger.snapshot() as snapshot:
-        state = _find(snapshot, txid, with_evidence)
+        state = _find(call, snapshot, txid, with_evidence)
     may_come = state is None and wait_ms > 0 and services.pool.status(txid) != "expired"
     if may_come:
         with call.hold_back() as allowed:
             is_final = allowed and await services.pool.wait_final(txid, wait_ms)
         if is_final:
             with services.ledger.snapshot() as snapshot:
-                state = _find(snapshot, txid, with_evidence)
+                state = _find(call, snapshot, txid, with_evidence)
     if state is None:
         state = TransactionState(
             txid=txid.hex(),

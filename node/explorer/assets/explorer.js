@@ -1,6 +1,6 @@
 // The explorer: gets in, follows the chain, shows the page that the address names. Never keeps a token but in memory.
 
-import { announce, h, replace } from "./shared/dom.js";
+import { announce, focusOn, h, replace } from "./shared/dom.js";
 import { formatClock, formatDuration, zoneName } from "./shared/format.js";
 import { api, entry, enter, followNeighbours } from "./api.js";
 import { RETRY_MAX_MS, feed } from "./feed.js";
@@ -85,7 +85,7 @@ async function show(kind = "moved") {
   if (kind === "first") return;
   announce(title?.textContent ?? "");
   if (kind === "moved") scrollTo(0, 0);
-  if (kind === "moved" || hadFocus) title?.focus({ preventScroll: true });
+  if (kind === "moved" || hadFocus) focusOn(title, { stay: true });
   if (kind === "moved") main.querySelector(".here")?.scrollIntoView({ block: "center" });
 }
 
@@ -150,7 +150,7 @@ function whyEnded() {
 
 document.querySelector(".skip-link").addEventListener("click", (event) => {
   event.preventDefault();
-  main.focus();
+  focusOn(main, { stay: true });
 });
 
 document.getElementById("search").addEventListener("submit", (event) => {

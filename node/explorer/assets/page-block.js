@@ -67,7 +67,7 @@ function headerFacts(header, epoch) {
 
 async function transactionsCard(header) {
   const count = header.transaction_count;
-  if (count === null) return card("Transactions", h("p", {}, "This node has pruned the block's body; its header and what it wrote stay. Ask a node that keeps all blocks."));
+  if (count === null && entry.kind !== "member") return card("Transactions", h("p", {}, "This node has dropped the block's body, since it is old; its header and what it wrote stay."));
   if (count === 0) return card("Transactions", h("p", {}, "None: it is an empty block, made so that the chain shows that it lives, or so that blocks before it become final."));
   if (entry.kind !== "member") return card("Transactions", h("p", {}, `${plural(count, "transaction", "transactions")}. What they say is for members of the network.`));
   try {

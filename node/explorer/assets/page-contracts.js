@@ -74,7 +74,7 @@ function sourceView(source, marked) {
   const add = (text, kind) => {
     text.split("\n").forEach((part, index) => {
       if (index > 0) current = newLine(list, (count += 1), marked);
-      if (part) current.append(kind ? h("span", { class: kind }, part) : document.createTextNode(part));
+      if (part) current.append(h("span", kind ? { class: kind } : {}, part));
     });
   };
   let last = 0;

@@ -27,7 +27,7 @@ export async function peoplePage() {
     card("Members", h("p", {}, `Registered, and neither left nor revoked, since block ${number(members.from)}${members.isAll ? "" : `, up to block ${number(members.upTo)}: there is more than this page reads at once`}:`),
       h("ul", {}, Object.entries(ROLES).map(([role, [one, many]]) => h("li", {}, plural(members.counts.get(role) ?? 0, one, many))))),
     card("Robots and officials", h("p", { class: "quiet" }, "Those who act for an organisation are listed, newest first. People who are recorded are counted above and not listed here."),
-      table("Robots, staff, officers and auditors", ["role", "key", "registered in"], members.listed.map((one) => [badge(one.role), hex(one.key), [go(`block/${one.height}`, `block ${one.height}`), ", ", go(`tx/${one.txid}`, "transaction")]]))));
+      table("Robots, staff, officers and auditors", ["role", "key", "called", "registered in"], members.listed.map((one) => [badge(one.role), hex(one.key), [one.name, one.place].filter(Boolean).join(", ") || "–", [go(`block/${one.height}`, `block ${one.height}`), ", ", go(`tx/${one.txid}`, "transaction")]]))));
 }
 
 async function readOrganisations() {
@@ -45,6 +45,7 @@ async function readMembers() {
     const key = data.member?.hex;
     if (event.name === "registered") roles.set(key, { key, role: data.role, height: event.height, txid: event.txid });
     if (event.name === "rotated" && roles.has(key)) roles.set(data.new_member.hex, { ...roles.get(key), key: data.new_member.hex });
+    if (event.name === "robot_named" && roles.has(key)) Object.assign(roles.get(key), { name: data.name, place: data.place });
     if (event.name === "rotated" || event.name === "left" || event.name === "revoked") roles.delete(key);
   }
   const counts = new Map();

@@ -19,6 +19,7 @@ from contracts.execution.genesis import complete_genesis
 from contracts.execution.registry import contract_entries
 from node.assembly import Assembly, Surroundings, begin_ledger
 from node.journal import JournalEntry
+from node.machines import Machine
 from node.p2p.network import PeerHandler
 from node.p2p.wire import FrameKind, RequestKind
 from node.storage.memory_store import MemoryStore
@@ -85,6 +86,7 @@ class MemoryLinks:
         self.name = name
         self.handler = handler
         self.sent: list[tuple[str, FrameKind, bytes]] = []
+        self.cut: list[tuple[str, str]] = []
 
     @property
     def connected(self) -> list[str]:
@@ -122,6 +124,9 @@ class MemoryLinks:
         if self._reaches(peer):
             self._crowd.links[peer].handler.peer_frame(self.name, kind, payload)
 
+    def cut_off(self, peer: str, error: BlockRobotError) -> None:
+        self.cut.append((peer, error.code))
+
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         await asyncio.sleep(LINK_DELAY_S)
         if not self._reaches(peer):
@@ -139,6 +144,7 @@ class SmallNodes:
         self.nodes: dict[str, Assembly] = {}
         self.ledgers = {node.name: MemoryStore() for node in genesis.nodes}
         self.journals = {node.name: MemoryJournal() for node in genesis.nodes}
+        self.machines: dict[str, Machine] = {}
         self._check = SignatureCache()
         self._transactions = TransactionCache()
         self._salt = 0
@@ -159,6 +165,7 @@ class SmallNodes:
                     stopwatch=asyncio.get_running_loop().time,
                     check=self._check,
                     transactions=self._transactions,
+                    machine=self.machines.get(name),
                 )
             )
             self.nodes[name] = node

@@ -15,7 +15,8 @@ from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.state.view import Overlay, StateView
 from node.block_ranges import CheckedBlock, CheckedRange
 from node.catching_up import GROUP_BLOCKS_MAX_COUNT, CatchUp, grouped
-from node.execution import Executor, Machine
+from node.execution import Executor
+from node.machines import Machine
 from node.storage.memory_store import MemoryStore
 from node.transaction_cache import TransactionCache
 from tests.unit.node.written_chain import WritingMachine, WrittenChain
@@ -39,7 +40,9 @@ class DistantMachine(WritingMachine):
             results.append(replace(result, gas_used=1) if block.height == self.spoils else result)
         return results
 
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+    def verify(
+        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction], **_: object
+    ) -> BlockResult:
         self.singles.append(height)
         return super().verify(parent, height, time_ms, transactions)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,10 +22,12 @@ from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload
+from consensus.records.sharing import SharedRequest
 from consensus.transaction import decode_transaction
 from node.api.services import SubmitResult
-from node.custody import CLIP_PART_BYTES, OUTBOX_LIFETIME_MS, REFUSALS_MAX_COUNT, Custody, PeerLink
+from node.custody import CLIP_PART_BYTES, OUTBOX_BATCH_COUNT, OUTBOX_LIFETIME_MS, REFUSALS_MAX_COUNT, Custody
 from node.finality import FinalityFeed
+from node.offchain.peer_custodians import PeerLink
 from node.offchain.store import Checkpoint, OutboxRow
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import FinalizedBlock
@@ -227,6 +230,30 @@ async def test_what_a_contract_refuses_is_tried_a_few_times_and_then_dismissed(r
     assert rig.custodian.dismissed == [ROW]
 
 
+async def test_what_others_are_submitted_before_is_not_signed_again_and_its_refusals_are_counted(rig: Rig) -> None:
+    """Only the first rows were remembered: a word behind 64 receipts was signed anew, and never dismissed."""
+    receipts = [replace(ROW, part=1 + part) for part in range(OUTBOX_BATCH_COUNT)]
+    for attempt in range(REFUSALS_MAX_COUNT):
+        await rig.custody._submit_due()
+        sent = len(rig.pool.wires)
+        txid = decode_transaction(rig.pool.wires[-1]).txid
+        rig.custodian.rows[:0] = receipts
+        await rig.custody._submit_due()
+        assert len(rig.pool.wires) == sent + (0 if attempt else len(receipts))
+        del rig.custodian.rows[: len(receipts)]
+        await rig.custody._submit_due()
+        assert len(rig.pool.wires) == sent + (0 if attempt else len(receipts)), "it is on its way still"
+        assert rig.custodian.dismissed == []
+        await rig.custody._note_refusals([_refusal(txid, "RECEIPT_WRONG")])
+        rig.custodian.rows[:0] = receipts
+        await rig.custody._submit_due()
+        del rig.custodian.rows[: len(receipts)]
+    assert rig.custodian.dismissed == [ROW]
+    rig.now_ms += OUTBOX_LIFETIME_MS
+    await rig.custody._submit_due()
+    assert rig.custody._submitted == {}, "what expired and was never refused is forgotten"
+
+
 async def test_a_large_clip_comes_over_in_parts_and_whole(rig: Rig) -> None:
     leaves = [bytes([number % 256]) * 32 for number in range(70_000)]
     rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves, [])
@@ -295,6 +322,7 @@ async def test_no_clip_leaves_before_the_custodian_has_followed_the_network_sinc
         assert not rig.custody.is_serving, state
         for attempt in (
             rig.custody.download(bytes(16), bytes(32), bytes(33)),
+            rig.custody.get_background(bytes(32)),
             rig.custody.serve_peer("node-2", RequestKind.CLIP, ask),
         ):
             with pytest.raises(BlockRobotError) as refusal:
@@ -308,6 +336,60 @@ async def test_no_clip_leaves_before_the_custodian_has_followed_the_network_sinc
     in_touch = False
     await rig.finalize(3)
     assert rig.custody.is_serving, "one that has followed goes on serving while it is cut off"
+    await rig.custody.stop()
+
+
+@pytest.mark.parametrize("ask_for", ["clip", "shared clip", "empty frame", "peer's part"])
+async def test_nothing_leaves_while_a_final_block_is_not_followed(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, ask_for: str
+) -> None:
+    """In that block a visit may have been denied, a record erased, an approval withdrawn."""
+    monkeypatch.setattr("node.custody.CATCH_UP_MAX_MS", 0)
+    asked: list[str] = []
+
+    async def give(*_: Any) -> ClipDownload:
+        asked.append(ask_for)
+        return ClipDownload(bytes(16), bytes(32), [], [], [])
+
+    monkeypatch.setattr("node.custody.require_grantee", lambda *_: None)
+    for name in ("download", "download_shared", "get_background"):
+        monkeypatch.setattr(rig.custodian, name, give, raising=False)
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], [], [])
+    shared = SharedRequest(bytes(16), bytes(32), bytes(32), bytes(32), with_frames=True)
+    part = encode(ClipRequest(record_id=bytes(16), offset=0))
+
+    async def ask() -> object:
+        if ask_for == "clip":
+            return await rig.custody.download(bytes(16), bytes(32), bytes(33))
+        if ask_for == "shared clip":
+            return await rig.custody.download_shared(shared, bytes(32), bytes(33))
+        if ask_for == "empty frame":
+            return await rig.custody.get_background(bytes(32))
+        return await rig.custody.serve_peer("node-2", RequestKind.CLIP, part)
+
+    for height in range(2):
+        await rig.finalize(height)
+    await rig.custody.start()
+    await rig.followed(1)
+    assert await ask()
+    held = asyncio.Event()
+    follow = rig.custodian.on_finalized_block
+
+    async def slow(events: Any) -> None:
+        await held.wait()
+        await follow(events)
+
+    monkeypatch.setattr(rig.custodian, "on_finalized_block", slow)
+    await rig.finalize(2)
+    before = len(asked)
+    with pytest.raises(BlockRobotError, match="CUSTODY_CATCHING_UP"):
+        await ask()
+    assert len(asked) == before
+    monkeypatch.setattr("node.custody.CATCH_UP_MAX_MS", 5_000)
+    waiting = asyncio.create_task(ask())
+    await asyncio.sleep(0)
+    held.set()
+    assert await waiting
     await rig.custody.stop()
 
 

@@ -13,6 +13,7 @@ from consensus.errors import BlockRobotError
 from consensus.events import Event, NoticeReceived, Started, TimerFired, WorkChanged
 from consensus.messages import CertificateNotice, Timeout
 from node.engine import Engine
+from node.quarantine import Quarantine
 from tests.virtual_time import run_virtual
 
 NOTICE = CertificateNotice(qc=QuorumCertificate(epoch=0, round=0, block_id=bytes(32), votes=()), entered_by=None)
@@ -44,6 +45,7 @@ class Stage:
         self.size_bytes = 0
         self.thread = None
         self.schedule = SimpleNamespace(producers=())
+        self.quarantine = Quarantine(lambda: 0.0)
         self.gate: threading.Event | None = None
 
     def append(self, record: bytes, kind: int = 0) -> int:

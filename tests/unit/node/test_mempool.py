@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import pytest
-from coincurve.utils import GROUP_ORDER_INT
 
 from consensus.errors import BlockRobotError
-from consensus.limits import TRANSACTION_LIFETIME_MAX_MS, TRANSACTION_SIZE_MAX_BYTES
+from consensus.limits import BLOCK_SIZE_MAX_BYTES, TRANSACTION_LIFETIME_MAX_MS, TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.encoding import encode
+from consensus.primitives.keys import GROUP_ORDER
 from consensus.transaction import TransactionWire
+from contracts.execution.standing import Account
+from node.byte_budget import ACCOUNT_BYTES_PER_S, ByteBudgets
 from node.mempool import Mempool
 from node.transaction_cache import TransactionCache
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, take_all, transaction
@@ -73,7 +77,7 @@ def test_a_signature_by_somebody_else_is_refused() -> None:
 
 def test_a_signature_with_a_high_s_is_refused() -> None:
     mine = transaction(1)
-    s = GROUP_ORDER_INT - int.from_bytes(mine.signature[32:64], "big")
+    s = GROUP_ORDER - int.from_bytes(mine.signature[32:64], "big")
     high = mine.signature[:32] + s.to_bytes(32, "big") + bytes([mine.signature[64] ^ 1])
     assert _refusal(encode(TransactionWire(body=mine.body_bytes, signature=high))) == "SIGNATURE_HIGH_S"
 
@@ -107,10 +111,24 @@ def test_one_sender_cannot_fill_the_pool() -> None:
     assert pool.admit(transaction(3, by=1).wire, NOW_MS)[1]
 
 
+def test_that_a_sender_has_too_much_waiting_is_told_to_nobody_who_did_not_sign() -> None:
+    pool = make_pool(sender_max_count=3)
+    for number in range(3):
+        pool.admit(transaction(number).wire, NOW_MS)
+    screened = pool.screen(transaction(3), NOW_MS, is_verified=False)
+    assert screened.refusal is not None
+    assert screened.refusal.code == "SENDER_LIMIT"
+
+
 def _shared(pool_fields: dict[str, int]) -> Mempool:
     """A pool in which all but sender 0 are grantees of one visit."""
     own = sender(0).public_key
-    return make_pool(account_of=lambda item: own if item.body.sender == own else b"grantees", **pool_fields)
+    return make_pool(
+        account_of=lambda item: Account(
+            own if item.body.sender == own else b"grantees", is_shared=item.body.sender != own
+        ),
+        **pool_fields,
+    )
 
 
 def test_a_visit_with_many_grantees_takes_no_more_turns_and_no_more_room_than_one_sender() -> None:
@@ -232,3 +250,176 @@ def test_a_transaction_left_out_of_enough_roomy_blocks_is_no_reason_for_another(
     assert not pool.has_work((), patience_blocks=4)
     pool.admit(transaction(2).wire, NOW_MS)
     assert pool.has_work((), patience_blocks=4)
+
+
+def test_many_keys_of_one_person_fill_the_pool_and_keep_nobody_out() -> None:
+    """She has a key for each visit, so shares by key do not hold her: who has little waiting takes the room of the rest."""
+    size = len(transaction(1).wire) + 2
+    pool = make_pool(max_bytes=100 * size)
+    for by in range(10):
+        for number in range(12):
+            with suppress(BlockRobotError):
+                pool.admit(transaction(number, by=by, contract="access", entry="request").wire, NOW_MS)
+    assert pool.size_bytes > 98 * size, "it is full"
+
+    calls = (("erasure", "request"), ("consent", "withdraw"), ("identity", "revoke"), ("records", "record"))
+    newcomers = [transaction(7, by=50 + n, contract=c, entry=e) for n, (c, e) in enumerate(calls)]
+    for newcomer in newcomers:
+        assert pool.admit(newcomer.wire, NOW_MS)[1]
+    assert pool.evicted_count >= len(calls) - 2
+    assert pool.size_bytes <= 100 * size
+    assert all(newcomer.txid in pool for newcomer in newcomers)
+    assert [item.txid for item in pool.transactions() if item.body.sender in {sender(50).public_key}], "and stay"
+
+
+def test_what_came_first_of_the_largest_account_is_lost_last() -> None:
+    size = len(transaction(1).wire) + 2
+    pool = make_pool(max_bytes=20 * size)
+    waiting = [transaction(number, by=0) for number in range(17)]
+    for item in waiting:
+        pool.admit(item.wire, NOW_MS)
+    pool.admit(transaction(0, by=1).wire, NOW_MS)
+    pool.admit(transaction(0, by=2).wire, NOW_MS)
+    assert pool.evicted_count == 1
+    assert waiting[-1].txid not in pool
+    assert waiting[0].txid in pool
+
+
+def test_nobody_takes_room_from_accounts_as_large_as_the_own() -> None:
+    size = len(transaction(1).wire) + 2
+    pool = make_pool(max_bytes=20 * size)
+    for number in range(9):
+        for by in range(2):
+            pool.admit(transaction(number, by=by).wire, NOW_MS)
+    with pytest.raises(BlockRobotError, match="MEMPOOL_FULL"):
+        pool.admit(transaction(20, by=1).wire, NOW_MS)
+    for number in range(2):
+        pool.admit(transaction(number, by=2).wire, NOW_MS)
+    with pytest.raises(BlockRobotError, match="MEMPOOL_FULL"):
+        pool.admit(transaction(2, by=2).wire, NOW_MS)
+
+
+def test_an_account_has_a_budget_of_bytes_that_time_fills_up() -> None:
+    """Also what became final counts: it is kept for a year. The wall clock, which may be put back, fills nothing."""
+    size, now = len(transaction(1).wire), {"s": 5.0}
+    pool = make_pool(byte_budgets=ByteBudgets(lambda: now["s"], bytes_per_s=size, burst_bytes=3 * size))
+    for number in range(3):
+        pool.admit(transaction(number).wire, NOW_MS)
+        pool.remove([transaction(number).txid])
+    with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
+        pool.admit(transaction(3).wire, NOW_MS + 10_000)
+    now["s"] += 0.5
+    with pytest.raises(BlockRobotError, match=r"RATE_LIMITED.* used up for 1 s"):
+        pool.admit(transaction(3).wire, NOW_MS)
+    assert pool.admit(transaction(9, by=1).wire, NOW_MS)[1]
+    now["s"] += 0.5
+    assert pool.admit(transaction(3).wire, NOW_MS)[1]
+    assert pool.admit(transaction(3).wire, NOW_MS) == (transaction(3), False)
+    with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
+        pool.admit(transaction(4).wire, NOW_MS)
+
+
+def test_what_is_refused_evicts_nothing_and_pays_nothing() -> None:
+    """The first victims were gone and the bytes paid for when it turned out that there were not enough of them."""
+    pool, large = make_pool(max_bytes=20_000), transaction(1, by=1, arguments=[bytes(4_000)])
+    number = 0
+    while pool.ordinary_bytes + 400 < 18_000:
+        pool.admit(transaction(number, by=0).wire, NOW_MS)
+        number += 1
+    assert 4 * len(large.wire) < pool.ordinary_bytes < 5 * len(large.wire), "some may go, and not enough"
+    before = (pool.transactions(), pool.evicted_count)
+    with pytest.raises(BlockRobotError, match="MEMPOOL_FULL"):
+        pool.admit(large.wire, NOW_MS)
+    assert (pool.transactions(), pool.evicted_count) == before
+    assert large.txid not in pool
+
+
+def test_what_is_evicted_and_comes_again_is_paid_once() -> None:
+    size = len(transaction(1).wire) + 2
+    budgets = ByteBudgets(lambda: 0.0, bytes_per_s=1, burst_bytes=17 * size)
+    pool = make_pool(max_bytes=20 * size, byte_budgets=budgets)
+    waiting = [transaction(number, by=0) for number in range(17)]
+    for item in waiting:
+        pool.admit(item.wire, NOW_MS)
+    for by in (1, 2):
+        pool.admit(transaction(0, by=by).wire, NOW_MS)
+    assert waiting[-1].txid not in pool
+    pool.remove([transaction(0, by=1).txid, transaction(0, by=2).txid])
+    assert pool.admit(waiting[-1].wire, NOW_MS)[1]
+    assert budgets.level(sender(0).public_key) == 17 * size - sum(len(item.wire) for item in waiting)
+
+
+def test_an_ordinary_call_takes_no_room_from_the_tenth_that_is_kept_for_rights() -> None:
+    """The pool was full, so both lanes made room, although only the ordinary one had more than its part."""
+    rights = [transaction(number, by=0, contract="erasure", entry="request") for number in range(10)]
+    rights_bytes = sum(len(item.wire) for item in rights)
+    pool = make_pool(max_bytes=10 * rights_bytes)
+    for item in rights:
+        pool.admit(item.wire, NOW_MS)
+    for number in range(120):
+        with suppress(BlockRobotError):
+            pool.admit(transaction(number, by=1 + number // 8).wire, NOW_MS)
+    for by in range(100, 140):
+        with suppress(BlockRobotError):
+            pool.admit(transaction(1, by=by).wire, NOW_MS)
+    assert pool.evicted_count > 0
+    assert all(item.txid in pool for item in rights)
+
+
+VISITS = 1_000
+"""Senders from this number on are visits' keys."""
+
+
+def _full_of_visits(entry: str = "request", contract: str = "access") -> Mempool:
+    """A pool that is full with one transaction of each of many visits."""
+    size = len(transaction(1).wire) + 2
+    visits = {sender(VISITS + number).public_key for number in range(130)}
+    pool = make_pool(
+        max_bytes=100 * size, account_of=lambda item: Account(item.body.sender, item.body.sender in visits)
+    )
+    for number in range(100):
+        with suppress(BlockRobotError):
+            pool.admit(transaction(1, by=VISITS + number, contract=contract, entry=entry).wire, NOW_MS)
+    return pool
+
+
+@pytest.mark.parametrize("flood", [("access", "request"), ("records", "transfer"), ("records", "record")])
+def test_many_visits_with_one_transaction_each_keep_nobody_out(flood: tuple[str, str]) -> None:
+    pool = _full_of_visits(flood[1], flood[0])
+    calls = (("erasure", "request"), ("consent", "withdraw"), ("records", "record"))
+    members = [
+        transaction(7 + n, by=number, contract=c, entry=e) for number in range(3) for n, (c, e) in enumerate(calls)
+    ]
+    visit = transaction(7, by=VISITS + 120, contract="erasure", entry="request")
+    for newcomer in [*members, visit]:
+        assert pool.admit(newcomer.wire, NOW_MS)[1]
+    assert all(newcomer.txid in pool for newcomer in [*members, visit])
+    for number in range(100):
+        with suppress(BlockRobotError):
+            pool.admit(transaction(2, by=VISITS + number, contract=flood[0], entry=flood[1]).wire, NOW_MS)
+    assert all(newcomer.txid in pool for newcomer in members), "visits take from each other alone"
+
+
+def test_members_that_have_as_much_waiting_lose_nothing_to_a_visit() -> None:
+    size = len(transaction(1).wire) + 2
+    pool = make_pool(
+        max_bytes=20 * size,
+        account_of=lambda item: Account(item.body.sender, is_of_visit=item.body.sender == sender(99).public_key),
+    )
+    for number in range(18):
+        pool.admit(transaction(number, by=number).wire, NOW_MS)
+    with pytest.raises(BlockRobotError, match="MEMPOOL_FULL"):
+        pool.admit(transaction(99, by=99).wire, NOW_MS)
+
+
+def test_a_member_cannot_fill_disks_with_junk() -> None:
+    """The budget of a day is less than a hundredth of what blocks could hold, and more than a robot records."""
+    day_bytes = 24 * 3600 * ACCOUNT_BYTES_PER_S
+    assert 24 * 3600 * 1024 < day_bytes < 24 * 3600 * BLOCK_SIZE_MAX_BYTES // 100
+    pool = make_pool(byte_budgets=ByteBudgets(lambda: 0.0, burst_bytes=64 * 1024))
+    junk = [transaction(number, contract="nothing", arguments=[bytes(15_900)]) for number in range(5)]
+    for each in junk[:4]:
+        pool.admit(each.wire, NOW_MS)
+        pool.remove([each.txid])
+    with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
+        pool.admit(junk[4].wire, NOW_MS)

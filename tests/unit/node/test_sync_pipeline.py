@@ -159,6 +159,21 @@ def test_a_short_gap_is_closed_once_it_has_stayed_for_a_while(missed: int) -> No
     story(missed, tell)
 
 
+def test_who_says_to_keep_a_block_is_known_without_asking_for_it() -> None:
+    async def tell(behind: Behind) -> None:
+        behind.peers = dict.fromkeys(("whole", "short", "silent"), behind.honest)
+        behind.sync.note_height("whole", 120, 0)
+        behind.sync.note_height("short", 120, 90)
+        behind.sync.note_height("silent", 120)
+        assert behind.sync.keepers(7) == ["whole"]
+        assert behind.sync.keepers(90) == ["short", "whole"]
+        assert behind.sync.keepers(121) == []
+        behind.sync.forget("whole")
+        assert behind.sync.keepers(7) == []
+
+    story(120, tell)
+
+
 def test_a_peer_that_boasts_of_a_block_is_not_asked_for_it_again_and_again() -> None:
     async def tell(behind: Behind) -> None:
         await behind.catch_up({"boaster": 6})

@@ -43,11 +43,13 @@ class WritingMachine:
     """Executes transactions that say themselves what they write: their arguments are pairs of key and value."""
 
     def build(
-        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction], **_: object
     ) -> tuple[BlockResult, list[bytes]]:
         return self.verify(parent, height, time_ms, transactions), []
 
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+    def verify(
+        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction], **_: object
+    ) -> BlockResult:
         writes: dict[bytes, bytes | None] = {}
         for item in transactions:
             writes |= dict(decode_value(item.body.args))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -34,6 +35,7 @@ from consensus.settings import Epoch, compute_epoch_hash
 from consensus.transaction import Transaction, decode_transaction
 from contracts.state.view import MemoryState
 from node.api.services import ApiServices, LedgerSnapshot, PoolStatus, SubmitResult
+from node.budget import OWN, Source
 from node.finality import FinalityFeed
 from node.interface import FinalizedLedger
 from node.storage.ledger_store import FinalizedBlock
@@ -63,7 +65,7 @@ def first_state() -> dict[bytes, bytes]:
     """A subject, a robot, one who left, officials, two visits with a record, three announcements."""
 
     def member(role: str, status: str) -> dict[str, Any]:
-        return {"role": role, "org": "ward", "since": 1, "status": status, "handle": bytes(32)}
+        return {"role": role, "org": "ward", "since": 1, "status": status, "handle": bytes([role == "robot"]) * 32}
 
     values: dict[bytes, Any] = {
         flat("identity", b"member/" + SUBJECT.public_key): member("subject", "active"),
@@ -248,14 +250,16 @@ class FakePool:
     waiting: dict[bytes, Transaction] = field(default_factory=dict)
     expired: set[bytes] = field(default_factory=set)
     submissions: list[bytes] = field(default_factory=list)
+    sources: list[Source] = field(default_factory=list)
     refuse_with: str | None = None
     finalize_at_once: bool = False
     fault: Exception | None = None
     waited_for: asyncio.Event = field(default_factory=asyncio.Event)
 
-    async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
+    async def submit(self, wires: Sequence[bytes], source: Source = OWN) -> Sequence[SubmitResult]:
         if self.fault is not None:
             raise self.fault
+        self.sources.append(source)
         results = [self._admit(wire) for wire in wires]
         if self.finalize_at_once and self.waiting:
             await self.finalize()
@@ -310,6 +314,23 @@ class FakeCustody:
     staged: dict[bytes, tuple[ClipUpload, bytes]] = field(default_factory=dict)
     backgrounds: dict[bytes, bytes] = field(default_factory=dict)
     granted: set[bytes] = field(default_factory=lambda: {ACCESS_ID})
+    refuses: str | None = None
+
+    @property
+    def admission(self) -> FakeCustody:
+        return self
+
+    @asynccontextmanager
+    async def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[None]:
+        if self.refuses is not None:
+            raise BlockRobotError(self.refuses)
+        yield
+
+    @asynccontextmanager
+    async def background(self, digest: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[None]:
+        if self.refuses is not None:
+            raise BlockRobotError(self.refuses)
+        yield
 
     async def stage(self, upload: ClipUpload, robot: bytes) -> None:
         self.staged[upload.record_id] = (upload, robot)
@@ -330,7 +351,7 @@ class FakeCustody:
             ciphertext_leaves=ciphertext_leaves(upload.ciphertexts, upload.sealed_keys),
         )
 
-    async def put_background(self, digest: bytes, content: bytes) -> None:
+    async def put_background(self, digest: bytes, content: bytes, robot: bytes) -> None:
         self.backgrounds[digest] = content
 
     async def get_background(self, digest: bytes) -> bytes | None:
@@ -345,6 +366,7 @@ def make_upload() -> ClipUpload:
         ciphertexts=[bytes(100), bytes(101)],
         sealed_keys=[bytes(80), bytes(80)],
         commitment_leaves=[bytes(32), bytes(32)],
+        owner=OWNER.public_key,
     )
 
 

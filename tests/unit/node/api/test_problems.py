@@ -9,12 +9,15 @@ from typing import Any
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
-from consensus.errors import CATALOGUE
+from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.session import sign_session
 from node.api import create_api, rate_limit
-from node.api.rate_limit import RateLimiter
-from tests.unit.node.api.small_network import ROBOT, SUBJECT, ManualClock, SmallNode
+from node.api.rate_limit import RateLimiter, source_of
+from node.api.sessions import Session
+from node.budget import Allowance
+from node.costs import ROUTE_DEFAULT_US
+from tests.unit.node.api.small_network import OWNER, ROBOT, SUBJECT, SmallNode
 
 
 async def test_a_refusal_has_every_member_of_a_problem_document(api: Any) -> None:
@@ -92,9 +95,8 @@ async def test_a_body_of_unstated_length_is_cut_off_at_the_limit(api: Any) -> No
 
 
 async def test_a_clip_of_the_largest_size_passes_the_limit_of_bodies(api: Any, open_session: Any) -> None:
-    answer = await api.put(
-        f"/v1/clips/{'00' * 16}", data=io.BytesIO(bytes(CLIP_SIZE_MAX_BYTES)), headers=await open_session(ROBOT)
-    )
+    path, content = f"/v1/clips/{'00' * 16}?owner={'00' * 33}", io.BytesIO(bytes(CLIP_SIZE_MAX_BYTES))
+    answer = await api.put(path, data=content, headers=await open_session(ROBOT))
     assert (await answer.json())["code"] == "ENCODING_INVALID"
 
 
@@ -111,36 +113,82 @@ async def test_a_node_without_a_custodian_sends_the_caller_elsewhere(node: Small
 
 
 async def test_callers_without_a_session_are_slowed_down(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rate_limit, "LOOPBACK_BURST_COUNT", 2.0)
+    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * ROUTE_DEFAULT_US))
     assert [(await api.get("/v1/genesis")).status for _ in range(3)] == [200, 200, 429]
     answer = await api.get("/v1/finality", headers={"Authorization": f"Bearer {'00' * 32}"})
-    assert (answer.status, answer.headers["Retry-After"]) == (429, "1")
+    assert (answer.status, answer.headers["Retry-After"]) == (429, "60")
 
 
 async def test_a_session_is_not_slowed_down_with_strangers(
     api: Any, open_session: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     headers = await open_session(SUBJECT)
-    monkeypatch.setattr(rate_limit, "LOOPBACK_BURST_COUNT", 0.0)
+    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 0))
     assert (await api.get("/v1/genesis")).status == 429
     assert (await api.get("/v1/finality", headers=headers)).status == 200
 
 
 def test_a_bucket_fills_again_and_addresses_do_not_share_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rate_limit, "REQUESTS_BURST_COUNT", 1.0)
-    clock = ManualClock()
-    limiter = RateLimiter(clock)
-    limiter.take("192.0.2.1")
-    limiter.take("192.0.2.2")
-    with pytest.raises(Exception, match="RATE_LIMITED"):
-        limiter.take("192.0.2.1")
-    clock.time_ms += 50
-    limiter.take("192.0.2.1")
+    monkeypatch.setattr(rate_limit, "ADDRESS_ALLOWANCE", Allowance(20 * ROUTE_DEFAULT_US, ROUTE_DEFAULT_US))
+    now, over = {"s": 0.0}, []
+    limiter = RateLimiter(lambda source, _error: over.append(source), lambda: now["s"])
+    first, second = source_of("192.0.2.1", None), source_of("192.0.2.2", None)
+    limiter.take(first)
+    limiter.take(second)
+    with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
+        limiter.take(first)
+    assert over == ["address 192.0.2.1"]
+    now["s"] += 0.05
+    limiter.take(first)
+
+
+def test_a_session_behind_a_loud_address_has_a_budget_of_its_own() -> None:
+    limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
+    loud = source_of("192.0.2.1", None)
+    for _ in range(100):
+        limiter.take(loud)
+    with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
+        limiter.take(loud)
+    limiter.take(source_of("192.0.2.1", Session(SUBJECT.public_key, "member", frozenset(), 0)))
+
+
+def test_the_keys_of_visits_at_one_address_share_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rate_limit, "VISIT_KEYS_ALLOWANCE", Allowance(1, 10 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(rate_limit, "VISIT_KEY_ALLOWANCE", Allowance(1, 0))
+    limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
+    keys = [OWNER.public_key, *(bytes([2, number]) + bytes(31) for number in range(10))]
+    for key in keys[:10]:
+        limiter.take(source_of("192.0.2.1", Session(key, "owner", frozenset(), 0)))
+    with pytest.raises(BlockRobotError, match=r"visit keys at 192\.0\.2\.1"):
+        limiter.take(source_of("192.0.2.1", Session(keys[10], "owner", frozenset(), 0)))
+    limiter.take(source_of("192.0.2.2", Session(keys[10], "owner", frozenset(), 0)))
+    limiter.take(source_of("192.0.2.1", Session(SUBJECT.public_key, "member", frozenset(), 0)))
+
+
+def test_a_visit_that_floods_keeps_no_other_at_its_address_from_asking(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All patients of a hospital may stand behind one address, and one of them used up what all of them had."""
+    monkeypatch.setattr(rate_limit, "VISIT_KEYS_ALLOWANCE", Allowance(1, 100 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(rate_limit, "VISIT_KEY_ALLOWANCE", Allowance(1, 5 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(rate_limit, "VISIT_KEYS_RESERVE", Allowance(1, 20 * ROUTE_DEFAULT_US))
+    limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
+
+    def ask(number: int) -> int:
+        """Ask until it is refused; return how often it was not."""
+        source = source_of("192.0.2.1", Session(bytes([2, number]) + bytes(31), "owner", frozenset(), 0))
+        for count in range(1_000):
+            try:
+                limiter.take(source)
+            except BlockRobotError:
+                return count
+        raise AssertionError("there is no bound")
+
+    assert ask(0) == 105
+    assert [ask(number) for number in range(1, 6)] == [5, 5, 5, 0, 0], "many of them have the reserve, and no more"
 
 
 def test_the_table_of_buckets_stays_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rate_limit, "ADDRESSES_MAX_COUNT", 3)
-    limiter = RateLimiter(ManualClock())
+    monkeypatch.setattr(rate_limit, "SOURCES_MAX_COUNT", 3)
+    limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
     for number in range(10):
-        limiter.take(f"192.0.2.{number}")
-    assert len(limiter._buckets) == 3
+        limiter.take(source_of(f"192.0.2.{number}", None))
+    assert len(limiter) == 3

@@ -216,7 +216,8 @@ async def test_a_clip_goes_from_its_robot_to_its_owner(api: Any, node: SmallNode
     upload = make_upload()
     check_clip_upload(upload)
     path = f"/v1/clips/{RECORD_ID.hex()}"
-    answer = await api.put(path, data=encode(upload), headers=await open_session(ROBOT))
+    put = f"{path}?owner={upload.owner.hex()}"
+    answer = await api.put(put, data=encode(upload), headers=await open_session(ROBOT))
     assert await answer.json() == {"record_id": RECORD_ID.hex(), "status": "staged"}
     assert node.custody.staged[RECORD_ID] == (upload, ROBOT.public_key)
     answer = await api.get(f"{path}?access_id={ACCESS_ID.hex()}", headers=await open_session(OWNER))
@@ -245,11 +246,30 @@ async def test_a_clip_of_a_record_that_is_not_on_the_chain_is_not_found(api: Any
 
 
 async def test_an_upload_under_another_records_address_is_refused(api: Any, node: SmallNode, open_session: Any) -> None:
-    answer = await api.put(
-        f"/v1/clips/{bytes(16).hex()}", data=encode(make_upload()), headers=await open_session(ROBOT)
-    )
-    assert (answer.status, (await answer.json())["code"]) == (400, "UPLOAD_INVALID")
+    upload = make_upload()
+    for record_id, owner in ((bytes(16), upload.owner), (RECORD_ID, OTHER_OWNER.public_key)):
+        path = f"/v1/clips/{record_id.hex()}?owner={owner.hex()}"
+        answer = await api.put(path, data=encode(upload), headers=await open_session(ROBOT))
+        assert (answer.status, (await answer.json())["code"]) == (400, "UPLOAD_INVALID")
     assert node.custody.staged == {}
+
+
+@pytest.mark.parametrize("path", [f"/v1/clips/{'00' * 16}?owner={'00' * 33}", f"/v1/backgrounds/{'00' * 32}"])
+async def test_an_upload_that_is_refused_by_what_stands_before_its_body_is_not_read(
+    api: Any, node: SmallNode, open_session: Any, path: str
+) -> None:
+    headers = await open_session(ROBOT) | {"Content-Type": "application/octet-stream"}
+    answered = asyncio.Event()
+
+    async def body() -> Any:
+        yield bytes(1024)
+        await answered.wait()
+
+    node.custody.refuses = "UPLOAD_QUOTA_EXCEEDED"
+    async with asyncio.timeout(10):  # whoever read the body would wait for the rest of it
+        answer = await api.put(path, data=body(), headers=headers)
+    answered.set()
+    assert (answer.status, (await answer.json())["code"]) == (429, "UPLOAD_QUOTA_EXCEEDED")
 
 
 async def test_an_empty_frame_is_stored_under_its_hash_only(api: Any, open_session: Any) -> None:

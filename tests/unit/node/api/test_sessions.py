@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from consensus.primitives.encoding import encode_value
+from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.session import sign_session
 from node.api import challenges, sessions
@@ -154,3 +155,24 @@ async def test_a_key_is_slowed_down_alone(api: Any, node: SmallNode, monkeypatch
 async def test_a_public_key_that_is_no_point_gets_no_challenge(api: Any) -> None:
     answer = await api.post("/v1/session-challenges", json={"public_key": "05" + "11" * 32})
     assert (answer.status, (await answer.json())["code"]) == (400, "KEY_INVALID")
+
+
+async def test_many_keys_of_one_person_close_no_session_of_another(
+    api: Any, node: SmallNode, open_session: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """She has a key for each visit, and one session for each: members with two looked like the largest."""
+    monkeypatch.setattr(sessions, "SESSIONS_MAX_COUNT", 8)
+    visits = [PrivateKey(sha256(b"visit %d" % number)) for number in range(20)]
+    opened = encode_value({"robot": ROBOT.public_key, "status": "open"})
+    await node.ledger.extend(writes={flat("records", b"visit/" + key.public_key): opened for key in visits})
+    members = [await open_session(key) for key in (SUBJECT, SUBJECT, ROBOT, ROBOT)]
+    own = [await open_session(key) for key in visits]
+
+    async def alive(headers: list[dict[str, str]]) -> list[bool]:
+        return [(await api.get("/v1/finality", headers=one)).status == 200 for one in headers]
+
+    assert await alive(members) == [True] * 4
+    assert await alive(own) == [False] * 16 + [True] * 4
+    robots = [await open_session(ROBOT) for _ in range(4)]
+    assert await alive(own[-4:]) == [True] * 4, "a member who has most loses his own"
+    assert await alive(members[:2] + robots[-2:]) == [True] * 4

@@ -24,6 +24,8 @@ from contracts.vm.faults import VM_CODES
 from node.api import create_api, rate_limit, server
 from node.api.refusal_meanings import MACHINE_MEANINGS, explain_refusal
 from node.api.services import RoundPlace
+from node.budget import Allowance
+from node.costs import ROUTE_DEFAULT_US
 from node.interface import DecodedSnapshot
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerSnapshot
@@ -243,8 +245,7 @@ def test_a_block_that_is_damaged_on_the_medium_is_said_to_be() -> None:
 async def test_strangers_who_ask_too_much_are_slowed_down_at_every_route_of_the_explorer(
     public: Public, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rate_limit, "LOOPBACK_BURST_COUNT", 1.0)
-    monkeypatch.setattr(rate_limit, "LOOPBACK_REQUESTS_PER_SECOND", 0.0)
+    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, ROUTE_DEFAULT_US))
     for path in ("/explorer/", "/explorer/api.js", "/explorer/shared/dom.js", "/v1/explorer/status"):
         application = create_api(public.node.services)
         async with TestClient(TestServer(application)) as client:
@@ -256,7 +257,7 @@ async def test_a_member_is_not_slowed_down_with_the_strangers_of_her_address(
     public: Public, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tokens = [await session_of(public, key) for key in (SUBJECT, OWNER)]
-    monkeypatch.setattr(rate_limit, "LOOPBACK_BURST_COUNT", 0.0)
+    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 0))
     codes = [
         (await public.client.get("/v1/explorer/status", headers={"Authorization": f"Bearer {token}"})).status
         for token in (*tokens, "00" * 32)

@@ -16,6 +16,7 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import encode_value
 from network.authority import Authority, create_authority, issue_node_certificate
+from node.budget import Source
 from node.config import NodeConfig
 from node.directory import Directory, content_of_genesis
 from node.p2p.network import PeerNetwork, bind_listener, wall_now_ms
@@ -79,6 +80,7 @@ class Listener:
         self.connected: set[str] = set()
         self.frames: list[tuple[str, FrameKind, bytes]] = []
         self.links_made: list[str] = []
+        self.over: list[str] = []
         self._changed = asyncio.Condition()
 
     def finalized_height(self) -> int:
@@ -97,6 +99,9 @@ class Listener:
 
     async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         return body
+
+    def note_over(self, source: Source, _wait_s: float) -> None:
+        self.over.append(str(source))
 
 
 async def eventually(condition: Callable[[], bool]) -> None:

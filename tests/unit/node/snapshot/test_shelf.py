@@ -53,6 +53,24 @@ async def test_a_snapshot_whose_next_block_was_pruned_is_made_anew(peers: Peers)
     assert read_manifest(data).height == 30
 
 
+async def test_after_pruning_there_is_a_snapshot_from_which_blocks_lead_on_and_no_older_one(peers: Peers) -> None:
+    """What was erased since would stand in an old one still."""
+    await peers.start("b", blocks=10)
+    shelf, store = peers.shelves["b"], peers.stores["b"]
+    shelf.begin(store.snapshot())
+    await shelf.stop()
+    for _ in range(20):
+        peers.chain.extend()
+    await peers.chain.fill(store)
+    shelf.note_pruned(await store.prune(11, header_of_block))
+    await shelf.stop()
+    assert sorted(shelf._known) == [10]
+    shelf.note_pruned(await store.prune(12, header_of_block))
+    await shelf.stop()
+    assert sorted(shelf._known) == [30]
+    assert [path.name for path in (peers.folder / "b").iterdir()] == ["000000000030"]
+
+
 async def test_peers_cannot_keep_a_node_busy_making_snapshots(peers: Peers) -> None:
     """Each asks for one above the block before the newest, again and again, while the chain goes on."""
     await peers.start("b", blocks=10)

@@ -1,0 +1,73 @@
+"""Free space that uploads may not use: a node has to vote, erase and prune. Must never hinder what frees space.
+
+What is on its way holds room above that. Whoever holds some already may hold half of it together with more, no more:
+the other half is for others.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
+from consensus.upload_quotas import MIB_BYTES
+
+RESERVE_DEFAULT_MIB = 1_024
+
+
+class DiskReserve:
+    """The free space of the disk that holds a folder, and how much of it is kept back. 0: nothing."""
+
+    def __init__(self, folder: Path, reserve_mib: int) -> None:
+        self._folder = folder
+        self._held: Counter[bytes] = Counter()
+        self.reserve_bytes = reserve_mib * MIB_BYTES
+
+    @property
+    def free_bytes(self) -> int:
+        """What this process may still write, as the file system says."""
+        found = os.statvfs(self._folder)
+        return found.f_bavail * found.f_frsize
+
+    @property
+    def is_reached(self) -> bool:
+        """Tell whether there is less than the reserve."""
+        return self.free_bytes < self.reserve_bytes
+
+    def has_room(self, size_bytes: int) -> bool:
+        """Tell whether so many bytes fit, beside those that are held, without using the reserve."""
+        return not self.reserve_bytes or self.free_bytes - self._held.total() - size_bytes >= self.reserve_bytes
+
+    @contextmanager
+    def hold(self, owner: bytes, size_bytes: int) -> Iterator[None]:
+        """Hold room for so many bytes of one owner that are still on their way. Raises DISK_RESERVE_REACHED."""
+        self._require_share(owner, size_bytes)
+        self.require(size_bytes)
+        self._held[owner] += size_bytes
+        try:
+            yield
+        finally:
+            self._held[owner] -= size_bytes
+            if not self._held[owner]:
+                del self._held[owner]
+
+    def _require_share(self, owner: bytes, size_bytes: int) -> None:
+        own_bytes = self._held[owner]
+        room_bytes = self.free_bytes - self.reserve_bytes
+        if self.reserve_bytes and own_bytes and 2 * (own_bytes + size_bytes) > room_bytes:
+            detail = (
+                f"Uploads of one robot on their way may take half of the {room_bytes // MIB_BYTES} MiB that are left."
+            )
+            raise BlockRobotError("DISK_RESERVE_REACHED", detail, retry_after_s=60)
+
+    def require(self, size_bytes: int = 0) -> None:
+        """Refuse to take so many bytes if they would use the reserve. Raises DISK_RESERVE_REACHED."""
+        if not self.has_room(size_bytes):
+            free_mib, reserve_mib = self.free_bytes // MIB_BYTES, self.reserve_bytes // MIB_BYTES
+            held_mib = self._held.total() // MIB_BYTES
+            held = f", {held_mib} MiB of it for uploads on their way" if held_mib else ""
+            detail = f"{free_mib} MiB are free{held}, and {reserve_mib} MiB are kept back."
+            raise BlockRobotError("DISK_RESERVE_REACHED", detail, retry_after_s=60)

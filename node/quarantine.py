@@ -1,0 +1,191 @@
+"""What could not be executed here, or was lost with a proposal: left out of own blocks for a while. Must never decide a
+result: it says what this node proposes and votes for, and everybody may differ in it.
+
+Each failure doubles the reasons for doubt: the first keeps a transaction out of a few blocks, the third for as long as it
+may live. So a transaction that only met a worker's end by chance is hardly delayed.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import structlog
+
+from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+
+PAUSES_MS = (10_000, 60_000, TRANSACTION_LIFETIME_MAX_MS)
+"""How long a transaction is left out after its first, second and each further failure: longer than a new worker takes."""
+LOST_PAUSES_MS = (5_000, 20_000, 60_000)
+"""The same after own blocks that were not certified: mostly it was another transaction's doing, or a slow network's."""
+HELD_MAX_COUNT = 4_096
+CHANGES_MAX_COUNT = 64
+FAILING_BLOCKS_MAX_COUNT = 64
+REASON_MAX_CHARS = 200
+
+Change = tuple[str, int]
+
+log = structlog.get_logger(__name__)
+
+
+@dataclass(slots=True)
+class _Doubt:
+    """`failures_count` counts what happened here, `losses_count` own blocks that were lost with it."""
+
+    failures_count: int = 0
+    losses_count: int = 0
+    until_s: float = 0.0
+
+
+@dataclass(slots=True)
+class _Failing:
+    height: int
+    attempts_count: int = 0
+    certified: bool = False
+
+
+class Quarantine:
+    """The node's memory of failed executions. Any thread may ask and tell; `stopwatch` gives seconds that only grow."""
+
+    def __init__(self, stopwatch: Callable[[], float]) -> None:
+        self._stopwatch = stopwatch
+        self._lock = threading.Lock()
+        self._doubts: OrderedDict[bytes, _Doubt] = OrderedDict()
+        self._changes: OrderedDict[Change, float] = OrderedDict()
+        self._blocks: OrderedDict[bytes, _Failing] = OrderedDict()
+        self.failures_count = 0
+        self.last_failure = ""
+
+    # Transactions
+
+    def note_failure(self, txid: bytes, reason: str) -> None:
+        """The execution of this transaction failed here, for want of memory or time or for a fault of the interpreter."""
+        with self._lock:
+            doubt = self._doubt(txid)
+            doubt.failures_count += 1
+            self._hold(doubt, PAUSES_MS, doubt.failures_count)
+        self._note_reason(reason)
+        log.error("transaction_quarantined", txid=txid.hex(), failures=doubt.failures_count, reason=self.last_failure)
+
+    def note_lost(self, txids: Iterable[bytes]) -> None:
+        """A block of this node's own that held these was not certified: others may have failed on one of them."""
+        with self._lock:
+            for txid in txids:
+                doubt = self._doubt(txid)
+                doubt.losses_count += 1
+                self._hold(doubt, LOST_PAUSES_MS, doubt.losses_count)
+
+    def _doubt(self, txid: bytes) -> _Doubt:
+        doubt = self._doubts.pop(txid, None) or _Doubt()
+        self._doubts[txid] = doubt
+        while len(self._doubts) > HELD_MAX_COUNT:
+            self._doubts.popitem(last=False)
+        return doubt
+
+    def _hold(self, doubt: _Doubt, pauses_ms: tuple[int, ...], count: int) -> None:
+        until_s = self._stopwatch() + pauses_ms[min(count, len(pauses_ms)) - 1] / 1000
+        doubt.until_s = max(doubt.until_s, until_s)
+
+    def held(self) -> frozenset[bytes]:
+        """Return the txids that this node proposes in no block now."""
+        with self._lock:
+            if not self._doubts:
+                return frozenset()
+            now_s, lifetime_s = self._stopwatch(), TRANSACTION_LIFETIME_MAX_MS / 1000
+            for txid in [txid for txid, doubt in self._doubts.items() if doubt.until_s + lifetime_s < now_s]:
+                del self._doubts[txid]
+            return frozenset(txid for txid, doubt in self._doubts.items() if doubt.until_s > now_s)
+
+    def find_failing(self, txids: Iterable[bytes]) -> bytes | None:
+        """Return the first of these on which the execution failed here not long ago."""
+        with self._lock:
+            if not self._doubts:
+                return None
+            now_s = self._stopwatch()
+            for txid in txids:
+                doubt = self._doubts.get(txid)
+                if doubt is not None and doubt.failures_count and doubt.until_s > now_s:
+                    return txid
+            return None
+
+    # Changes of contracts
+
+    @property
+    def has_failed_changes(self) -> bool:
+        """Tell whether any change failed here: mostly there is nothing to look up."""
+        return bool(self._changes)
+
+    def note_change(self, change: Change, reason: str) -> None:
+        """This version of a contract could not be put into force here."""
+        with self._lock:
+            self._changes[change] = self._stopwatch() + TRANSACTION_LIFETIME_MAX_MS / 1000
+            while len(self._changes) > CHANGES_MAX_COUNT:
+                self._changes.popitem(last=False)
+        self._note_reason(reason)
+        log.error("change_failed_here", contract=change[0], version=change[1], reason=self.last_failure)
+
+    def has_failed(self, change: Change) -> bool:
+        """Tell whether this version could not be put into force here, not long ago."""
+        with self._lock:
+            return self._changes.get(change, 0.0) > self._stopwatch()
+
+    # Blocks that others could execute
+
+    def note_block(self, block_id: bytes, height: int, reason: str, *, certified: bool) -> None:
+        """A block could not be executed here: next time it may take more."""
+        with self._lock:
+            failing = self._blocks.pop(block_id, None) or _Failing(height)
+            failing.attempts_count += 1
+            failing.certified = failing.certified or certified
+            self._blocks[block_id] = failing
+            while len(self._blocks) > FAILING_BLOCKS_MAX_COUNT:
+                self._blocks.popitem(last=False)
+        self._note_reason(reason)
+
+    def forget_block(self, block_id: bytes) -> None:
+        """The block was executed after all."""
+        with self._lock:
+            self._blocks.pop(block_id, None)
+
+    def failures_of(self, block_id: bytes) -> int:
+        """Return how often a block could not be executed here."""
+        with self._lock:
+            failing = self._blocks.get(block_id)
+            return 0 if failing is None else failing.attempts_count
+
+    def forget_up_to(self, height: int) -> None:
+        """Everything up to this height is stored: nothing of it needs to be executed any more."""
+        with self._lock:
+            for block_id in [block_id for block_id, one in self._blocks.items() if one.height <= height]:
+                del self._blocks[block_id]
+
+    def _note_reason(self, reason: str) -> None:
+        self.failures_count += 1
+        shown = (character if character.isascii() and character.isprintable() else "?" for character in reason)
+        self.last_failure = "".join(shown)[:REASON_MAX_CHARS]
+
+    def gauges(self) -> dict[str, tuple[str, Callable[[], float]]]:
+        """Return what the node's metrics show."""
+        return {
+            "blockrobot_execution_failures_total": (
+                "Executions that failed since the start.",
+                lambda: self.failures_count,
+            ),
+            "blockrobot_transactions_held": ("Transactions held back from own blocks.", lambda: len(self.held())),
+        }
+
+    def describe(self) -> dict[str, Any]:
+        """Return what is held and what fails, ready for JSON. `stuck`: the lowest block that others could execute."""
+        held = len(self.held())
+        with self._lock:
+            certified = [failing for failing in self._blocks.values() if failing.certified]
+            stuck = min(certified, key=lambda failing: failing.height, default=None)
+        return {
+            "held": held,
+            "failures": self.failures_count,
+            "last_failure": self.last_failure,
+            "stuck": None if stuck is None else {"height": stuck.height, "attempts": stuck.attempts_count},
+        }

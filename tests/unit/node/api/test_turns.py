@@ -1,0 +1,53 @@
+"""Requests begin in turns: whoever has too many waiting is refused, and the others' go on."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from node.api.rate_limit import TURN_MAX_US, WAITING_MAX_COUNT, WAITING_OF_SOURCE_MAX_COUNT, Turns
+from node.budget import Source
+
+
+async def test_a_visit_that_floods_takes_not_all_places_and_turns_of_its_address() -> None:
+    turns = Turns(lambda _who, _error: None)
+    loud, quiet = (Source("visit_keys", "192.0.2.1", part) for part in ("loud", "quiet"))
+    served: list[str] = []
+
+    async def ask(source: Source, name: str) -> None:
+        await turns.wait(source, TURN_MAX_US)
+        served.append(name)
+
+    first = asyncio.ensure_future(ask(loud, "first"))
+    flood = [asyncio.ensure_future(ask(loud, "loud")) for _ in range(WAITING_OF_SOURCE_MAX_COUNT)]
+    late = [asyncio.ensure_future(ask(quiet, "quiet")) for _ in range(3)]
+    more = asyncio.ensure_future(ask(loud, "loud"))
+    async with asyncio.timeout(10):
+        results = await asyncio.gather(first, *flood, *late, more, return_exceptions=True)
+    refused = [place for place, result in enumerate(results) if isinstance(result, BlockRobotError)]
+    assert refused == [*range(len(flood) - 2, len(flood) + 1), len(results) - 1], "the newest of the loud one"
+    assert served[:7].count("quiet") == 3
+    await turns.wait(quiet, 1)
+
+
+async def test_a_refusal_where_all_places_are_taken_stops_nobody() -> None:
+    named: list[str] = []
+    turns = Turns(lambda who, _error: named.append(who))
+    sources = [Source("session", str(number)) for number in range(WAITING_MAX_COUNT // WAITING_OF_SOURCE_MAX_COUNT)]
+    first = asyncio.ensure_future(turns.wait(sources[0], TURN_MAX_US))  # it takes the turn, so that all others wait
+    waiting = [
+        asyncio.ensure_future(turns.wait(source, TURN_MAX_US))
+        for source in sources
+        for _ in range(WAITING_OF_SOURCE_MAX_COUNT)
+    ]
+
+    async def late() -> None:
+        with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
+            await turns.wait(Source("session", "late"), 1)
+
+    async with asyncio.timeout(10):
+        await asyncio.gather(late(), first, *waiting)
+    await turns.wait(Source("session", "late"), 1)
+    assert named == ["session late"]

@@ -1,0 +1,177 @@
+"""A peer that floods: it is read no faster than it may speak, and cut off for what no honest node sends."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+
+from consensus.errors import BlockRobotError
+from node.budget import Allowance
+from node.costs import bytes_cost_us
+from node.p2p import network as links
+from node.p2p.network import PeerNetwork
+from node.p2p.penalties import FORGOTTEN_AFTER_MS, PAUSE_FIRST_MS, PAUSE_MAX_MS, Penalties, monotonic_ms
+from node.p2p.wire import FrameKind, RequestKind, encode_request
+from tests.unit.node.p2p.linked_nodes import LinkedNodes, eventually
+
+LIE = BlockRobotError("SIGNATURE_INVALID")
+
+
+@pytest_asyncio.fixture
+async def crowd(tmp_path: Path) -> AsyncIterator[LinkedNodes]:
+    crowd = LinkedNodes(tmp_path)
+    yield crowd
+    await crowd.close()
+
+
+class Clock:
+    """A clock that goes when it is told to."""
+
+    now_ms = 0
+
+    def __call__(self) -> int:
+        return self.now_ms
+
+
+def test_each_pause_is_twice_as_long_as_the_one_before_up_to_a_limit() -> None:
+    clock, pauses = Clock(), []
+    penalties = Penalties(clock)
+    for wall_ms in range(0, 12_000, 1_000):
+        penalties.punish("b", LIE)
+        (row,) = penalties.describe(wall_ms)
+        pauses.append(row["until_ms"] - wall_ms)
+        clock.now_ms += pauses[-1]
+    assert pauses[:3] == [PAUSE_FIRST_MS, 2 * PAUSE_FIRST_MS, 4 * PAUSE_FIRST_MS]
+    assert pauses[-1] == PAUSE_MAX_MS
+    assert penalties.describe(0)[0]["count"] == 12
+
+
+def test_what_still_arrives_in_a_pause_makes_it_no_longer_and_a_long_time_forgives() -> None:
+    clock = Clock()
+    penalties = Penalties(clock)
+    penalties.punish("b", LIE)
+    clock.now_ms = 10
+    penalties.punish("b", LIE)
+    assert penalties.describe(0)[0]["count"] == 1
+    clock.now_ms = PAUSE_FIRST_MS - 1
+    with pytest.raises(BlockRobotError, match="PEER_CUT_OFF"):
+        penalties.require_none("b")
+    clock.now_ms = PAUSE_FIRST_MS
+    penalties.require_none("b")
+    penalties.require_none("c")
+    clock.now_ms = late_ms = PAUSE_FIRST_MS + FORGOTTEN_AFTER_MS + 1
+    assert penalties.describe(0) == []
+    penalties.punish("b", LIE)
+    clock.now_ms = late_ms + PAUSE_FIRST_MS - 1
+    assert penalties.is_paused("b")
+    clock.now_ms += 1
+    assert not penalties.is_paused("b")
+
+
+def let_pauses_pass(node: PeerNetwork) -> None:
+    node._penalties.clock_ms = lambda: monotonic_ms() + PAUSE_FIRST_MS + 1
+
+
+async def _linked(crowd: LinkedNodes) -> tuple[PeerNetwork, PeerNetwork]:
+    await crowd.start({"a": "hospital", "b": "hospital"})
+    first, second = crowd.nodes["a"].links, crowd.nodes["b"].links
+    await eventually(lambda: first.connected == ["b"] and second.connected == ["a"])
+    return first, second
+
+
+async def test_a_peer_that_breaks_the_framing_is_cut_off_named_and_told_why(crowd: LinkedNodes) -> None:
+    first, second = await _linked(crowd)
+    second._peers["a"].transport.write(b"\x00\x00\x00\x05\x63oops")
+    await eventually(lambda: first.connected == [])
+    (row,) = first.describe()["cut_off_peers"]
+    assert (row["peer"], row["code"], row["count"]) == ("b", "PEER_MESSAGE_INVALID", 1)
+    assert not first._may_dial("b")
+    crowd.nodes["a"].clock_offset_ms += PAUSE_FIRST_MS + 1
+    assert not first._may_dial("b"), "setting the machine's clock ends no pause"
+    let_pauses_pass(first)
+    await eventually(lambda: first.connected == ["b"])
+
+
+async def test_a_node_that_is_cut_off_cannot_come_back_by_dialling_until_its_pause_is_over(crowd: LinkedNodes) -> None:
+    first, second = await _linked(crowd)
+    second.cut_off("a", LIE)
+    await eventually(lambda: crowd.nodes["a"].refused_by().get("b") == "PEER_CUT_OFF")
+    assert first.connected == second.connected == []
+    let_pauses_pass(second)
+    await eventually(lambda: second.connected == ["a"])
+
+
+async def test_a_loud_peer_is_held_up_and_named_while_all_it_says_arrives_in_order(
+    crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links, "CONSENSUS_ALLOWANCE", Allowance(us_per_s=150_000, burst_us=15_000))
+    first, second = await _linked(crowd)
+    heard = crowd.nodes["a"].heard.frames
+    for number in range(400):
+        second.broadcast(FrameKind.VOTE, number.to_bytes(4))
+    await eventually(lambda: bool(crowd.nodes["a"].heard.over))
+    assert len(heard) < 400
+    await eventually(lambda: len(heard) == 400)
+    assert [payload for _, _, payload in heard] == [number.to_bytes(4) for number in range(400)]
+    assert first.connected == ["b"]
+
+
+async def test_a_peer_with_more_open_requests_than_an_honest_one_has_is_refused_pays_and_is_named(
+    crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, second = await _linked(crowd)
+    done = asyncio.Event()
+
+    async def slow(_peer: str, _kind: RequestKind, body: bytes) -> bytes:
+        await done.wait()
+        return body
+
+    monkeypatch.setattr(crowd.nodes["a"].heard, "peer_request", slow)
+    asked = [asyncio.create_task(second.request("a", RequestKind.CLIP, b"x", 60_000)) for _ in range(9)]
+    with pytest.raises(BlockRobotError, match="PEER_UNAVAILABLE"):
+        await asked[8]
+    done.set()
+    assert await asyncio.gather(*asked[:8]) == [b"x"] * 8
+    assert set(crowd.nodes["a"].heard.over) == {"peer b"}
+
+
+async def test_a_stream_of_answers_that_nobody_asked_for_holds_up_who_sends_it(
+    crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links, "LINK_ALLOWANCE", Allowance(us_per_s=60_000, burst_us=bytes_cost_us(6 * 1024 * 1024)))
+    _, second = await _linked(crowd)
+    for _ in range(2):
+        second.broadcast(FrameKind.RESPONSE, encode_request(7, 0, bytes(1024 * 1024)))
+    await eventually(lambda: set(crowd.nodes["a"].heard.over) == {"peer b"})
+
+
+async def test_an_address_that_only_shakes_hands_gets_no_more_of_them_than_its_budget(
+    crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links, "HANDSHAKE_ALLOWANCE", Allowance(us_per_s=1, burst_us=0))
+    await crowd.start({"a": "hospital", "b": "hospital"})
+    assert crowd.nodes["b"].links.connected == []
+    reader, writer = await asyncio.open_connection("127.0.0.1", crowd.ports["b"])
+    assert await reader.read() == b""
+    writer.close()
+    assert set(crowd.nodes["b"].heard.over) == {"loopback 127.0.0.1"}
+
+
+async def test_an_address_that_begins_handshakes_and_ends_none_leaves_room_for_others(
+    crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links, "HANDSHAKES_OF_ADDRESS_MAX_COUNT", 3)
+    await _linked(crowd)
+    port = crowd.ports["a"]
+    silent = [await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.2", 0)) for _ in range(4)]
+    assert await silent[3][0].read() == b""
+    assert set(crowd.nodes["a"].heard.over) == {"loopback 127.0.0.2"}
+    reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.3", 0))
+    with pytest.raises(TimeoutError):  # it is let in, and waited for
+        await asyncio.wait_for(reader.read(), 0.2)
+    for one in (writer, *(writer for _, writer in silent)):
+        one.close()

@@ -1,0 +1,81 @@
+"""Budgets of work: they fill with time, hold no more than a burst, and one source's debt is nobody else's."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from node.budget import Allowance, Budgets, over_budget
+
+ALLOWANCE = Allowance(us_per_s=1_000, burst_us=5_000)
+
+
+class _Clock:
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def _budgets(clock: _Clock, max_count: int = 10) -> Budgets[str]:
+    return Budgets(lambda _source: ALLOWANCE, clock, max_count)
+
+
+def test_a_burst_is_there_at_once_and_then_work_goes_on_at_the_steady_rate() -> None:
+    clock = _Clock()
+    budgets = _budgets(clock)
+    assert budgets.take("a", 5_000)
+    assert not budgets.take("a", 100)
+    assert budgets.wait_s("a", 100) == 0.1
+    clock.now_s = 0.1
+    assert budgets.take("a", 100)
+
+
+def test_one_sources_debt_is_no_other_ones() -> None:
+    budgets = _budgets(_Clock())
+    budgets.charge("a", 50_000)
+    assert budgets.wait_s("a") > 40
+    assert budgets.take("b", 5_000)
+
+
+def test_what_is_given_back_never_makes_more_than_a_burst() -> None:
+    budgets = _budgets(_Clock())
+    budgets.refund("a", 1_000_000)
+    assert budgets.take("a", 5_000)
+    assert not budgets.take("a", 100)
+
+
+def test_the_table_stays_bounded_and_forgets_who_was_not_seen_for_longest() -> None:
+    budgets = _budgets(_Clock(), max_count=3)
+    budgets.take("loud", 5_000)
+    for number in range(10):
+        budgets.take("loud", 1)
+        budgets.take(str(number), 1)
+    assert len(budgets) == 3
+    assert not budgets.take("loud", 100)
+
+
+def test_a_clock_that_is_put_back_gives_nothing() -> None:
+    clock = _Clock()
+    clock.now_s = 100.0
+    budgets = _budgets(clock)
+    assert budgets.take("a", 5_000)
+    clock.now_s = 0.0
+    assert not budgets.take("a", 100)
+
+
+@given(st.lists(st.tuples(st.floats(0, 3), st.integers(1, 6_000)), max_size=60))
+def test_nobody_gets_more_than_a_burst_and_the_steady_rate(steps: list[tuple[float, int]]) -> None:
+    clock = _Clock()
+    budgets = _budgets(clock)
+    taken = 0
+    for pause_s, cost_us in steps:
+        clock.now_s += pause_s
+        if budgets.take("a", cost_us):
+            taken += cost_us
+    assert taken <= ALLOWANCE.burst_us + ALLOWANCE.us_per_s * clock.now_s + len(steps)
+
+
+def test_a_refusal_says_when_to_try_again() -> None:
+    assert over_budget("peer b", 0.2).context["retry_after_s"] == 1
+    assert over_budget("peer b", 1e9).context["retry_after_s"] == 60

@@ -1,0 +1,303 @@
+"""Transactions come in for their source's budget: cheap checks first, signatures last, and everybody in turn."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any, get_args
+
+import pytest
+
+import consensus.transaction
+import contracts.execution.standing
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode
+from consensus.primitives.keys import recover
+from consensus.transaction import Transaction, TransactionWire
+from contracts.execution.standing import find_fault
+from node.budget import Source, SourceKind
+from node.costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
+from node.intake import LOOPBACK_ALLOWANCE, PEER_ALLOWANCE, Outcome, TransactionIntake
+from node.mempool import Mempool
+from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, transaction
+from tests.virtual_time import run_virtual
+
+STRANGER = Source("loopback", "127.0.0.1")
+OTHER = Source("loopback", "127.0.0.2")
+
+
+class _Counter:
+    """Counts the recoveries of keys, wherever they are done."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.count = 0
+        for module in (consensus.transaction, contracts.execution.standing):
+            monkeypatch.setattr(module, "recover", self._recover)
+        contracts.execution.standing._recovers.cache_clear()
+
+    def _recover(self, *arguments: Any) -> bytes:
+        self.count += 1
+        return recover(*arguments)
+
+
+@pytest.fixture
+def counter(monkeypatch: pytest.MonkeyPatch) -> _Counter:
+    return _Counter(monkeypatch)
+
+
+class _Empty:
+    """A state in which nobody is anything."""
+
+    def get(self, _key: bytes) -> bytes | None:
+        return None
+
+
+def _stands(item: Transaction) -> bool:
+    """As a node has it: raises why a sender has no standing."""
+    fault = find_fault(_Empty(), item, NOW_MS)  # type: ignore[arg-type] - only read by key
+    if fault:
+        raise BlockRobotError(fault)
+    return True
+
+
+def forged(number: int, by: int = 0) -> bytes:
+    """A transaction that this sender is said to have signed."""
+    mine = transaction(number, by=by)
+    return encode(TransactionWire(body=mine.body_bytes, signature=transaction(number + 1, by=by + 1).signature))
+
+
+def _run(pool: Mempool, story: Callable[[TransactionIntake], Awaitable[None]], over: list[str] | None = None) -> None:
+    async def main() -> None:
+        named = [] if over is None else over
+        intake = TransactionIntake(pool, lambda: NOW_MS, lambda source, _error: named.append(source))
+        await story(intake)
+        await intake.stop()
+
+    run_virtual(main())
+
+
+async def _submit(intake: TransactionIntake, source: Source, wires: list[bytes]) -> list[Outcome]:
+    found: list[Outcome] = []
+    try:
+        await intake.submit(source, wires, lambda _item: None, found.extend)
+    except BlockRobotError as error:
+        return [Outcome(b"", None, is_new=False, error=error)]
+    return found
+
+
+def _codes(outcomes: list[Outcome]) -> set[str]:
+    return {"" if outcome.error is None else outcome.error.code for outcome in outcomes}
+
+
+def test_a_batch_of_foreign_transactions_costs_no_elliptic_curve_operation(counter: _Counter) -> None:
+    async def story(intake: TransactionIntake) -> None:
+        wires = [transaction(number, by=number).wire for number in range(256)]
+        assert _codes(await _submit(intake, STRANGER, wires)) == {"SENDER_WITHOUT_STANDING"}
+        assert counter.count == 0
+
+    _run(make_pool(has_standing=_stands), story)
+
+
+def test_a_false_registration_costs_one_operation_and_its_source_pays(counter: _Counter) -> None:
+    def registration(number: int) -> bytes:
+        texts = [bytes([number]) * 32, b"card", "subject", NOW_MS + 1, bytes(65), b"", b"", b"", bytes(65), []]
+        return transaction(number, contract="identity", entry="register", arguments=texts).wire
+
+    async def story(intake: TransactionIntake) -> None:
+        outcomes = await _submit(intake, STRANGER, [registration(number) for number in range(200)])
+        assert _codes(outcomes) <= {"VOUCHER_FOREIGN", "RATE_LIMITED"}
+        assert counter.count <= 200
+
+    over: list[str] = []
+    _run(make_pool(has_standing=_stands), story, over)
+    burst = LOOPBACK_ALLOWANCE.burst_us // (3 * EC_OPERATION_US)
+    assert 1 <= counter.count <= burst + 1
+
+
+def test_false_signatures_in_a_members_name_are_checked_only_within_the_budget_of_who_brings_them(
+    counter: _Counter,
+) -> None:
+    over: list[str] = []
+    batch = [forged(number) for number in range(200)]
+    counter.count = 0
+
+    async def repeated(intake: TransactionIntake) -> None:
+        for _ in range(100):
+            await _submit(intake, STRANGER, batch)
+
+    _run(make_pool(), repeated, over)
+    assert counter.count <= LOOPBACK_ALLOWANCE.burst_us / EC_OPERATION_US + 10
+    assert set(over) == {str(STRANGER)}
+
+
+def test_a_member_whose_name_is_abused_is_not_charged_and_goes_on_elsewhere() -> None:
+    async def story(intake: TransactionIntake) -> None:
+        batch = [forged(number) for number in range(200)]
+        for _ in range(60):
+            await _submit(intake, STRANGER, batch)
+        wires = [transaction(number).wire for number in range(1_000, 1_200)]
+        assert _codes(await _submit(intake, OTHER, wires)) == {""}
+
+    _run(make_pool(), story)
+
+
+def test_behind_an_address_that_others_used_up_a_member_still_gets_a_few_transactions_through() -> None:
+    async def story(intake: TransactionIntake) -> None:
+        noise = [transaction(number, by=7, valid_until_ms=NOW_MS).wire for number in range(200)]
+        batch = [forged(number, by=7) for number in range(200)]
+        for _ in range(80):
+            await _submit(intake, STRANGER, batch)
+        assert "RATE_LIMITED" in _codes(await _submit(intake, STRANGER, noise))
+        await asyncio.sleep(0.001)
+        assert _codes(await _submit(intake, STRANGER, [transaction(9_000, by=3).wire])) == {""}
+
+    _run(make_pool(), story)
+
+
+def test_a_visit_that_floods_leaves_the_others_at_its_address_a_few_transactions() -> None:
+    """All patients of a hospital may stand behind one address."""
+
+    async def story(intake: TransactionIntake) -> None:
+        loud, quiet = (Source("visit_keys", "192.0.2.1", part) for part in ("loud", "quiet"))
+        noise = [transaction(number, by=7, valid_until_ms=NOW_MS).wire for number in range(200)]
+        for _ in range(200):
+            if _codes(await _submit(intake, loud, noise)) == {"RATE_LIMITED"}:
+                break
+        else:
+            raise AssertionError("there is no bound")
+        assert _codes(await _submit(intake, quiet, [transaction(9_000, by=3).wire])) == {""}
+
+    _run(make_pool(), story)
+
+
+@pytest.mark.parametrize("visits_count", [1, 40])
+def test_visits_that_flood_leave_the_others_at_their_address_room_in_their_queue(visits_count: int) -> None:
+    async def story(intake: TransactionIntake) -> None:
+        batch = [transaction(number, by=number).wire for number in range(400)]
+        flood = [
+            asyncio.ensure_future(_submit(intake, Source("visit_keys", "192.0.2.1", str(n % visits_count)), batch))
+            for n in range(40)
+        ]
+        await asyncio.sleep(0)
+        late = await _submit(intake, Source("visit_keys", "192.0.2.1", "quiet"), batch[:300])
+        assert all(outcome.transaction is not None for outcome in late)
+        refused = [outcomes for outcomes in await asyncio.gather(*flood) if len(outcomes) == 1]
+        assert refused, "there is a bound"
+
+    _run(make_pool(), story)
+
+
+def test_signed_transactions_are_paid_by_their_sender_and_not_by_the_address(counter: _Counter) -> None:
+    async def story(intake: TransactionIntake) -> None:
+        for by in range(5):
+            wires = [transaction(by * 1_000 + number, by=by).wire for number in range(200)]
+            assert _codes(await _submit(intake, STRANGER, wires)) == {""}
+
+    _run(make_pool(), story)
+    assert counter.count == 5 * 200
+
+
+def test_one_member_is_held_to_his_own_budget_wherever_he_sends_from() -> None:
+    async def story(intake: TransactionIntake) -> None:
+        codes: set[str] = set()
+        for place in range(12):
+            wires = [transaction(place * 1_000 + number).wire for number in range(200)]
+            codes |= _codes(await _submit(intake, Source("loopback", f"127.0.0.{place}"), wires))
+        assert codes == {"", "RATE_LIMITED"}
+
+    over: list[str] = []
+    _run(make_pool(sender_max_count=100_000), story, over)
+    assert set(over) == {f"member {sender(0).public_key.hex()}"}
+
+
+def test_a_loud_source_holds_nobody_up_for_more_than_a_few_slices() -> None:
+    async def story(intake: TransactionIntake) -> None:
+        loud = [transaction(number, by=number % 50).wire for number in range(1_000)]
+        order: list[str] = []
+        intake.offer(Source("peer", "loud"), loud, lambda outcomes: order.extend(["loud"] * len(outcomes)))
+        wires = [transaction(90_000 + number, by=99).wire for number in range(8)]
+        await intake.submit(OTHER, wires, lambda _item: None, lambda found: order.extend(["quiet"] * len(found)))
+        assert order.count("quiet") == 8
+        assert len(order) < 200
+
+    _run(make_pool(), story)
+
+
+def test_what_is_beyond_a_peers_queue_is_dropped_and_the_peer_named() -> None:
+    async def story(intake: TransactionIntake) -> None:
+        batch = [transaction(number, by=number % 50).wire for number in range(500)]
+        for _ in range(80):
+            intake.offer(Source("peer", "loud"), batch, lambda _outcomes: None)
+        assert intake.dropped_count > 0
+
+    over: list[str] = []
+    _run(make_pool(), story, over)
+    assert set(over) == {"peer loud"}
+
+
+def test_a_peer_pays_for_what_nobody_signed() -> None:
+    async def story(intake: TransactionIntake) -> None:
+        found: list[Outcome] = []
+        batch = [transaction(number, by=number).wire for number in range(500)]
+        for _ in range(40):
+            intake.offer(Source("peer", "loud"), batch, found.extend)
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(0.1)
+        seen = sum(outcome.error is not None and outcome.error.code == "SENDER_WITHOUT_STANDING" for outcome in found)
+        assert seen > 0, "what there was budget for was judged"
+        assert seen * TRANSACTION_SCREENING_US <= PEER_ALLOWANCE.burst_us + PEER_ALLOWANCE.us_per_s * 0.3
+
+    _run(make_pool(has_standing=_stands), story)
+
+
+def test_a_fault_in_a_request_whose_client_has_left_stops_nobody_else() -> None:
+    left: list[asyncio.Task[Any]] = []
+
+    def broken(item: Transaction) -> bool:
+        if item.body.sender == sender(5).public_key:
+            left[0].cancel()
+            raise ZeroDivisionError
+        return True
+
+    async def story(intake: TransactionIntake) -> None:
+        left.append(asyncio.ensure_future(_submit(intake, STRANGER, [transaction(1, by=5).wire])))
+        await asyncio.sleep(0)
+        async with asyncio.timeout(10):
+            assert _codes(await _submit(intake, OTHER, [transaction(number).wire for number in range(8)])) == {""}
+
+    _run(make_pool(has_standing=broken), story)
+
+
+def test_a_fault_of_the_node_itself_ends_one_request_and_no_other() -> None:
+    def broken(item: Transaction) -> bool:
+        if item.body.sender == sender(5).public_key:
+            raise ZeroDivisionError
+        return True
+
+    async def story(intake: TransactionIntake) -> None:
+        with pytest.raises(ZeroDivisionError):
+            await _submit(intake, STRANGER, [transaction(number, by=5).wire for number in range(8)])
+        assert _codes(await _submit(intake, OTHER, [transaction(number).wire for number in range(8)])) == {""}
+
+    _run(make_pool(has_standing=broken), story)
+
+
+def test_a_peer_that_is_gone_is_forgotten_with_all_that_waits_of_it() -> None:
+    async def story(intake: TransactionIntake) -> None:
+        found: list[Outcome] = []
+        peer = Source("peer", "gone")
+        intake.offer(peer, [transaction(number, by=number % 50).wire for number in range(500)], found.extend)
+        intake.forget(peer)
+        await asyncio.sleep(1)
+        assert len(found) < 100
+
+    _run(make_pool(), story)
+
+
+@pytest.mark.parametrize("kind", get_args(SourceKind))
+def test_every_kind_of_source_has_a_budget(kind: SourceKind) -> None:
+    async def story(intake: TransactionIntake) -> None:
+        (outcome,) = await _submit(intake, Source(kind, "somebody"), [transaction(1).wire])
+        assert outcome.is_new
+
+    _run(make_pool(), story)
