@@ -30,7 +30,7 @@ log = structlog.get_logger(__name__)
 
 
 def _release(grant: Grant, record_ids: Sequence[bytes], part: int) -> OutboxRow:
-    arguments = encode_value([grant.access_id, list(record_ids)])
+    arguments = encode_value([grant.access_id, sorted(record_ids)])
     return OutboxRow(RELEASED_KIND, grant.access_id, part, "access", "released", arguments, grant.height)
 
 
@@ -85,6 +85,8 @@ class EffectsOfBlock:
                     await self._shares.take_grant(read_share(event.data["grant_id"], event.data, self._block.height))
                 case "access.revoked":
                     await self._shares.end_grant(event.data["grant_id"])
+                case "records.empty_frames_withdrawn":
+                    await self._eraser.delete_backgrounds(event.data["gone"])
                 case "erasure.requested":
                     await self._flush()
                     await self._on_erasure(event.data)

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from msgspec import structs
 
 from consensus.primitives.encoding import decode_value
-from consensus.primitives.hashing import sha256
+from node.offchain.robots import is_frame_approved_for_any
 from node.offchain.share_store import ShareRow, read_share
 from node.offchain.standing import prolong, read_restriction, with_natural
 from node.offchain.store import Checkpoint, RecordFacts, VisitStanding
@@ -22,6 +22,7 @@ from node.offchain.store import Checkpoint, RecordFacts, VisitStanding
 RECORD_PREFIX = b"records\x00record/"
 ACCESS_PREFIX = b"access\x00access/"
 GRANT_PREFIX = b"access\x00grant/"
+CUSTODIANS_KEY = b"identity\x00custodians"
 RELEASE_PREFIX = b"access\x00release/"
 ERASURE_PREFIX = b"erasure\x00erasure/"
 AUDIT_PREFIX = b"audit\x00entry/"
@@ -49,10 +50,14 @@ class StateReader(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RecordState:
-    """A record as the state has it: `status` is active, erasing, erased or expired; the roots of the last two are gone."""
+    """A record as the state has it: `status` is active, erasing, erased or expired; the roots of the last two are gone.
+
+    `awaited` are the custodians whose report of its expiry an expired one waits for.
+    """
 
     facts: RecordFacts
     status: str
+    awaited: frozenset[bytes] = frozenset()
 
     def is_kept(self, at_ms: int) -> bool:
         """Tell whether its clip is to be kept at a block's time: not erased, not being erased, not expired."""
@@ -118,6 +123,15 @@ class ChainFacts:
         for record_id, entry in self._rows(RECORD_PREFIX):
             yield self._record(record_id, entry)
 
+    def unreported(self, member: bytes) -> list[bytes]:
+        """Return the expired records that wait for a custodian's report, or for nobody who is a custodian still."""
+        value = self._state.get(CUSTODIANS_KEY)
+        custodians = frozenset(decode_value(value) if value is not None else ())
+        if member not in custodians:
+            return []
+        expired = (record for record in self.records() if record.status == "expired")
+        return [each.facts.record_id for each in expired if member in each.awaited or not each.awaited & custodians]
+
     def record(self, record_id: bytes) -> RecordState | None:
         """Return one record, or None if the state has none of this id."""
         value = self._state.get(RECORD_PREFIX + record_id)
@@ -159,6 +173,10 @@ class ChainFacts:
     def _values(self, prefix: bytes) -> Iterator[tuple[bytes, Any]]:
         for key, value in self._state.scan(prefix, ALL_ROWS_COUNT):
             yield key[len(prefix) :], decode_value(value)
+
+    def is_empty_frame_approved(self, digest: bytes) -> bool:
+        """Tell whether an empty frame is approved for any robot."""
+        return is_frame_approved_for_any(self._state, digest)
 
     def erased_frames(self) -> dict[bytes, frozenset[int]]:
         """Return which frames were asked to be erased of records that stay, by record."""
@@ -218,9 +236,9 @@ class ChainFacts:
                 yield _erasure(erasure_id, entry, self.point.height)
 
     def has_released(self, access_id: bytes, custodian: bytes, record_ids: list[bytes]) -> bool:
-        """Tell whether a custodian has told the chain that it released exactly these records under a request."""
-        told = sha256(custodian + b"".join(record_ids))
-        return self._state.get(RELEASE_PREFIX + access_id + told) is not None
+        """Tell whether a custodian has told the chain that it released all these records under a request."""
+        prefix = RELEASE_PREFIX + access_id + custodian
+        return all(self._state.get(prefix + record_id) is not None for record_id in record_ids)
 
     @cached_property
     def _audited(self) -> _Audited:
@@ -268,4 +286,4 @@ def _record(record_id: bytes, entry: dict[str, Any]) -> RecordState:
         height=entry["height"],
         erased_frames=tuple(entry["erased_frames"]),
     )
-    return RecordState(facts, entry["status"])
+    return RecordState(facts, entry["status"], frozenset(entry["awaited"]))

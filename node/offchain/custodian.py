@@ -8,10 +8,10 @@ chain shows it. A custodian cannot open what it keeps: data keys are sealed to o
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from typing import Protocol
+from types import MappingProxyType
 
 import structlog
 
@@ -22,50 +22,27 @@ from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, che
 from consensus.records.commitments import ciphertext_leaves
 from node.offchain.block_effects import EffectsOfBlock, build_release, matches_roots
 from node.offchain.chain_facts import ChainFacts
-from node.offchain.erase_keys import ErasableKeys, unwrap_key, wrap_key
+from node.offchain.erase_keys import ErasableKeys, unwrap_key
 from node.offchain.erasing import Eraser
+from node.offchain.fetching import MISSING_READ_COUNT, Fetching
 from node.offchain.finalized import FinalizedEvents
 from node.offchain.reconciling import Reconciliation
 from node.offchain.sharing import CLOCK_SLACK_MS, Shares, grant_covers, may_release
 from node.offchain.sharing_desk import SharingDesk
 from node.offchain.standing import find_standing, is_void, require_release
 from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore, FrameRow, OutboxRow, RecordFacts
+from node.offchain.uploads import DayUse, UploadTerms, Use, require_quota_of
+from node.offchain.wrapping import parts_of, wipe_keys, wrap_frames
+from node.process_memory import wipe
 
 LAPSED_AT_ONCE_COUNT = 64
-FETCH_AT_ONCE_COUNT = 32
-MISSING_READ_COUNT = 10_000
+WORDS_DIVISOR = 4
+"""What part of what is submitted at once is for words on requests, however many receipts wait."""
 
 log = structlog.get_logger(__name__)
 
 
-class PeerCustodian(Protocol):
-    """Another custodian, over the nodes' own connection."""
-
-    @property
-    def name(self) -> str:
-        """The name of its node."""
-        ...
-
-    async def fetch(self, record_id: bytes) -> ClipDownload | None:
-        """Return a confirmed clip as that custodian holds it, or None if it has none."""
-        ...
-
-
-def _parts_of(frames: Sequence[FrameDownload]) -> list[tuple[int, bytes, bytes]]:
-    return [(frame.index, frame.ciphertext, frame.sealed_key) for frame in frames]
-
-
-def _wrap(
-    record_id: bytes, frames: Sequence[tuple[int, bytes, bytes]], taken: Sequence[tuple[int, bytes]]
-) -> list[FrameRow]:
-    """Return the rows of (index, ciphertext, sealed key), each under the erase key of its slot."""
-    return [
-        FrameRow(record_id, index, text, wrap_key(erase_key, record_id, index, key), slot)
-        for (index, text, key), (slot, erase_key) in zip(frames, taken, strict=True)
-    ]
-
-
-class Custodian(SharingDesk):
+class Custodian(SharingDesk, Fetching):
     """One custodian over its store and its erase keys.
 
     `member` is its own key on the chain (33 bytes), by which it knows its receipts again; `clock_ms` is the node's wall
@@ -74,11 +51,20 @@ class Custodian(SharingDesk):
     """
 
     def __init__(
-        self, store: CustodyStore, erase_keys: ErasableKeys, *, member: bytes, clock_ms: Callable[[], int]
+        self,
+        store: CustodyStore,
+        erase_keys: ErasableKeys,
+        *,
+        member: bytes,
+        clock_ms: Callable[[], int],
+        has_room: Callable[[int], bool] | None = None,
+        is_frame_approved: Callable[[bytes], bool] = lambda _digest: False,
     ) -> None:
+        """`has_room` tells whether so many bytes fit without using the disk's reserve. For the last see `Eraser`."""
         self._store = store
+        self._has_room = has_room or (lambda _size_bytes: True)
         self._keys = erase_keys
-        self._eraser = Eraser(store, erase_keys)
+        self._eraser = Eraser(store, erase_keys, is_frame_approved)
         self._shares = Shares(store, self._eraser, erase_keys)
         self._member = member
         self._clock_ms = clock_ms
@@ -99,12 +85,13 @@ class Custodian(SharingDesk):
 
     # Uploads
 
-    async def stage(self, upload: ClipUpload) -> None:
+    async def stage(self, upload: ClipUpload, terms: UploadTerms | None = None) -> None:
         """Keep an uploaded clip until its record is final; the same bytes again are accepted again.
 
-        A clip whose record is final already is confirmed at once. Raises UPLOAD_INVALID for wrong sizes or an expiry
-        too far ahead, UPLOAD_CONFLICT for other bytes under this id, UPLOAD_HASH_MISMATCH if the chain's roots are
-        others, CLIP_ERASED, TRANSACTION_EXPIRED.
+        A clip whose record is final already is confirmed at once. With `terms` it counts for its robot, and has to fit
+        the quotas. Raises UPLOAD_INVALID for wrong sizes or an expiry too far ahead, UPLOAD_CONFLICT for other bytes
+        under this id, UPLOAD_HASH_MISMATCH if the chain's roots are others, CLIP_ERASED, TRANSACTION_EXPIRED,
+        UPLOAD_QUOTA_EXCEEDED.
         """
         check_clip_upload(upload)
         leaves = await asyncio.to_thread(ciphertext_leaves, upload.ciphertexts, upload.sealed_keys)
@@ -115,6 +102,8 @@ class Custodian(SharingDesk):
             status="staged",
             commitment_leaves=tuple(upload.commitment_leaves),
             ciphertext_leaves=tuple(leaves),
+            robot=b"" if terms is None else terms.robot,
+            size_bytes=upload.size_bytes,
         )
         if await self._is_known(clip):
             async with self._writing:
@@ -123,8 +112,10 @@ class Custodian(SharingDesk):
                     await self._settle_missing(facts)
             return
         await self._check_in_time(clip)
+        await self.require_quota(clip.size_bytes, terms)  # before any key is made for it, which is flushed to the disk
+        await self._find_missing(clip)
         pairs = list(enumerate(zip(upload.ciphertexts, upload.sealed_keys, strict=True)))
-        await self._keep(clip, [(index, text, key) for index, (text, key) in pairs])
+        await self._keep(clip, [(index, text, key) for index, (text, key) in pairs], terms)
 
     async def _is_known(self, clip: ClipRow) -> bool:
         known = (await self._store.clips([clip.record_id])).get(clip.record_id)
@@ -139,6 +130,13 @@ class Custodian(SharingDesk):
             await self._store.extend_staged(clip.record_id, clip.txid, clip.valid_until_ms)
         return True
 
+    async def _find_missing(self, clip: ClipRow) -> RecordFacts | None:
+        """Return the record that waits for a clip, or None. Raises UPLOAD_HASH_MISMATCH if it commits to another one."""
+        facts = await self._store.missing_clip(clip.record_id)
+        if facts is not None and not matches_roots(clip, facts):
+            raise BlockRobotError("UPLOAD_HASH_MISMATCH", "The clip is not the one that its record commits to.")
+        return facts
+
     async def _check_in_time(self, clip: ClipRow) -> None:
         point = await self._store.checkpoint()
         # A clock that is behind the chain is wrong; nobody's upload is refused for it.
@@ -149,27 +147,41 @@ class Custodian(SharingDesk):
         if late and await self._store.missing_clip(clip.record_id) is None:
             raise BlockRobotError("TRANSACTION_EXPIRED", "The record's transaction can no longer become final.")
 
-    async def _keep(self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]]) -> bool:
+    async def require_quota(
+        self, size_bytes: int, terms: UploadTerms | None, in_flight: Mapping[bytes, Use] = MappingProxyType({})
+    ) -> int:
+        """Return the day for which an upload counts, beside those `in_flight`. Raises UPLOAD_QUOTA_EXCEEDED."""
+        point = await self._store.checkpoint()
+        now_ms = 0 if point is None else point.timestamp_ms
+        return await require_quota_of(self._store, size_bytes, terms, now_ms, in_flight)
+
+    async def _keep(
+        self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]], terms: UploadTerms | None = None
+    ) -> bool:
         """Wrap the keys of (index, ciphertext, sealed key) and keep the clip; False if it was known meanwhile."""
         taken = await asyncio.to_thread(self._keys.allocate, len(frames))
         slots = [slot for slot, _ in taken]
         self._in_flight.update(slots)
         try:
-            return await self._keep_under(clip, frames, taken)
+            return await self._keep_under(clip, frames, taken, terms)
         finally:
+            wipe_keys(taken)
             self._in_flight.difference_update(slots)
 
     async def _keep_under(
-        self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]], taken: Sequence[tuple[int, bytes]]
+        self,
+        clip: ClipRow,
+        frames: Sequence[tuple[int, bytes, bytes]],
+        taken: Sequence[tuple[int, bytes]],
+        terms: UploadTerms | None,
     ) -> bool:
-        rows = _wrap(clip.record_id, frames, taken)
+        rows = wrap_frames(clip.record_id, frames, taken)
         slots = [slot for slot, _ in taken]
         async with self._writing:
             try:
                 known = await self._is_known(clip)
-                facts = await self._store.missing_clip(clip.record_id)
-                if facts is not None and not matches_roots(clip, facts):
-                    raise BlockRobotError("UPLOAD_HASH_MISMATCH", "The clip is not the one that its record commits to.")
+                facts = await self._find_missing(clip)
+                day = 0 if known else await self.require_quota(clip.size_bytes, terms)
             except BlockRobotError:
                 await self._eraser.destroy_unused(slots)
                 raise
@@ -178,6 +190,8 @@ class Custodian(SharingDesk):
                 if facts is not None:
                     await self._settle_missing(facts)
                 return False
+            if terms is not None:
+                await self._store.add_use(DayUse(day, clip.robot, clip.size_bytes))
             # From here on a failure leaves the slots alone: the store may hold the rows although it did not answer.
             if facts is None:
                 await self._store.stage(clip, rows)
@@ -247,6 +261,7 @@ class Custodian(SharingDesk):
                 unused = await self._mend_under(fetched, read_facts(), taken)
                 await self._eraser.destroy_unused(unused)
         finally:
+            wipe_keys(taken)
             self._in_flight.difference_update(slots)
         return not set(slots) <= set(unused)
 
@@ -266,7 +281,7 @@ class Custodian(SharingDesk):
             return slots
         old = [place.slot for place in await self._store.frame_places([clip.record_id])]
         used = taken[: len(present)]
-        await self._store.replace_frames(clip.record_id, _wrap(clip.record_id, _parts_of(present), used))
+        await self._store.replace_frames(clip.record_id, wrap_frames(clip.record_id, parts_of(present), used))
         return old if len(used) == len(taken) else [*old, *slots[len(used) :]]
 
     # Blocks
@@ -297,6 +312,12 @@ class Custodian(SharingDesk):
             await Reconciliation(self._store, self._eraser, self._shares, self._member, facts).bring_about()
             await self._close_block(point)
 
+    async def report_expired(self, facts: ChainFacts) -> None:
+        """Owe the reports for which expired records still wait, after a custodian was removed that may have owed them."""
+        async with self._writing:
+            await self.reconciliation(facts).report_expired()
+            await self._eraser.finish()
+
     async def _close_block(self, point: Checkpoint) -> None:
         """Do what time demands at a block: drop what lapsed, erase what expired; then write the checkpoint."""
         while lapsed := await self._store.lapsed(point.timestamp_ms, LAPSED_AT_ONCE_COUNT):
@@ -322,8 +343,14 @@ class Custodian(SharingDesk):
     # What the chain is owed
 
     async def owed(self, limit: int) -> list[OutboxRow]:
-        """Return transactions to submit, oldest first; they stay until the chain shows them, so submitting repeats."""
-        return await self._store.outbox("ready", limit)
+        """Return transactions to submit; they stay until the chain shows them, so submitting repeats.
+
+        Receipts of erasures and expiries come first, oldest first, but leave a part of the places to words on requests.
+        """
+        receipts = await self._store.outbox("ready", "erasure", limit)
+        words = await self._store.outbox("ready", "access", limit)
+        receipts = receipts[: limit - min(len(words), limit // WORDS_DIVISOR)]
+        return receipts + words[: limit - len(receipts)]
 
     async def dismiss(self, row: OutboxRow) -> None:
         """Forget a transaction that the chain refuses for good, because it says what the chain knows already."""
@@ -380,13 +407,36 @@ class Custodian(SharingDesk):
             sealed_key = unwrap_key(erase_key, row.record_id, index, row.wrapped_key)
         except BlockRobotError:
             sealed_key = b""
+        finally:
+            wipe(erase_key)
         return FrameDownload(index=index, erased=False, ciphertext=row.ciphertext, sealed_key=sealed_key)
 
-    async def put_background(self, digest: bytes, content: bytes) -> None:
-        """Keep an empty frame under its SHA-256. Raises UPLOAD_HASH_MISMATCH if it has another."""
+    async def put_background(
+        self, digest: bytes, content: bytes, terms: UploadTerms | None, require_approved: Callable[[], None]
+    ) -> None:
+        """Keep an empty frame under its SHA-256; with `terms` it counts for its robot's day.
+
+        `require_approved` is asked while no block is brought into effect, so that a withdrawal comes before or after.
+        Raises UPLOAD_HASH_MISMATCH if it has another hash, UPLOAD_QUOTA_EXCEEDED.
+        """
         if sha256(content) != digest:
             raise BlockRobotError("UPLOAD_HASH_MISMATCH")
-        await self._store.put_background(digest, content)
+        async with self._writing:
+            require_approved()
+            if await self._store.background(digest) is not None:
+                return
+            if terms is not None:
+                day = await self.require_quota(len(content), terms)
+                await self._store.add_use(DayUse(day, terms.robot, len(content)))
+            await self._store.put_background(digest, content)
+
+    async def holds(self, record_id: bytes) -> bool:
+        """Tell whether a clip of this id is here, or was."""
+        return record_id in await self._store.clips([record_id])
+
+    async def holds_background(self, digest: bytes) -> bool:
+        """Tell whether an empty frame is here."""
+        return await self._store.background(digest) is not None
 
     async def get_background(self, digest: bytes) -> bytes | None:
         """Return an empty frame, or None."""
@@ -441,34 +491,4 @@ class Custodian(SharingDesk):
             ciphertext_leaves=tuple(fetched.ciphertext_leaves),
         )
         present = [frame for frame in fetched.frames if not frame.erased and frame.index not in facts.erased_frames]
-        return await self._keep(clip, _parts_of(present))
-
-    async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Ask other custodians for missing clips, up to 32 of them; return how many are installed now.
-
-        Clips take turns, the newest first: those that nobody has keep no other from being asked for.
-        """
-        installed = 0
-        for facts in await self._choose_missing():
-            for peer in peers:
-                try:
-                    fetched = await peer.fetch(facts.record_id)
-                    found = fetched is not None and fetched.record_id == facts.record_id
-                    if fetched is not None and found and await self.install(fetched):
-                        installed += 1
-                        break
-                except BlockRobotError as error:
-                    if error.code in {"STORE_UNAVAILABLE", "ERASE_KEYS_DAMAGED"}:
-                        raise
-                    log.info("custody_fetch_refused", peer=peer.name, code=error.code)
-        return installed
-
-    async def _choose_missing(self) -> list[RecordFacts]:
-        missing = await self._store.missing(MISSING_READ_COUNT)
-        due = [facts for facts in missing if facts.record_id not in self._asked_for]
-        if not due:
-            self._asked_for.clear()
-            due = missing
-        chosen = due[:FETCH_AT_ONCE_COUNT]
-        self._asked_for.update(facts.record_id for facts in chosen)
-        return chosen
+        return await self._keep(clip, parts_of(present))

@@ -4,7 +4,8 @@ It lies outside the database and its backups. Layout, integers big-endian: a hea
 slot size, number of pages, random id of the file, SHA-256 of these), then pages of 4,096 slots: one state byte for each
 slot, then the slots of 32 bytes. A page is added at a time. States: 0 free, 1 holds a key, 2 destroyed and not yet free
 again (its frame's row may still be there, and a repeated erasure must not hit another frame's key).
-Stated limits: a drive that remaps blocks and snapshots of the file system can keep what was overwritten.
+Keys are read from the file when they are needed, and wiped from memory right after. Stated limits: a drive that remaps
+blocks and snapshots of the file system can keep what was overwritten.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import Protocol, Self
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.records.envelopes import NONCE_BYTES, open_bytes, seal_bytes
+from node.process_memory import wipe
 
 ERASE_KEYS_FILE_NAME = "erase-keys"
 ERASE_KEY_BYTES = 32
@@ -40,11 +42,11 @@ class ErasableKeys(Protocol):
     """Where a custodian's erase keys are: what `Custodian` needs of `EraseKeys`. Raises ERASE_KEYS_DAMAGED."""
 
     def allocate(self, count: int) -> list[tuple[int, bytes]]:
-        """Return `count` new slots with random keys, which are safe already."""
+        """Return `count` new slots with random keys, which are safe already; the caller wipes the keys after use."""
         ...
 
     def read(self, slot: int) -> bytes | None:
-        """Return the key in a slot, or None if it holds none."""
+        """Return the key in a slot, or None if it holds none; the caller wipes it after use."""
         ...
 
     def destroy(self, slots: Sequence[int]) -> None:
@@ -229,6 +231,8 @@ class EraseKeys:
                 key = content[place * ERASE_KEY_BYTES : (place + 1) * ERASE_KEY_BYTES]
                 if self._states[first + place] != _HELD and key != _ZEROS:
                     dirty.append(first + place)
+                wipe(key)
+            wipe(content)
         return dirty
 
     def _is_known(self, slot: int) -> bool:

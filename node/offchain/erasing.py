@@ -9,7 +9,7 @@ once; the store's files are swept, and plans closed, by `finish`, since a sweep 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode, encode_value
@@ -60,7 +60,11 @@ class Eraser:
     Whoever calls anything here ends with `finish`, before a checkpoint says that it is done.
     """
 
-    def __init__(self, store: CustodyStore, erase_keys: ErasableKeys) -> None:
+    def __init__(
+        self, store: CustodyStore, erase_keys: ErasableKeys, is_frame_approved: Callable[[bytes], bool]
+    ) -> None:
+        """`is_frame_approved` tells of an empty frame whether the newest final state approves it for any robot."""
+        self._is_frame_approved = is_frame_approved
         self._store = store
         self._keys = erase_keys
         self._is_swept = True
@@ -80,13 +84,25 @@ class Eraser:
         await self._plan(RECEIPT_KIND, erasure_id, "receipt", arguments, height, parts)
 
     async def erase_expired(self, at_ms: int, height: int) -> None:
-        """Erase every confirmed clip whose time is over (`expires_at_ms <= at_ms`) and owe the chain the reports."""
+        """Erase every confirmed clip whose time is over (`expires_at_ms <= at_ms`) and owe the chain the reports.
+
+        One that never came is reported, too: the record is called erased once every custodian has nothing of it.
+        """
         while record_ids := await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT):
-            await self._destroy_parts_of(record_ids)
-            clips = await self._store.clips(record_ids)
-            parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
-            arguments = [record_ids, compute_erasure_digest(parts, clips)]
-            await self._plan(EXPIRED_KIND, compute_expiry_subject(record_ids), "expired", arguments, height, parts)
+            await self._expire(record_ids, height)
+        await self.report_expired(await self._store.missing_over(at_ms), height)
+
+    async def report_expired(self, record_ids: Sequence[bytes], height: int) -> None:
+        """Erase what may be left of expired records, and owe the chain the reports."""
+        for start in range(0, len(record_ids), RECORDS_A_CALL_MAX_COUNT):
+            await self._expire(record_ids[start : start + RECORDS_A_CALL_MAX_COUNT], height)
+
+    async def _expire(self, record_ids: Sequence[bytes], height: int) -> None:
+        await self._destroy_parts_of(record_ids)
+        clips = await self._store.clips(record_ids)
+        parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
+        arguments = [list(record_ids), compute_erasure_digest(parts, clips)]
+        await self._plan(EXPIRED_KIND, compute_expiry_subject(record_ids), "expired", arguments, height, parts)
 
     async def erase_again(self, record_ids: Sequence[bytes]) -> None:
         """Erase whole records that a store holds though the chain has their erasure behind it: nothing more is owed."""
@@ -139,6 +155,19 @@ class Eraser:
             raise BlockRobotError("STORE_UNAVAILABLE", "The store still returns parts of keys after they were deleted.")
         await asyncio.to_thread(self._keys.release, slots)
 
+    async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
+        """Delete empty frames that are approved for no robot any more, and read back. No key closes them: they are open.
+
+        One that was approved again since, in a block that is still to come here, stays: it may have been brought again.
+        """
+        digests = [digest for digest in digests if not self._is_frame_approved(digest)]
+        if not digests:
+            return
+        self._is_swept = False
+        await self._store.delete_backgrounds(digests)
+        if set(digests) & set(await self._store.background_digests()):
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store still returns empty frames after they were deleted.")
+
     async def _destroy_parts_of(self, record_ids: Sequence[bytes], up_to_height: int | None = None) -> None:
         """Destroy what is held of the keys of records that were shared, by grants up to a height if one is named.
 
@@ -154,7 +183,7 @@ class Eraser:
 
     async def finish(self) -> None:
         """Carry out every plan that a crash cut off, sweep the store once if anything went, and close the plans."""
-        while rows := await self._store.outbox("erasing", _PLANS_AT_ONCE_COUNT):
+        while rows := await self._store.outbox("erasing", "erasure", _PLANS_AT_ONCE_COUNT):
             for row in rows:
                 if row.key not in self._carried_out:
                     await self._carry_out(row)

@@ -1,4 +1,7 @@
-"""What a custodian hears of a finalized block: events of four contracts. Must never tell of a block that is not final."""
+"""What a custodian hears of a finalized block: events of four contracts, and who is a custodian no more.
+
+Must never tell of a block that is not final.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from consensus.primitives.encoding import decode_value
 from node.offchain.store import Checkpoint
 
 CUSTODY_CONTRACTS = frozenset({"records", "access", "erasure", "rights"})
+CUSTODIANS_REMOVED = "identity.custodians_removed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +54,6 @@ def collect_events(height: int, block_id: bytes, timestamp_ms: int, receipts: Se
         for receipt in receipts
         if receipt.ok
         for event in receipt.events
-        if event.contract in CUSTODY_CONTRACTS
+        if event.contract in CUSTODY_CONTRACTS or f"{event.contract}.{event.name}" == CUSTODIANS_REMOVED
     )
     return FinalizedEvents(height, block_id, timestamp_ms, events)

@@ -68,6 +68,8 @@ def clip_document(clip: ClipRow, status: str | None = None) -> Document:
         "owner": clip.owner,
         "expires_at_ms": clip.expires_at_ms,
         "height": clip.height,
+        "robot": clip.robot,
+        "size_bytes": clip.size_bytes,
     }
 
 
@@ -83,6 +85,8 @@ def clip_row(found: Document) -> ClipRow:
         owner=found["owner"],
         expires_at_ms=found["expires_at_ms"],
         height=found["height"],
+        robot=bytes(found.get("robot", b"")),
+        size_bytes=found.get("size_bytes", 0),
     )
 
 

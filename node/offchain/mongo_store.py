@@ -30,6 +30,7 @@ from consensus.errors import BlockRobotError
 from node.offchain import mongo_documents as documents
 from node.offchain.mongo_documents import STAGING, Document, is_passing, rows
 from node.offchain.mongo_shares import SHARES_INDEXES, MongoShares
+from node.offchain.mongo_uploads import BY_ROBOT, MongoUploads
 from node.offchain.store import (
     BlockEffects,
     Checkpoint,
@@ -47,8 +48,8 @@ from node.offchain.store import (
 
 Order = Sequence[tuple[str, int]]
 
-FORMAT_VERSION = 3
-FORMER_VERSIONS = (1, 2)
+FORMAT_VERSION = 4
+FORMER_VERSIONS = (1, 2, 3)
 SERVER_SELECTION_MAX_MS = 3_000
 MAJORITY_MAX_MS = 20_000
 SOCKET_MAX_MS = 30_000
@@ -65,18 +66,21 @@ def _rising(*fields: str) -> Order:
 
 
 _BY_KEY = _rising("_id")
+_BY_CONTRACT = _rising("status", "contract", "height", "kind", "subject", "part")
 _NEWEST_FIRST: Order = (("height", DESCENDING), ("_id", ASCENDING))
 _INDEXES: Mapping[str, Sequence[Order]] = {
     "clips": (
         _rising("owner", "status", "_id"),
         _rising("status", "valid_until_ms", "_id"),
         _rising("status", "expires_at_ms", "_id"),
+        BY_ROBOT,
     ),
+    "day_uses": (_rising("day"),),
     "frames": (_rising("record_id", "index"), _rising("slot")),
     "grants": (_rising("owner", "_id"),),
     "missing": (_NEWEST_FIRST, _rising("expires_at_ms"), _rising("owner", "_id")),
     "standings": (),
-    "outbox": (_rising("status", "height", "kind", "subject", "part"), _rising("kind", "subject", "part")),
+    "outbox": (_BY_CONTRACT, _rising("kind", "subject", "part")),
     **SHARES_INDEXES,
 }
 
@@ -131,10 +135,7 @@ def _connect(uri: str) -> tuple[AsyncMongoClient[Document], AsyncDatabase[Docume
 
 
 async def _check_format(database: AsyncDatabase[Document]) -> None:
-    """Mark a new database, or one of a former format, refuse a foreign one. The mark comes after the indexes.
-
-    Former formats lack collections and fields, and nothing else.
-    """
+    """Mark a new database, or one of a former format (it lacks collections and fields), after its indexes are made."""
     found = await database["format"].find_one({"_id": _ONE})
     if found is None and set(await database.list_collection_names()) - {"format", *_INDEXES}:
         raise BlockRobotError("STORAGE_DAMAGED", "The store's database has collections but no mark of their format.")
@@ -148,7 +149,7 @@ async def _check_format(database: AsyncDatabase[Document]) -> None:
         await database["format"].replace_one({"_id": _ONE}, {"version": FORMAT_VERSION}, upsert=True)
 
 
-class MongoStore(MongoShares):
+class MongoStore(MongoShares, MongoUploads):
     """A `CustodyStore` in one database of a MongoDB server. Rules of the interface: `store.py`."""
 
     def __init__(self, uri: str) -> None:
@@ -242,6 +243,12 @@ class MongoStore(MongoShares):
         wanted = None if fields is None else {"_id": "_id" in fields, **dict.fromkeys(fields, True)}
         with _answering():
             found = self._collection(name).find(where, wanted).sort(list(sort)).limit(limit)
+            return await found.to_list(None)
+
+    async def _summed(self, name: str, where: Document, groups: Document) -> list[Document]:
+        """Return sums over documents, which the server makes: one row for each group."""
+        with _answering():
+            found = await self._collection(name).aggregate([{"$match": where}, {"$group": groups}])
             return await found.to_list(None)
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
@@ -399,15 +406,6 @@ class MongoStore(MongoShares):
         found = await self._many("standings", {} if owners is None else {"_id": {"$in": list(owners)}})
         return {standing.owner: standing for standing in rows(documents.standing_row, found)}
 
-    async def put_background(self, digest: bytes, content: bytes) -> None:
-        """See `CustodyStore.put_background`."""
-        await self._bulk("backgrounds", [ReplaceOne({"_id": digest}, {"content": content}, upsert=True)])
-
-    async def background(self, digest: bytes) -> bytes | None:
-        """See `CustodyStore.background`."""
-        found = rows(lambda document: bytes(document["content"]), await self._one("backgrounds", digest))
-        return found[0] if found else None
-
     async def add_outbox(self, row: OutboxRow) -> None:
         """See `ReceiptOutbox.add_outbox`."""
         await self.apply(BlockEffects(outbox=(row,)))
@@ -421,10 +419,10 @@ class MongoStore(MongoShares):
         """See `ReceiptOutbox.remove_outbox`."""
         await self.apply(BlockEffects(settled=(key,)))
 
-    async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
+    async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox`."""
-        order = _rising("status", "height", "kind", "subject", "part")
-        return rows(documents.outbox_row, await self._many("outbox", {"status": status}, sort=order, limit=limit))
+        found = await self._many("outbox", {"status": status, "contract": contract}, sort=_BY_CONTRACT, limit=limit)
+        return rows(documents.outbox_row, found)
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox_of`."""
@@ -463,9 +461,8 @@ class MongoStore(MongoShares):
 
     async def counts(self) -> StoreCounts:
         """See `CustodyStore.counts`; clips that are half written count as staged."""
-        staged = await self._count("clips", {"status": "staged"}) + await self._count("clips", {"status": STAGING})
         return StoreCounts(
-            staged=staged,
+            staged=await self._count("clips", {"status": {"$in": ["staged", STAGING]}}),
             confirmed=await self._count("clips", {"status": "confirmed"}),
             erased=await self._count("clips", {"status": "erased"}),
             frames=await self._count("frames", {}),

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 from consensus.errors import BlockRobotError
 from node.offchain.block_effects import matches_roots
 from node.offchain.chain_facts import ChainFacts, RecordState
-from node.offchain.custodian import Custodian, PeerCustodian
+from node.offchain.custodian import Custodian
 from node.offchain.erase_keys import ErasableKeys
 from node.offchain.erasing import RECORDS_A_CALL_MAX_COUNT
+from node.offchain.peer_custodians import PeerCustodian
 from node.offchain.scrub import (
     GONE_CODES,
     Judge,
@@ -89,6 +90,7 @@ class Rebuild:
             await self._set_right(facts)
             await self._drop_unclaimed(in_flight)
             await self._custodian.reconciliation(facts).bring_about()
+            await self._custodian.eraser.erase_expired(facts.point.timestamp_ms, facts.point.height)
             await self._custodian.eraser.finish()
             await self._store.apply(BlockEffects(checkpoint=facts.point))
         suspects = await self._find_suspects()

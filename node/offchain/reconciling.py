@@ -45,6 +45,9 @@ class Reconciliation:
         await self._take_records(batch)
         await self._take_standings()
         await self._take_shares()
+        held = await self._store.background_digests()
+        withdrawn = [digest for digest in held if not self._facts.is_empty_frame_approved(digest)]
+        await self._eraser.delete_backgrounds(withdrawn)
         for access in self._facts.accesses():
             await self._take_access(access)
         for erasure in self._facts.erasures():
@@ -52,6 +55,11 @@ class Reconciliation:
         await self._eraser.finish()
         for erasure in self._facts.erasures():
             await self._settle_erasure(erasure)
+        await self.report_expired()
+
+    async def report_expired(self) -> None:
+        """Owe the reports for which expired records still wait, whoever was to say it: nobody else may come to do so."""
+        await self._eraser.report_expired(self._facts.unreported(self._member), self._facts.point.height)
 
     async def _take_records(self, batch: list[RecordFacts]) -> None:
         clips = await self._store.clips([facts.record_id for facts in batch])

@@ -42,8 +42,8 @@ class ScrubReport:
 
     `corrupted`: frames whose bytes no longer make their leaf, or are gone though nobody erased them. `unclaimed_frames`:
     records of which there are frames and no clip. `parts_held_though_ended`: grant and record of what is still held of a
-    shared key. `unclaimed_keys`: erase keys that no frame names. `dirty_slots_count`:
-    slots of the erase-key file that hold bytes and no key.
+    shared key. `empty_frames_held_though_withdrawn`: by their SHA-256. `unclaimed_keys`: erase keys that no frame names.
+    `dirty_slots_count`: slots of the erase-key file that hold bytes and no key.
     """
 
     height: int = 0
@@ -58,6 +58,7 @@ class ScrubReport:
     corrupted: list[tuple[bytes, int]] = field(default_factory=list)
     unclaimed_frames: list[bytes] = field(default_factory=list)
     parts_held_though_ended: list[tuple[bytes, bytes]] = field(default_factory=list)
+    empty_frames_held_though_withdrawn: list[bytes] = field(default_factory=list)
     unclaimed_keys: list[int] = field(default_factory=list)
     dirty_slots_count: int = 0
     leftovers: Leftovers = field(default_factory=lambda: Leftovers(None, None))
@@ -67,7 +68,8 @@ class ScrubReport:
         """Tell whether no byte and no key is here of what the chain has erased, or never had."""
         held = (self.held_though_erased, self.frames_held_though_erased, self.unknown_to_chain, self.unclaimed_frames)
         files = (self.unclaimed_keys, self.dirty_slots_count, self.leftovers.log_bytes, self.leftovers.dirty_bytes)
-        return not any(held) and not any(files) and not self.parts_held_though_ended
+        others = (self.parts_held_though_ended, self.empty_frames_held_though_withdrawn)
+        return not any(held) and not any(files) and not any(others)
 
     @property
     def is_clean(self) -> bool:
@@ -172,6 +174,7 @@ async def scrub(
         report.compared_count, report.frames_count = seen.compared_count, seen.frames_count
         report.unclaimed_frames = await find_unclaimed_frames(store)
         report.parts_held_though_ended = await find_ended_parts(store, facts)
+        report.empty_frames_held_though_withdrawn = await find_withdrawn_frames(store, facts)
         report.unclaimed_keys = await find_unclaimed_keys(store, keys, in_flight)
         report.dirty_slots_count = await asyncio.to_thread(keys.check_destroyed)
         report.leftovers = await store.leftovers()
@@ -179,6 +182,11 @@ async def scrub(
         absent = tuple(record.facts for record in records if record is not None)
         await store.apply(BlockEffects(missing=await _not_listed(store, absent)))
     return report
+
+
+async def find_withdrawn_frames(store: CustodyStore, facts: ChainFacts) -> list[bytes]:
+    """Return the empty frames that a store holds and the chain approves for no robot."""
+    return [digest for digest in await store.background_digests() if not facts.is_empty_frame_approved(digest)]
 
 
 async def _not_listed(store: CustodyStore, absent: Iterable[RecordFacts]) -> tuple[RecordFacts, ...]:

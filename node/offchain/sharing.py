@@ -18,6 +18,7 @@ from node.offchain.erasing import Eraser
 from node.offchain.share_store import PartPlace, PartRow, ShareRow
 from node.offchain.standing import find_standing
 from node.offchain.store import ClipRow, CustodyStore, Grant
+from node.process_memory import wipe
 
 PARTS_STAGED_MAX_COUNT = 1024
 """How many parts of grants that are not final yet one visit may have here."""
@@ -120,13 +121,16 @@ class Shares:
             raise BlockRobotError("RATE_LIMITED", "Too many shares of this visit wait for their grants here.")
         return staged
 
-    async def put(self, judged: Judged, upload: GrantUpload, taken: tuple[int, bytes]) -> None:
+    async def put(self, judged: Judged, upload: GrantUpload, taken: tuple[int, bytes] | None) -> None:
         """Keep what was judged, under the erase key of a slot; a known part keeps its own."""
         row = judged.row
         if not judged.is_known:
+            if taken is None:
+                raise BlockRobotError("STORE_UNAVAILABLE", "The part went while it was brought again.")
             slot, erase_key = taken
             content = encode(HeldPart(upload.grant_txid, upload.package, upload.parts))
             row = replace(row, slot=slot, wrapped=wrap_key(erase_key, upload.record_id, PART_PLACE, content))
+            wipe(erase_key)
         await self._store.put_part(row)
 
     # Release
@@ -152,6 +156,8 @@ class Shares:
             held = decode(unwrap_key(erase_key, row.record_id, PART_PLACE, row.wrapped), HeldPart)
         except BlockRobotError:
             return None  # of another slot's time: a store put back beside the keys of today
+        finally:
+            wipe(erase_key)
         return held if held.grant_id == row.grant_id else None
 
     # What the chain says
@@ -185,13 +191,12 @@ class Shares:
         await self._eraser.destroy_parts(await self._store.parts_of("owner", [owner]))
 
     async def close_block(self, at_ms: int) -> None:
-        """Destroy what a block's time ends: parts whose grant never became final, or whose missing clip's record expired,
-        and grants that are over.
+        """Destroy what a block's time ends: parts whose grant never became final, and grants that are over.
+
+        Of records that expire `Eraser.erase_expired` takes care.
         """
         while lapsed := await self._store.lapsed_parts(at_ms, PARTS_AT_ONCE_COUNT):
             await self._eraser.destroy_parts(lapsed)
-        expired = await self._store.missing_over(at_ms)  # of clips that are here `Eraser.erase_expired` takes care
-        await self._eraser.destroy_parts(await self._store.parts_of("record_id", expired))
         while over := await self._store.shares_over(at_ms, PARTS_AT_ONCE_COUNT):
             for grant_id in over:
                 await self.end_grant(grant_id)

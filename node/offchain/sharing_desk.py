@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from consensus.errors import BlockRobotError
@@ -23,7 +24,7 @@ from node.offchain.block_effects import build_release
 from node.offchain.erase_keys import ErasableKeys
 from node.offchain.erasing import Eraser
 from node.offchain.share_store import PartRow, PartStatus
-from node.offchain.sharing import Shares, grant_covers
+from node.offchain.sharing import Judged, Shares, grant_covers
 from node.offchain.standing import find_standing, is_void, require_release
 from node.offchain.store import BlockEffects, ClipRow, CustodyStore, FrameRow
 
@@ -54,23 +55,35 @@ class SharingDesk:
         state a grant that has ended: the store forgets those. Raises as `Shares.judge`.
         """
         check_grant_upload(upload)
+        judge = partial(self._judge_part, upload, owner, require_open)
+        judged = await judge()  # before a key is made for it, which is flushed to the disk
+        if judged.is_known:
+            async with self._writing:
+                return await self._put_part(await judge(), upload, None)
         taken = (await asyncio.to_thread(self._keys.allocate, 1))[0]
         self._in_flight.add(taken[0])
         try:
             async with self._writing:
                 try:
-                    require_open()
-                    judged = await self._shares.judge(upload, owner, self._clock_ms())
+                    judged = await judge()
                 except BlockRobotError:
                     await self._eraser.destroy_unused([taken[0]])
                     raise
-                await self._shares.put(judged, upload, taken)
+                status = await self._put_part(judged, upload, taken)
                 if judged.is_known:
                     await self._eraser.destroy_unused([taken[0]])
-                if judged.row.status == "confirmed":
-                    await self._owe_shared(judged.row)
         finally:
             self._in_flight.discard(taken[0])
+        return status
+
+    async def _judge_part(self, upload: GrantUpload, owner: bytes, require_open: Callable[[], None]) -> Judged:
+        require_open()
+        return await self._shares.judge(upload, owner, self._clock_ms())
+
+    async def _put_part(self, judged: Judged, upload: GrantUpload, taken: tuple[int, bytes] | None) -> PartStatus:
+        await self._shares.put(judged, upload, taken)
+        if judged.row.status == "confirmed":
+            await self._owe_shared(judged.row)
         return judged.row.status
 
     async def _owe_shared(self, part: PartRow) -> None:

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import chain
 
 _HEADER_BYTES = 100
 _TRUNK = struct.Struct(">II")
 _INTERIOR, _LEAVES = (2, 5), (10, 13)
+_TOLD_BY_KIND_PAGES_COUNT = 2 << 24
+"""In a smaller file a page that holds no rows begins with a page number whose first byte is 0 or 1, and no kind."""
 
 
 class PageFile:
@@ -39,15 +41,27 @@ class PageFile:
         """Return how many bytes that no row holds are not zero. `roots` are the first pages of all tables."""
         if self._is_empty:
             return 0
-        gaps = chain(self._gaps(roots), self._trunk_tails())
-        return sum(_count_set(content[start:end]) for _, content, start, end in gaps) + self._count_dirty_free()
+        return sum(_count_set(content[start:end]) for _, content, start, end in self._unused(roots))
 
     def clean(self, roots: Sequence[int]) -> int:
-        """Overwrite every gap that is not zero, force it to the medium, and return how many bytes that were."""
-        cleaned = 0
+        """Overwrite what no row holds and is not zero, force it to the medium, and return how many bytes that were."""
+        return 0 if self._is_empty else self._overwrite(self._unused(roots))
+
+    @property
+    def is_told_by_kind(self) -> bool:
+        """Tell whether a page's first byte says for certain whether it is one of a table."""
+        return self._is_empty or os.fstat(self._descriptor).st_size < _TOLD_BY_KIND_PAGES_COUNT * self._page_bytes
+
+    def clean_written(self, written: Collection[int]) -> int:
+        """Overwrite the gaps of these pages alone; only while `is_told_by_kind`. SQLite overwrote what it freed itself."""
         if self._is_empty:
-            return cleaned
-        for number, content, start, end in chain(self._gaps(roots), self._trunk_tails()):
+            return 0
+        gaps = (gap for number in sorted(written) for gap in self._gaps_in(number, self._page(number)))
+        return self._overwrite(chain(gaps, self._trunk_tails(written)))
+
+    def _overwrite(self, gaps: Iterable[tuple[int, bytes, int, int]]) -> int:
+        cleaned = 0
+        for number, content, start, end in gaps:
             dirty = _count_set(content[start:end])
             if dirty:
                 os.pwrite(self._descriptor, bytes(end - start), (number - 1) * self._page_bytes + start)
@@ -66,44 +80,63 @@ class PageFile:
                 continue
             seen.add(number)
             content = self._page(number)
-            at = _HEADER_BYTES if number == 1 else 0
-            kind = content[at] if len(content) == self._page_bytes else 0
-            if kind not in (*_INTERIOR, *_LEAVES):
-                continue
-            freeblock, cells, start = struct.unpack_from(">HHH", content, at + 1)
-            pointers = at + (12 if kind in _INTERIOR else 8)
-            if kind in _INTERIOR:
-                places = struct.unpack_from(f">{cells}H", content, pointers)
-                waiting += [int.from_bytes(content[place : place + 4], "big") for place in places]
-                waiting.append(int.from_bytes(content[at + 8 : at + 12], "big"))
-            yield number, content, pointers + 2 * cells, min(start or 65_536, self._usable_bytes)
-            while freeblock:
-                following, size = struct.unpack_from(">HH", content, freeblock)
-                yield number, content, freeblock + 4, freeblock + size
-                freeblock = following if following > freeblock else 0
+            waiting += self._children(number, content)
+            yield from self._gaps_in(number, content)
 
-    def _trunks(self) -> Iterator[tuple[int, bytes, int]]:
-        """Yield (page number, page, how many numbers) of the pages that list the free ones."""
+    def _kind(self, number: int, content: bytes) -> tuple[int, int]:
+        """Return where a page's header begins, and the page's kind; 0 for one that holds no rows."""
+        at = _HEADER_BYTES if number == 1 else 0
+        kind = content[at] if len(content) == self._page_bytes else 0
+        return at, kind if kind in (*_INTERIOR, *_LEAVES) else 0
+
+    def _children(self, number: int, content: bytes) -> list[int]:
+        at, kind = self._kind(number, content)
+        if kind not in _INTERIOR:
+            return []
+        places = struct.unpack_from(f">{int.from_bytes(content[at + 3 : at + 5], 'big')}H", content, at + 12)
+        last = int.from_bytes(content[at + 8 : at + 12], "big")
+        return [*(int.from_bytes(content[place : place + 4], "big") for place in places), last]
+
+    def _gaps_in(self, number: int, content: bytes) -> Iterator[tuple[int, bytes, int, int]]:
+        """Yield, as `_gaps`, those of one page; none of a page that holds no rows."""
+        at, kind = self._kind(number, content)
+        if not kind:
+            return
+        freeblock, cells, start = struct.unpack_from(">HHH", content, at + 1)
+        pointers = at + (12 if kind in _INTERIOR else 8)
+        yield number, content, pointers + 2 * cells, min(start or 65_536, self._usable_bytes)
+        while freeblock:
+            following, size = struct.unpack_from(">HH", content, freeblock)
+            yield number, content, freeblock + 4, freeblock + size
+            freeblock = following if following > freeblock else 0
+
+    def _trunks(self, written: Collection[int] | None = None) -> Iterator[tuple[int, bytes, int]]:
+        """Yield (page number, page, how many numbers) of the pages that list the free ones.
+
+        With `written` up to the first that is not among them: SQLite changes only the first of the list, so that those
+        behind an unchanged one are unchanged too.
+        """
         seen, trunk = 0, self._first_trunk
-        while trunk and seen <= self._free_count:
+        while trunk and seen <= self._free_count and (written is None or trunk in written):
             content = self._page(trunk)
             following, leaves = _TRUNK.unpack_from(content)
             yield trunk, content, leaves
             seen += 1 + leaves
             trunk = following
 
-    def _trunk_tails(self) -> Iterator[tuple[int, bytes, int, int]]:
+    def _trunk_tails(self, written: Collection[int] | None = None) -> Iterator[tuple[int, bytes, int, int]]:
         """Yield, as `_gaps`, what lies behind the numbers that count: those of pages that were taken stay there."""
-        for number, content, leaves in self._trunks():
+        for number, content, leaves in self._trunks(written):
             yield number, content, _TRUNK.size + 4 * leaves, len(content)
 
-    def _count_dirty_free(self) -> int:
-        """Count on the free pages that are listed."""
-        dirty = 0
+    def _free_pages(self) -> Iterator[tuple[int, bytes, int, int]]:
+        """Yield, as `_gaps`, the free pages that are listed: SQLite overwrote them, another program perhaps not."""
         for _, content, leaves in self._trunks():
-            numbers = struct.unpack_from(f">{leaves}I", content, _TRUNK.size)
-            dirty += sum(_count_set(self._page(number)) for number in numbers)
-        return dirty
+            for number in struct.unpack_from(f">{leaves}I", content, _TRUNK.size):
+                yield number, self._page(number), 0, self._page_bytes
+
+    def _unused(self, roots: Sequence[int]) -> Iterator[tuple[int, bytes, int, int]]:
+        return chain(self._gaps(roots), self._trunk_tails(), self._free_pages())
 
 
 def _count_set(content: bytes) -> int:

@@ -19,7 +19,7 @@ def split(joined: bytes, size: int) -> tuple[bytes, ...]:
 def read_clip(row: Sequence[Any]) -> ClipRow:
     """Return the clip of a row in the order of `CLIP_COLUMNS`."""
     leaves = (split(row[4], HASH_SIZE_BYTES), split(row[5], HASH_SIZE_BYTES))
-    return ClipRow(row[0], row[1], row[2], row[3], *leaves, row[6], row[7], row[8])
+    return ClipRow(row[0], row[1], row[2], row[3], *leaves, *row[6:11])
 
 
 def read_missing(row: Sequence[Any]) -> RecordFacts:
@@ -96,7 +96,7 @@ def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[Fra
     """Keep a clip and its frames, in place of any rows of the same record."""
     write_frames(database, clip.record_id, frames)
     database.execute(
-        "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         (
             clip.record_id,
             clip.txid,
@@ -107,6 +107,8 @@ def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[Fra
             clip.owner,
             clip.expires_at_ms,
             clip.height,
+            clip.robot,
+            clip.size_bytes,
         ),
     )
 
@@ -115,7 +117,9 @@ def delete_clip(database: sqlite3.Connection, record_id: bytes) -> None:
     """Delete a clip, its frames and its entry among the missing; leave the mark of an erased one."""
     database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
     database.execute("DELETE FROM missing WHERE record_id = ?", (record_id,))
-    database.execute("INSERT OR REPLACE INTO clips VALUES (?, x'', 0, 'erased', x'', x'', x'', 0, 0)", (record_id,))
+    database.execute(
+        "INSERT OR REPLACE INTO clips VALUES (?, x'', 0, 'erased', x'', x'', x'', 0, 0, x'', 0)", (record_id,)
+    )
 
 
 def delete_staged(database: sqlite3.Connection, record_id: bytes) -> None:

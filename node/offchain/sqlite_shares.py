@@ -103,7 +103,7 @@ class SqliteShares:
 
     async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]:
         """See `ShareStore.parts_of`."""
-        found = [PartPlace(*row) for key in set(keys) for row in await self._read(_OF_FIELD[field], key)]
+        found = [PartPlace(*row) for key in sorted(set(keys)) for row in await self._read(_OF_FIELD[field], key)]
         return sorted(found, key=lambda place: (place.grant_id, place.record_id))
 
     async def lapsed_parts(self, at_ms: int, limit: int) -> list[PartPlace]:

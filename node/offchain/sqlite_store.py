@@ -1,8 +1,8 @@
 """The embedded custody store, on SQLite. Must never leave the bytes of an erased row in its own files.
 
 One connection in one worker thread, so that the event loop never waits for a disk. `secure_delete` overwrites freed
-pages, `synchronous=FULL` makes a commit survive a power cut, and `sweep` truncates the write-ahead log and overwrites
-the copies that moved rows left behind.
+pages, `synchronous=FULL` makes a commit survive a power cut, and `sweep` cuts the write-ahead log and overwrites the
+copies that moved rows left behind (`sqlite_sweep.py`).
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+import structlog
+
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
-from node.offchain.sqlite_pages import PageFile
 from node.offchain.sqlite_rows import (
     delete_clip,
     delete_staged,
@@ -39,6 +40,8 @@ from node.offchain.sqlite_schema import (
     SCHEMA,
 )
 from node.offchain.sqlite_shares import SqliteShares
+from node.offchain.sqlite_sweep import LOG_MAX_BYTES, Sweeper
+from node.offchain.sqlite_uploads import SqliteUploads
 from node.offchain.store import (
     BlockEffects,
     Checkpoint,
@@ -55,17 +58,14 @@ from node.offchain.store import (
 )
 
 T = TypeVar("T")
+log = structlog.get_logger(__name__)
 
 DATABASE_FILE_NAME = "custody.sqlite3"
+BUSY_TIMEOUT_MS = 5_000
 _PAGE_ROWS_COUNT = 500
 
 
-def _roots(database: sqlite3.Connection) -> list[int]:
-    """Return the first pages of all tables and indexes."""
-    return [row[0] for row in database.execute("SELECT rootpage FROM sqlite_master WHERE rootpage > 0")]
-
-
-class SqliteStore(SqliteShares):
+class SqliteStore(SqliteShares, SqliteUploads):
     """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `store.py`."""
 
     def __init__(self, directory: Path, require_space: Callable[[], None] = lambda: None) -> None:
@@ -75,12 +75,14 @@ class SqliteStore(SqliteShares):
         self._database: sqlite3.Connection | None = None
         self._worker: ThreadPoolExecutor | None = None
         self._descriptor = -1
+        self._sweeper: Sweeper | None = None
+        self._clean_from_bytes = LOG_MAX_BYTES
 
     async def __aenter__(self) -> Self:
         """Open the database. Raises STORE_UNAVAILABLE if the directory or the file cannot be used."""
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="custody-store")
         try:
-            self._database = await self._in_worker(self._open)
+            await self._in_worker(self._open)
         except BaseException:
             self._worker.shutdown()
             raise
@@ -91,8 +93,7 @@ class SqliteStore(SqliteShares):
     ) -> None:
         """Finish what is under way and close the database."""
         if self._database is not None:
-            await self._in_worker(self._database.close)
-            self._database = None
+            await self._in_worker(self._finish)
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
@@ -100,23 +101,55 @@ class SqliteStore(SqliteShares):
             self._worker.shutdown()
             self._worker = None
 
-    def _open(self) -> sqlite3.Connection:
+    def _open(self) -> None:
         self._directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         path = self._directory / DATABASE_FILE_NAME
-        path.touch(mode=0o600, exist_ok=True)
-        self._descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        is_new = not path.exists()
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
-            return self._connect()
+            self._sweeper = Sweeper(path, self._descriptor)
+            self._database = self._connect()
+            if not self._sweeper.is_known_clean:
+                if not is_new:
+                    log.info("custody_walks_every_page", size_bytes=os.fstat(self._descriptor).st_size)
+                self._try_to_clean()
         except BaseException:
+            self._close_database()
             os.close(self._descriptor)
             self._descriptor = -1
             raise
 
+    def _finish(self) -> None:
+        """Sweep, since closing would copy the log into the database unseen, and close."""
+        self._try_to_clean()
+        self._close_database()
+
+    def _try_to_clean(self) -> bool:
+        try:
+            self._clean()
+        except (sqlite3.Error, OSError, BlockRobotError) as error:  # the next sweep walks every page then
+            log.warning("custody_log_not_cut", error=str(error))
+            return False
+        return True
+
+    def _clean_full_log(self) -> None:
+        """Cut a log that is full without waiting for another reader; while there is one, try again as it grows on."""
+        self._opened().execute("PRAGMA busy_timeout = 0")
+        is_cut = self._try_to_clean()
+        self._opened().execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
+        self._clean_from_bytes = LOG_MAX_BYTES if is_cut else self._swept().log_bytes + LOG_MAX_BYTES
+
+    def _close_database(self) -> None:
+        database, self._database = self._database, None
+        if database is not None:
+            database.close()
+
     def _connect(self) -> sqlite3.Connection:
         path = self._directory / DATABASE_FILE_NAME
-        database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        database = sqlite3.connect(path, BUSY_TIMEOUT_MS / 1000, isolation_level=None, check_same_thread=False)
         try:
             self._prepare(database)
+            self._swept().begin(database)
         except BaseException:
             database.close()  # or what it began would lock the next try out
             raise
@@ -154,6 +187,8 @@ class SqliteStore(SqliteShares):
                 database.execute("ROLLBACK")
                 raise
             database.execute("COMMIT")
+            if self._swept().log_bytes >= self._clean_from_bytes:
+                self._clean_full_log()
 
         await self._in_worker(transaction)
 
@@ -165,6 +200,11 @@ class SqliteStore(SqliteShares):
 
     async def _read(self, query: str, *arguments: Any) -> list[tuple[Any, ...]]:
         return await self._in_worker(lambda: self._opened().execute(query, arguments).fetchall())
+
+    def _swept(self) -> Sweeper:
+        if self._sweeper is None:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        return self._sweeper
 
     def _opened(self) -> sqlite3.Connection:
         if self._descriptor < 0:
@@ -250,29 +290,13 @@ class SqliteStore(SqliteShares):
         await self._write(lambda database: delete_staged(database, record_id))
 
     async def sweep(self) -> None:
-        """Cut the write-ahead log to nothing, and overwrite in the database what no row holds.
-
-        A commit by another program in between would be in the log, and the next sweep goes on from there.
-        """
+        """Cut the write-ahead log to nothing, and overwrite in the database what no row holds."""
         await self._in_worker(self._clean)
 
     def _clean(self) -> None:
-        database = self._opened()
-        if database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
-            raise BlockRobotError("STORE_UNAVAILABLE", "Another program reads the database, so its log cannot be cut.")
-        database.execute("BEGIN IMMEDIATE")
-        try:
-            cleaned = self._log_bytes() == 0 and PageFile(self._descriptor).clean(_roots(database))
-        finally:
-            database.execute("ROLLBACK")
-        if cleaned:  # the connection's own copies of these pages would be written again
-            self._database = None
-            database.close()
+        if self._swept().sweep(self._opened()):  # the connection's own copies of these pages would be written again
+            self._close_database()
             self._database = self._connect()
-
-    def _log_bytes(self) -> int:
-        log = self._directory / f"{DATABASE_FILE_NAME}-wal"
-        return log.stat().st_size if log.exists() else 0
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
         """See `CustodyStore.lapsed`."""
@@ -334,6 +358,14 @@ class SqliteStore(SqliteShares):
         rows = await self._read("SELECT content FROM backgrounds WHERE digest = ?", digest)
         return rows[0][0] if rows else None
 
+    async def background_digests(self) -> list[bytes]:
+        """See `CustodyStore.background_digests`."""
+        return [row[0] for row in await self._read("SELECT digest FROM backgrounds ORDER BY digest")]
+
+    async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
+        """See `CustodyStore.delete_backgrounds`."""
+        await self._write_one("DELETE FROM backgrounds WHERE digest = ?", *((digest,) for digest in digests))
+
     async def add_outbox(self, row: OutboxRow) -> None:
         """See `ReceiptOutbox.add_outbox`."""
         await self._write(lambda database: insert_outbox(database, [row]))
@@ -347,10 +379,11 @@ class SqliteStore(SqliteShares):
         """See `ReceiptOutbox.remove_outbox`."""
         await self._write(lambda database: write_effects(database, BlockEffects(settled=(key,))))
 
-    async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
+    async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox`."""
-        query = f"SELECT {OUTBOX_COLUMNS} FROM outbox WHERE status = ? ORDER BY height, kind, subject, part LIMIT ?"  # noqa: S608
-        return [OutboxRow(*row) for row in await self._read(query, status, limit)]
+        where = "status = ? AND contract = ? ORDER BY height, kind, subject, part LIMIT ?"
+        query = f"SELECT {OUTBOX_COLUMNS} FROM outbox WHERE {where}"  # noqa: S608
+        return [OutboxRow(*row) for row in await self._read(query, status, contract, limit)]
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox_of`."""
@@ -415,8 +448,10 @@ class SqliteStore(SqliteShares):
 
         def look() -> Leftovers:
             self._clean()
-            database = self._opened()
-            database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-            return Leftovers(self._log_bytes(), PageFile(self._descriptor).count_dirty(_roots(database)))
+            sweeper = self._swept()
+            dirty = sweeper.count_dirty(self._opened())
+            if dirty:
+                sweeper.distrust()
+            return Leftovers(sweeper.log_bytes, dirty)
 
         return await self._in_worker(look)

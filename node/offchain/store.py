@@ -14,6 +14,7 @@ from typing import Literal, Protocol, Self
 
 from consensus.primitives.encoding import Wire
 from node.offchain.share_store import ShareStore
+from node.offchain.uploads import UploadAccount
 
 ClipStatus = Literal["staged", "confirmed", "erased"]
 OutboxStatus = Literal["erasing", "ready"]
@@ -24,7 +25,8 @@ class ClipRow:
     """One clip. An erased one is a mark without owner, leaves or expiry, so that its id is never filled again.
 
     `owner` (33 bytes), `expires_at_ms` and `height` come from the chain with the confirmation; until then they are
-    empty and 0. `record_id` has 16 bytes, `txid` and each leaf 32.
+    empty and 0. `record_id` has 16 bytes, `txid` and each leaf 32. `robot` (33 bytes) uploaded `size_bytes`; a clip that
+    was fetched from another custodian has none.
     """
 
     record_id: bytes
@@ -36,6 +38,8 @@ class ClipRow:
     owner: bytes = b""
     expires_at_ms: int = 0
     height: int = 0
+    robot: bytes = b""
+    size_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,8 +225,8 @@ class ReceiptOutbox(Protocol):
         """Forget a row; one that is not there is no error."""
         ...
 
-    async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
-        """Return up to `limit` rows of this status, those of the lowest height first."""
+    async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
+        """Return up to `limit` rows of this status that call this contract, by height, then by key."""
         ...
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
@@ -230,7 +234,7 @@ class ReceiptOutbox(Protocol):
         ...
 
 
-class CustodyStore(ReceiptOutbox, ShareStore, Protocol):
+class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
     """A custodian's store. Every method raises STORE_UNAVAILABLE if the store does not answer."""
 
     async def __aenter__(self) -> Self:
@@ -337,6 +341,14 @@ class CustodyStore(ReceiptOutbox, ShareStore, Protocol):
 
     async def background(self, digest: bytes) -> bytes | None:
         """Return an empty frame, or None."""
+        ...
+
+    async def background_digests(self) -> list[bytes]:
+        """Return the SHA-256 of every empty frame, sorted."""
+        ...
+
+    async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
+        """Delete empty frames; those that are not there are passed over."""
         ...
 
     def all_clips(self) -> AsyncIterator[ClipRow]:

@@ -1,8 +1,8 @@
 """The snapshots that a node keeps for others, and hands out chunk by chunk. Must never hold the event loop up for a disk.
 
-A node that prunes makes one at every milestone (a height that all nodes of the same setting share, so that a newcomer
-can fetch its chunks from several of them); any node makes one when it is asked and has none that helps, but not often:
-nobody may keep its disk busy by asking.
+A node makes one at every milestone (a height that all nodes of the same setting share, so that a newcomer can fetch its
+chunks from several of them), one when pruning left none that helps, and one when it is asked and has none that helps,
+but not often: nobody may keep its disk busy by asking.
 """
 
 from __future__ import annotations
@@ -71,6 +71,11 @@ class SnapshotShelf:
         """Make a snapshot of this version of the ledger in a thread; one at a time. Takes the version over."""
         self._begin(snapshot, is_requested=False)
 
+    def note_pruned(self, earliest_height: int) -> None:
+        """Make a new snapshot if no blocks lead on from any that is here; those that lead nowhere go with it."""
+        if max(self._known, default=-1) + 1 < earliest_height:
+            self.begin(self._ledger.snapshot())
+
     def _begin(self, snapshot: LedgerSnapshot, *, is_requested: bool) -> None:
         if self._making is not None and not self._making.done():
             snapshot.close()
@@ -94,7 +99,9 @@ class SnapshotShelf:
         if made is not None:
             self._known[made.height] = (compute_content_id(made), made)
             log.info("snapshot_made", height=made.height, size_bytes=made.size_bytes)
-        for height in sorted(self._known)[:-SNAPSHOTS_KEPT_COUNT]:
+        with self._ledger.snapshot() as now:
+            useless = [height for height in self._known if height + 1 < now.earliest_height]
+        for height in sorted({*useless, *sorted(self._known)[:-SNAPSHOTS_KEPT_COUNT]}):
             del self._known[height]
             await asyncio.get_running_loop().run_in_executor(None, shutil.rmtree, self._place(height), True)
 

@@ -33,6 +33,8 @@ class House:
         self.make_store = make_store
         self.directory = directory
         self.chain = SmallChain()
+        self.has_room = True
+        self.approved_frames: set[bytes] = set()
         self.store: CustodyStore
         self.keys: EraseKeys
         self.custodian: Custodian
@@ -42,7 +44,15 @@ class House:
         with EraseKeys(self.directory) as self.keys:
             async with self.make_store() as self.store:
                 clock = lambda: self.chain.time_ms  # noqa: E731
-                self.custodian = Custodian(self.store, self.keys, member=CUSTODIAN, clock_ms=clock)
+                room = lambda _size_bytes: self.has_room  # noqa: E731
+                self.custodian = Custodian(
+                    self.store,
+                    self.keys,
+                    member=CUSTODIAN,
+                    clock_ms=clock,
+                    has_room=room,
+                    is_frame_approved=lambda digest: digest in self.approved_frames,
+                )
                 await self.custodian.start()
                 yield self.custodian
 

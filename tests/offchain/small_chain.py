@@ -100,6 +100,11 @@ def recorded(clip: RecordedClip, owner: bytes = ALICE, **changes: Any) -> tuple[
     return "records", "recorded", data | changes
 
 
+def empty_frames_withdrawn(*frames: bytes, gone: tuple[bytes, ...] = ()) -> tuple[str, str, dict[str, Any]]:
+    """Return the event that a robot's empty frames are approved no more; no robot has those that are `gone`."""
+    return "records", "empty_frames_withdrawn", {"robot": bytes(33), "frames": list(frames), "gone": list(gone)}
+
+
 def access(access_id: bytes, *clips: RecordedClip, owner: bytes = ALICE) -> tuple[str, str, dict[str, Any]]:
     ids = [clip.record_id for clip in clips]
     return "access", "requested", {"access_id": access_id, "owner": owner, "records": ids, "purpose": "demo"}

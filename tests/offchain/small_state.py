@@ -38,7 +38,7 @@ class State:
             "txid": sha256(clip.record_id),
             "status": "active",
             "erased_frames": [],
-            "custodians": [],
+            "awaited": [],
         }
         if changes.get("status") in {"erased", "expired"}:
             entry |= {"commitment_root": b"", "ciphertext_root": b""}
@@ -63,8 +63,8 @@ class State:
         self.rows[b"rights\x00quarantine/" + owner] = bytes(32)
 
     def released(self, *clips: RecordedClip, custodian: bytes = CUSTODIAN) -> None:
-        told = sha256(custodian + b"".join(clip.record_id for clip in clips))
-        self.rows[b"access\x00release/" + ACCESS_ID + told] = True
+        for clip in clips:
+            self.rows[b"access\x00release/" + ACCESS_ID + custodian + clip.record_id] = True
 
     def erasure(self, *clips: RecordedClip, frames: tuple[int, ...] = (), receipts: Any = (), **changes: Any) -> None:
         entry = {

@@ -25,10 +25,20 @@ from node.offchain.mongo_store import MongoStore
 from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 from tests.offchain import secantus
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
-from tests.offchain.small_chain import ALICE, EXPIRES_MS, START_MS, access, erasure, record_clip, recorded
+from tests.offchain.small_chain import (
+    ALICE,
+    EXPIRES_MS,
+    START_MS,
+    access,
+    empty_frames_withdrawn,
+    erasure,
+    record_clip,
+    recorded,
+)
 
 LATER_MS = EXPIRES_MS + 9_999_999
 SECOND_ID = b"\xe2" * 32
+FRAME = b"\xf1" * 32
 STEPS_MAX_COUNT = 400
 CHUNKS_COUNT = 4
 
@@ -90,7 +100,13 @@ class Story:
         await self.house.follow(*early, recorded(self.expiring, expires_at_ms=START_MS + 50_000))
         await custodian.stage(msgspec.structs.replace(self.lapsed.upload, valid_until_ms=START_MS + 50_000))
         requests = (erasure(ERASURE_ID, self.cut, frames=(0, 2)), erasure(SECOND_ID, self.gone))
-        events = (recorded(self.kept, expires_at_ms=LATER_MS), access(ACCESS_ID, self.kept), *requests)
+        await self.house.store.put_background(FRAME, b"empty")
+        events = (
+            recorded(self.kept, expires_at_ms=LATER_MS),
+            access(ACCESS_ID, self.kept),
+            *requests,
+            empty_frames_withdrawn(FRAME, gone=(FRAME,)),
+        )
         return chain.block(*events, at_ms=START_MS + 50_000)
 
     async def check(self) -> None:
@@ -104,6 +120,7 @@ class Story:
         await refused("NOT_FOUND", custodian.export(self.lapsed.record_id))
         assert keys.held_count == 3 + 1
         assert keys.check_destroyed() == 0
+        assert await custodian.get_background(FRAME) is None
         owed = await self.house.owed()
         assert len(owed) == 4
         receipts = {told[0]: told[1:3] for call, told in owed if call == "erasure.receipt"}

@@ -6,7 +6,7 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, FrameDownload
-from node.offchain.custodian import FETCH_AT_ONCE_COUNT
+from node.offchain.fetching import FETCH_AT_ONCE_COUNT
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -112,3 +112,18 @@ async def test_a_record_erased_while_its_clip_was_missing_stays_away(opened: Hou
     assert await opened.custodian.install(held_by_peer(clip)) is False
     await refused("CLIP_ERASED", opened.custodian.stage(clip.upload))
     assert [call for call, _ in await opened.owed()] == ["erasure.receipt"]
+
+
+async def test_nothing_is_fetched_into_the_disks_reserve_and_erasing_goes_on(opened: House) -> None:
+    held, missing = record_clip(), record_clip()
+    await opened.keep(held)
+    await opened.follow(recorded(missing))
+    opened.has_room = False
+    assert await opened.custodian.fetch_missing([Peer(held_by_peer(missing))]) == 0
+    await opened.follow(erasure(ERASURE_ID, held))
+    assert [call for call, _ in await opened.owed()] == ["erasure.receipt"]
+    opened.has_room = True
+    fetched = 0
+    for _ in range(2):
+        fetched += await opened.custodian.fetch_missing([Peer(held_by_peer(missing))])
+    assert fetched == 1

@@ -27,6 +27,7 @@ from node.offchain.mongo_store import (
 from node.offchain.open_store import open_store
 from node.offchain.sqlite_store import SqliteStore
 from node.offchain.store import BlockEffects, Checkpoint, ClipRow, FrameRow, Grant, OutboxRow
+from node.offchain.uploads import DayUse
 
 RECORD_ID, OWNER, TXID = b"\x01" * 16, b"\x02" * 33, b"\x03" * 32
 Query = Callable[[MongoStore], Any]
@@ -101,12 +102,12 @@ def test_another_name_is_refused(name: str, tmp_path: Path) -> None:
 
 
 BY_KEY_ALONE = {
-    *("add_outbox", "remove_outbox", "mark_outbox_ready", "put_background"),
+    *("add_outbox", "remove_outbox", "mark_outbox_ready", "put_background", "delete_backgrounds"),
     *("stage", "correct", "extend_staged", "erase_frames"),
     *("confirm_parts", "erase_parts", "forget_share", "part", "put_part", "put_share", "share"),
 }
 """What reads and writes single documents by their ids, or by the slots of their keys."""
-LOOK_AT_ALL = {"counts", "leftovers", "sweep", "all_parts", "all_shares"}
+LOOK_AT_ALL = {"counts", "leftovers", "sweep", "all_parts", "all_shares", "background_digests"}
 """What an operator asks for, and what walks over everything at a start."""
 
 
@@ -135,7 +136,7 @@ QUERIES: Mapping[str, Query] = {
     "grant": lambda store: store.grant(TXID),
     "grants_of_owner": lambda store: store.grants_of_owner(OWNER),
     "background": lambda store: store.background(TXID),
-    "outbox": lambda store: store.outbox("ready", 10),
+    "outbox": lambda store: store.outbox("ready", "access", 10),
     "outbox_of": lambda store: store.outbox_of("access.released", TXID),
     "all_clips": lambda store: _drain(store.all_clips()),
     "slots_in_use": lambda store: _drain(store.slots_in_use()),
@@ -146,6 +147,9 @@ QUERIES: Mapping[str, Query] = {
     "parts_of records": lambda store: store.parts_of("record_id", [RECORD_ID]),
     "parts_of owners": lambda store: store.parts_of("owner", [OWNER]),
     "records_with_frames": lambda store: _drain(store.records_with_frames()),
+    "use_by_robot": lambda store: store.use_by_robot("staged"),
+    "add_use": lambda store: store.add_use(DayUse(20_000, TXID, 5)),
+    "day_uses": lambda store: store.day_uses(),
 }
 
 
@@ -174,7 +178,7 @@ async def test_every_query_goes_by_an_index(
     query: str, mongo_database: str, database: Database[Document], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[tuple[str, Document, Sequence[tuple[str, int]]]] = []
-    many, delete = MongoStore._many, MongoStore._delete
+    many, delete, summed = MongoStore._many, MongoStore._delete, MongoStore._summed
 
     async def noted_many(store: MongoStore, name: str, where: Document, **options: Any) -> list[Document]:
         asked.append((name, where, options.get("sort", (("_id", 1),))))
@@ -184,11 +188,16 @@ async def test_every_query_goes_by_an_index(
         asked.append((name, where, ()))
         await delete(store, name, where)
 
+    async def noted_summed(store: MongoStore, name: str, where: Document, groups: Document) -> list[Document]:
+        asked.append((name, where, ()))
+        return await summed(store, name, where, groups)
+
     async with MongoStore(mongo_database) as store:
         clip = ClipRow(RECORD_ID, TXID, 1000, "staged", (TXID,), (TXID,))
         await store.stage(clip, [FrameRow(RECORD_ID, 0, b"ciphertext", b"wrapped", 7)])
         monkeypatch.setattr(MongoStore, "_many", noted_many)
         monkeypatch.setattr(MongoStore, "_delete", noted_delete)
+        monkeypatch.setattr(MongoStore, "_summed", noted_summed)
         await QUERIES[query](store)
     assert asked
     for name, where, sort in asked:
@@ -242,12 +251,12 @@ async def test_a_block_cut_off_in_the_middle_leaves_nothing_or_what_a_repetition
                 await store.apply(EFFECTS)
         assert await store.checkpoint() is None
         assert (await store.grant(TXID) is None) == has_transactions
-        assert (await store.outbox("ready", 10) == []) == has_transactions
+        assert (await store.outbox("ready", "access", 10) == []) == has_transactions
         for _ in range(2):
             await store.apply(EFFECTS)
         assert await store.checkpoint() == EFFECTS.checkpoint
         assert await store.grant(TXID) == EFFECTS.grants[0]
-        assert await store.outbox("ready", 10) == list(EFFECTS.outbox)
+        assert await store.outbox("ready", "access", 10) == list(EFFECTS.outbox)
 
 
 async def test_a_transaction_that_a_failover_cut_off_is_begun_again_but_not_for_ever(

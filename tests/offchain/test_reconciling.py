@@ -109,6 +109,26 @@ async def test_another_custodians_release_is_not_ones_own(opened: House) -> None
     assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
+@pytest.mark.parametrize(
+    ("awaited", "custodians", "owes"),
+    [
+        ([CUSTODIAN, OTHER_CUSTODIAN], BOTH, True),
+        ([OTHER_CUSTODIAN], BOTH, False),
+        ([OTHER_CUSTODIAN], [CUSTODIAN], True),
+        ([CUSTODIAN], [OTHER_CUSTODIAN], False),
+    ],
+    ids=["awaits this one", "awaits another", "awaits one that was removed", "this one was removed"],
+)
+async def test_an_expired_record_that_waits_for_a_report_gets_it(
+    opened: House, awaited: list[bytes], custodians: list[bytes], owes: bool
+) -> None:
+    clip, state = record_clip(), State()
+    state.record(clip, status="expired", awaited=awaited)
+    state.rows[b"identity\x00custodians"] = custodians
+    await reconcile(opened, state)
+    assert [(kind, told[0]) for kind, told in await opened.owed()] == [("erasure.expired", [clip.record_id])] * owes
+
+
 async def test_a_refusal_that_was_told_is_not_told_again(opened: House) -> None:
     clip = record_clip()
     state = State()

@@ -332,3 +332,18 @@ async def test_blocks_are_followed_while_a_rebuild_reads_what_is_held(
     assert (report.mended, report.still_damaged, report.is_whole) == ([], [], True)
     monkeypatch.undo()
     assert (await desk.scrub()).is_clean
+
+
+async def test_an_empty_frame_that_a_store_kept_though_it_was_withdrawn_is_found_and_a_rebuild_deletes_it(
+    desk: Desk,
+) -> None:
+    await desk.hold(record_clip())
+    for digest in (b"\x01" * 32, b"\x02" * 32):
+        await desk.house.store.put_background(digest, b"picture")
+    desk.state.rows[b"records\x00empty-frame/" + b"\x01" * 32] = 1
+    report = await desk.scrub()
+    assert report.empty_frames_held_though_withdrawn == [b"\x02" * 32]
+    assert not report.nothing_erased_is_left
+    await desk.rebuild()
+    assert await desk.house.store.background_digests() == [b"\x01" * 32]
+    assert (await desk.scrub()).is_clean

@@ -159,7 +159,13 @@ def connect(uri: str) -> MongoClient[dict[str, Any]]:
 def make_older(path: Path, version: int) -> None:
     """Take out of an embedded store what a former format did not have."""
     with sqlite3.connect(path / DATABASE_FILE_NAME) as database:
-        database.execute("DROP INDEX shares_by_owner")
+        database.execute("DROP INDEX outbox_by_contract")
+        database.execute("CREATE INDEX outbox_by_height ON outbox (status, height, kind, subject, part)")
+        if version < 5:
+            database.executescript("DROP INDEX clips_by_robot; DROP TABLE day_uses;")
+            database.executescript("ALTER TABLE clips DROP COLUMN robot; ALTER TABLE clips DROP COLUMN size_bytes;")
+        if version < 4:
+            database.execute("DROP INDEX shares_by_owner")
         if version < 3:
             database.executescript("DROP TABLE shares; DROP TABLE parts; ALTER TABLE grants DROP COLUMN share;")
             database.execute("DROP INDEX missing_by_owner")
@@ -169,7 +175,7 @@ def make_older(path: Path, version: int) -> None:
     database.close()
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("version", [1, 2, 3, 4, 5])
 async def test_an_embedded_store_of_a_former_format_is_brought_to_this_one(tmp_path: Path, version: int) -> None:
     asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
     async with SqliteStore(tmp_path) as store:
@@ -186,10 +192,12 @@ async def test_an_embedded_store_of_a_former_format_is_brought_to_this_one(tmp_p
         for table, key in (("missing", "record_id"), ("shares", "grant_id")):
             asked_for = f"EXPLAIN QUERY PLAN SELECT * FROM {table} WHERE owner = x'' ORDER BY {key}"
             assert f"{table}_by_owner" in str(database.execute(asked_for).fetchall())
+        asked_for = "EXPLAIN QUERY PLAN SELECT * FROM outbox WHERE status = '' AND contract = '' ORDER BY height, kind"
+        assert "outbox_by_contract" in str(database.execute(asked_for).fetchall())
     database.close()
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("version", [1, 2, 3, 4, 5])
 async def test_an_embedded_store_that_was_cut_off_anywhere_on_its_way_begins_that_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: int
 ) -> None:
@@ -244,7 +252,7 @@ async def test_a_networked_store_that_was_cut_off_on_its_way_begins_that_again(
             assert await store.grant(asked.access_id) == asked
             assert await store.shares_of(OWNER) == []
         with connect(mongo_database) as client:
-            assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 3}
+            assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 4}
 
 
 def make_networked_older(uri: str, version: int) -> None:
@@ -257,7 +265,7 @@ def make_networked_older(uri: str, version: int) -> None:
         database["format"].update_one({}, {"$set": {"version": version}})
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 3])
 async def test_a_networked_store_of_a_former_format_is_brought_to_this_one(mongo_database: str, version: int) -> None:
     asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
     async with MongoStore(mongo_database) as store:
@@ -268,6 +276,6 @@ async def test_a_networked_store_of_a_former_format_is_brought_to_this_one(mongo
         await store.put_part(part(1, 1, 10))
         assert [slot async for slot in store.slots_in_use()] == [10]
     with connect(mongo_database) as client:
-        assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 3}
+        assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 4}
         names = client.get_default_database()["parts"].index_information()
     assert {"slot_1", "record_id_1__id_1", "owner_1__id_1", "grant_id_1__id_1"} <= set(names)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace as replace_fields
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
@@ -382,3 +383,39 @@ async def put_back(store: CustodyStore, backup: tuple[Any, Any]) -> None:
     share_row, part_row = backup
     await store.put_share(share_row)
     await store.put_part(part_row)
+
+
+async def test_what_is_refused_makes_no_key_first(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is made and destroyed again costs three flushes of the disk, whoever is refused."""
+    clip, late = record_clip(), record_clip()
+    await opened.keep(clip)
+    await opened.follow(recorded(late))
+    upload = parts_for(clip)[CUSTODIAN]
+
+    def allocate(count: int) -> list[tuple[int, bytes]]:
+        raise AssertionError("a key was made for what is refused")
+
+    def end() -> None:
+        raise BlockRobotError("GRANT_ENDED")
+
+    monkeypatch.setattr(opened.keys, "allocate", allocate)
+    await refused_with("NOT_PERMITTED", opened.custodian.stage_part(upload, BOB))
+    await refused_with("GRANT_ENDED", opened.custodian.stage_part(upload, ALICE, end))
+    other = replace_fields(record_clip().upload, record_id=late.record_id)
+    await refused_with("UPLOAD_HASH_MISMATCH", opened.custodian.stage(other))
+
+
+async def test_a_part_that_is_here_already_makes_no_key(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    clip, asked_for = record_clip(), 0
+    upload, allocate = parts_for(clip)[CUSTODIAN], opened.keys.allocate
+
+    def count(number: int) -> list[tuple[int, bytes]]:
+        nonlocal asked_for
+        asked_for += 1
+        return allocate(number)
+
+    await opened.keep(clip)
+    monkeypatch.setattr(opened.keys, "allocate", count)
+    for _ in range(3):
+        assert await opened.custodian.stage_part(upload, ALICE) == "staged"
+    assert asked_for == 1

@@ -14,12 +14,11 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.hashing import sha256
 from node.offchain.sqlite_pages import PageFile
 from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
-from node.offchain.store import ClipRow, FrameRow
+from tests.offchain.stored_clips import bytes_in, make_clip, pieces_of
 
-FRAMES_COUNT, CLIPS_COUNT = 4, 40
+CLIPS_COUNT = 40
 
 
 @contextmanager
@@ -88,8 +87,9 @@ def test_free_pages_are_dirty_unless_deleting_overwrites(tmp_path: Path, secure:
         database.executemany("INSERT INTO frames VALUES (?)", [(secrets.token_bytes(20_000),) for _ in range(40)])
         database.execute("DELETE FROM frames")
     with _pages(path) as pages:
-        pages.clean(_roots(path))
         assert (pages.count_dirty(_roots(path)) > 100_000) == is_dirty
+        pages.clean(_roots(path))
+        assert pages.count_dirty(_roots(path)) == 0
 
 
 def test_an_empty_file_has_no_pages(tmp_path: Path) -> None:
@@ -98,34 +98,12 @@ def test_an_empty_file_has_no_pages(tmp_path: Path) -> None:
         assert pages.count_dirty([2, 3]) == pages.clean([2, 3]) == 0
 
 
-def _clip(number: int) -> tuple[ClipRow, list[FrameRow]]:
-    record_id = secrets.token_bytes(16)
-    leaves = tuple(sha256(record_id + bytes([index])) for index in range(FRAMES_COUNT))
-    clip = ClipRow(record_id, secrets.token_bytes(32), 1000, "staged", leaves, tuple(map(sha256, leaves)))
-    frames = [
-        FrameRow(record_id, index, secrets.token_bytes(9_000), secrets.token_bytes(136), 10 * number + index)
-        for index in range(FRAMES_COUNT)
-    ]
-    return clip, frames
-
-
-def _pieces(clip: ClipRow, frames: list[FrameRow]) -> list[bytes]:
-    leaves = [leaf[:16] for leaf in (*clip.commitment_leaves, *clip.ciphertext_leaves)]
-    keys = [frame.wrapped_key[start : start + 16] for frame in frames for start in (0, 60, 120)]
-    texts = [frame.ciphertext[start : start + 16] for frame in frames for start in range(0, 8_984, 400)]
-    return [*leaves, *keys, *texts]
-
-
-def _bytes_in(folder: Path) -> bytes:
-    return b"".join(path.read_bytes() for path in folder.glob(f"{DATABASE_FILE_NAME}*"))
-
-
 async def test_of_many_clips_that_came_and_went_not_a_byte_of_an_erased_one_is_left(tmp_path: Path) -> None:
     """Rows move from page to page as others come and go; every other clip is erased, and more come in between."""
     async with SqliteStore(tmp_path) as store:
         kept, gone = [], []
         for number in range(CLIPS_COUNT):
-            clip, frames = _clip(number)
+            clip, frames = make_clip(number)
             await store.stage(clip, frames)
             (gone if number % 2 else kept).append((clip, frames))
             if number % 8 == 7:
@@ -134,8 +112,8 @@ async def test_of_many_clips_that_came_and_went_not_a_byte_of_an_erased_one_is_l
                 await store.sweep()
         left = await store.leftovers()
         assert (left.log_bytes, left.dirty_bytes) == (0, 0)
-        files = await asyncio.to_thread(_bytes_in, tmp_path)
-        assert not [piece for clip in gone for piece in _pieces(*clip) if piece in files]
+        files = await asyncio.to_thread(bytes_in, tmp_path)
+        assert not [piece for clip in gone for piece in pieces_of(*clip) if piece in files]
         for clip, frames in kept:
             assert await store.frames(clip.record_id) == frames
             assert (await store.clips([clip.record_id]))[clip.record_id] == clip
@@ -146,7 +124,7 @@ async def test_of_many_clips_that_came_and_went_not_a_byte_of_an_erased_one_is_l
 async def test_sweeping_gives_up_no_lock_and_loses_no_commit_of_anybody(tmp_path: Path) -> None:
     """Another program opens, writes and closes the database in between: nothing of either is lost."""
     async with SqliteStore(tmp_path) as store:
-        first, second = _clip(1), _clip(2)
+        first, second = make_clip(1), make_clip(2)
         await store.stage(*first)
         await store.leftovers()
         with closing(sqlite3.connect(tmp_path / DATABASE_FILE_NAME, isolation_level=None)) as other:
@@ -163,7 +141,7 @@ async def test_sweeping_gives_up_no_lock_and_loses_no_commit_of_anybody(tmp_path
 async def test_page_numbers_that_reused_pages_leave_in_the_list_of_free_ones_are_no_alarm(tmp_path: Path) -> None:
     """SQLite writes over no number that it takes from the list: they tell of no row, and are cleared all the same."""
     async with SqliteStore(tmp_path) as store:
-        clips = [_clip(number) for number in range(8)]
+        clips = [make_clip(number) for number in range(8)]
         for clip, frames in clips[:6]:
             await store.stage(clip, frames)
         for clip, _ in clips[:4]:
@@ -186,10 +164,10 @@ async def test_a_sweep_that_cannot_open_the_database_again_stops_nothing_but_its
         raise sqlite3.OperationalError("unable to open database file")
 
     async with SqliteStore(tmp_path) as store:
-        clip, frames = _clip(1)
+        clip, frames = make_clip(1)
         await store.stage(clip, frames)
         with monkeypatch.context() as patches:
-            patches.setattr(PageFile, "clean", lambda _pages, _roots: 1)
+            patches.setattr(PageFile, "clean_written", lambda _pages, _written: 1)
             patches.setattr(SqliteStore, "_connect", fail)
             for action in (store.sweep, store.counts):
                 with pytest.raises(BlockRobotError) as refusal:
@@ -200,7 +178,7 @@ async def test_a_sweep_that_cannot_open_the_database_again_stops_nothing_but_its
         await store.sweep()
         assert await store.frames(clip.record_id) == []
         with monkeypatch.context() as patches:
-            patches.setattr(PageFile, "clean", lambda _pages, _roots: 1)
+            patches.setattr(PageFile, "clean_written", lambda _pages, _written: 1)
             patches.setattr(SqliteStore, "_connect", fail)
             with pytest.raises(BlockRobotError):
                 await store.sweep()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,6 +11,8 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.limits import CIPHERTEXT_MAX_BYTES
 from consensus.primitives.hashing import sha256
+from network.sim.custody_store import MemoryEraseKeys
+from node.offchain.custodian import Custodian
 from node.offchain.mongo_documents import STAGING
 from node.offchain.mongo_store import MongoStore
 from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
@@ -245,8 +248,8 @@ async def test_the_outbox_keeps_what_came_first(store: CustodyStore) -> None:
     await store.add_outbox(first)
     await store.add_outbox(replace(first, arguments=b"\x91\x01", status="ready", plan=b""))
     await store.apply(BlockEffects(outbox=(replace(first, height=9), row(1, height=3))))
-    assert await store.outbox("erasing", 10) == [first]
-    assert await store.outbox("ready", 10) == [row(1, height=3)]
+    assert await store.outbox("erasing", "access", 10) == [first]
+    assert await store.outbox("ready", "access", 10) == [row(1, height=3)]
     assert await store.outbox_of("access.released", b"\x31" * 32) == [first, row(1, height=3)]
 
 
@@ -255,7 +258,7 @@ async def test_an_outbox_row_gets_ready_without_its_plan_and_is_settled_once(sto
     await store.add_outbox(planned)
     for _ in range(2):
         await store.mark_outbox_ready(planned.key)
-    assert await store.outbox("ready", 10) == [replace(planned, status="ready", plan=b"")]
+    assert await store.outbox("ready", "access", 10) == [replace(planned, status="ready", plan=b"")]
     for _ in range(2):
         await store.apply(BlockEffects(settled=(planned.key,)))
     await store.remove_outbox(planned.key)
@@ -265,8 +268,31 @@ async def test_an_outbox_row_gets_ready_without_its_plan_and_is_settled_once(sto
 async def test_the_outbox_comes_in_the_order_of_heights(store: CustodyStore) -> None:
     for part, height in ((0, 12), (1, 3), (2, 7)):
         await store.add_outbox(row(part, height))
-    assert [found.height for found in await store.outbox("ready", 10)] == [3, 7, 12]
-    assert [found.height for found in await store.outbox("ready", 2)] == [3, 7]
+    assert [found.height for found in await store.outbox("ready", "access", 10)] == [3, 7, 12]
+    assert [found.height for found in await store.outbox("ready", "access", 2)] == [3, 7]
+
+
+async def test_receipts_of_erasures_wait_behind_no_words_on_requests(
+    store: CustodyStore,
+) -> None:
+    custodian = Custodian(store, MemoryEraseKeys(random.Random(1)), member=bytes(33), clock_ms=lambda: 0)
+    words = [row(part, part) for part in range(12)]
+    receipts = [
+        replace(row(part, 100 + part), kind="erasure.receipt", contract="erasure", entry="receipt")
+        for part in range(12)
+    ]
+    for each in words:
+        await store.add_outbox(each)
+    assert await custodian.owed(8) == words[:8]
+    for each in receipts[:3]:
+        await store.add_outbox(each)
+    assert await custodian.owed(8) == receipts[:3] + words[:5]
+    for each in receipts[3:]:
+        await store.add_outbox(each)
+    assert await custodian.owed(8) == receipts[:6] + words[:2]
+    for each in words[1:]:
+        await store.remove_outbox(each.key)
+    assert await custodian.owed(8) == receipts[:7] + words[:1]
 
 
 async def test_backgrounds_are_kept_by_hash(store: CustodyStore) -> None:
@@ -274,6 +300,11 @@ async def test_backgrounds_are_kept_by_hash(store: CustodyStore) -> None:
     for _ in range(2):
         await store.put_background(sha256(content), content)
     assert await store.background(sha256(content)) == content
+    await store.put_background(bytes(32), b"other")
+    assert await store.background_digests() == sorted([bytes(32), sha256(content)])
+    await store.delete_backgrounds([sha256(content), b"\x01" * 32])
+    assert await store.background_digests() == [bytes(32)]
+    assert await store.background(sha256(content)) is None
 
 
 async def test_walks_over_all_clips_and_slots_see_each_once(store: CustodyStore) -> None:
@@ -295,7 +326,7 @@ async def test_what_was_written_is_there_after_reopening(make_store: Callable[[]
         assert await store.checkpoint() == Checkpoint(5, TXID, 1234)
         assert await store.clips_of_owner(OWNER) != []
         assert await store.frames(record_id(1)) == frames_of(staged, 100)
-        assert await store.outbox("ready", 10) == [row(0)]
+        assert await store.outbox("ready", "access", 10) == [row(0)]
 
 
 async def test_the_same_effects_twice_leave_what_once_left(store: CustodyStore) -> None:
@@ -309,9 +340,13 @@ async def test_the_same_effects_twice_leave_what_once_left(store: CustodyStore) 
         checkpoint=Checkpoint(5, TXID, 1234),
     )
     await store.apply(effects)
-    once = (await store.clips([record_id(1)]), await store.missing(10), await store.outbox("ready", 10))
+    once = (await store.clips([record_id(1)]), await store.missing(10), await store.outbox("ready", "access", 10))
     await store.apply(effects)
-    assert (await store.clips([record_id(1)]), await store.missing(10), await store.outbox("ready", 10)) == once
+    assert (
+        await store.clips([record_id(1)]),
+        await store.missing(10),
+        await store.outbox("ready", "access", 10),
+    ) == once
 
 
 async def test_a_closed_store_says_that_it_is_unavailable(make_store: Callable[[], CustodyStore]) -> None:

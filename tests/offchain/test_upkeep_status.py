@@ -33,6 +33,10 @@ class Snapshot:
         return self._state.scan(prefix, limit)
 
 
+async def no_uploads(_timestamp_ms: int, *, counts_held: bool) -> dict[str, Any]:
+    return {}
+
+
 def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lambda _prefix: None) -> Upkeep:
     class Ledger:
         def snapshot(self) -> Snapshot:
@@ -40,7 +44,7 @@ def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lamb
 
     ledger: Any = Ledger()
     parts = {"custodian": house.custodian, "store": house.store, "keys": house.keys, "ledger": ledger}
-    serving = {"find_peers": list, "is_serving": lambda: True}
+    serving = {"find_peers": list, "is_serving": lambda: True, "describe_uploads": no_uploads}
     return Upkeep(name="node-1", member=CUSTODIAN, clock=lambda: NOW_MS, **parts, **serving)
 
 

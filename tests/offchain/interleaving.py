@@ -1,0 +1,95 @@
+"""Two pieces of work on one custodian, of which each stops where the test says: before or after any call of the store."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
+
+from tests.offchain.house import House
+
+NEVER = 1 << 30
+
+
+class _CountedLock(asyncio.Lock):
+    """A lock that tells how many wait for it."""
+
+    waiting = 0
+
+    async def acquire(self) -> Any:
+        self.waiting += 1
+        try:
+            return await super().acquire()
+        finally:
+            self.waiting -= 1
+
+
+class _Stop:
+    """One piece of work, that goes on to a place among its calls of the store, and from there when it is told."""
+
+    def __init__(self, place: int) -> None:
+        self.place = place
+        self.passed = 0
+        self.is_there = False
+        self.go_on = asyncio.Event()
+
+
+class Interleaving:
+    """Puts stops around every call of an open house's store."""
+
+    def __init__(self, house: House) -> None:
+        self.house = house
+        self._stops: dict[str, _Stop] = {}
+        self._lock = _CountedLock()
+        house.custodian._writing = self._lock
+        for name, method in inspect.getmembers(house.store, inspect.iscoroutinefunction):
+            if not name.startswith("_"):
+                setattr(house.store, name, self._stopping(method))
+
+    def _stopping(self, method: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitable[Any]]:
+        async def call(*arguments: Any, **named: Any) -> Any:
+            await self._pass()
+            found = await method(*arguments, **named)
+            await self._pass()
+            return found
+
+        return call
+
+    async def _pass(self) -> None:
+        task = asyncio.current_task()
+        stop = self._stops.get("" if task is None else task.get_name())
+        if stop is None:
+            return
+        stop.passed += 1
+        if stop.passed == stop.place:
+            stop.is_there = True
+            await stop.go_on.wait()
+
+    async def play(
+        self, first: Coroutine[Any, Any, Any], stop_first: int, second: Coroutine[Any, Any, Any], stop_second: int
+    ) -> tuple[asyncio.Task[Any], asyncio.Task[Any]]:
+        """Run the first piece to its stop, the second to its own, the first to its end, the second to its end.
+
+        Whoever waits for the other's lock lets the other go on. Returns both tasks, done.
+        """
+        self._stops = {"first": _Stop(stop_first), "second": _Stop(stop_second)}
+        one = asyncio.create_task(first, name="first")
+        await self._until_still(one, self._stops["first"])
+        two = asyncio.create_task(second, name="second")
+        await self._until_still(two, self._stops["second"])
+        self._stops["first"].go_on.set()
+        await self._until_still(one, _Stop(NEVER))
+        self._stops["second"].go_on.set()
+        await asyncio.wait({one, two})
+        return one, two
+
+    async def _until_still(self, work: asyncio.Task[Any], stop: _Stop) -> None:
+        while not work.done() and not stop.is_there and not self._lock.waiting:  # noqa: ASYNC110 - of three things, one
+            await asyncio.sleep(0)
+
+    async def count(self, work: Coroutine[Any, Any, Any]) -> int:
+        """Run one piece alone and return how many places it passes."""
+        self._stops = {"first": _Stop(NEVER)}
+        await asyncio.wait({asyncio.create_task(work, name="first")})
+        return self._stops["first"].passed
