@@ -25,7 +25,7 @@ from typing import Any
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
-from pages.serving import PAGES_ASSETS, SECURITY_HEADERS, Assets
+from pages.serving import PAGES_ASSETS, SECURITY_HEADERS, Assets, is_client_gone
 
 LOOPBACK = "127.0.0.1"
 SESSION_HEADER = "X-BlockRobot-Session"
@@ -88,6 +88,7 @@ class LocalPage:
         link_note: str = LINK_NOTE,
         describe: Describe = describe_plainly,
         command: str = "",
+        allow_camera: bool = False,
     ) -> None:
         self._assets = assets
         self._shared = Assets(PAGES_ASSETS)
@@ -104,6 +105,7 @@ class LocalPage:
         self._former: deque[str] = deque(maxlen=FORMER_LINKS_MAX_COUNT)
         self._runner: web.AppRunner | None = None
         self._origin = ""
+        self._headers = {**LOCAL_HEADERS, **(_CAMERA_HEADER if allow_camera else {})}
         self.app = web.Application(client_max_size=REQUEST_MAX_BYTES, middlewares=[self._guard])
         self.app.router.add_get("/", self._index)
         self.app.router.add_post("/session", self._exchange)
@@ -169,6 +171,7 @@ class LocalPage:
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         try:
+            _require_unicode(request)
             self._require_own_page(request)
             if request.path.startswith("/api/"):
                 self._require_session(request)
@@ -179,10 +182,13 @@ class LocalPage:
             code = {404: "ROUTE_UNKNOWN", 405: "METHOD_NOT_ALLOWED", 413: "REQUEST_TOO_LARGE"}.get(error.status)
             response = problem_response(BlockRobotError(code or "REQUEST_INVALID"), self._describe)
         except Exception as error:  # noqa: BLE001 - whatever fails, the page gets words and the log gets the rest
+            if is_client_gone(request, error):
+                _log.debug("client gone in %s", request.match_info.route.resource)
+                return web.Response()
             _log.error("unexpected fault in %s: %s", request.match_info.route.resource, type(error).__name__)
             response = problem_response(BlockRobotError("INTERNAL"), self._describe)
         if not response.prepared:
-            response.headers.update(LOCAL_HEADERS)
+            response.headers.update(self._headers)
         return response
 
     def _require_own_page(self, request: web.Request) -> None:
@@ -233,6 +239,22 @@ class LocalPage:
 
 
 LOCAL_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+_CAMERA_HEADER = {
+    "Permissions-Policy": SECURITY_HEADERS["Permissions-Policy"].replace("camera=()", "camera=(self)"),
+}
+
+
+def _require_unicode(request: web.Request) -> None:
+    """Raise REQUEST_INVALID for half characters in the request's head: no text of ours has any, nor any bytes."""
+    for text in (request.path, request.query_string, *request.headers.values()):
+        _require_whole(text)
+
+
+def _require_whole(text: str) -> None:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise BlockRobotError("REQUEST_INVALID", "The request holds half of a character.") from None
 
 
 def _is_same(token: str, given: str) -> bool:
@@ -267,7 +289,8 @@ async def read_object(request: web.Request) -> dict[str, Any]:
     """Return a request's JSON object. Raises REQUEST_INVALID for anything else, REQUEST_TOO_LARGE beyond the limit."""
     try:
         body = await request.json()
-    except (ValueError, RecursionError):
+        _require_whole(json.dumps(body, ensure_ascii=False))
+    except (ValueError, LookupError, RecursionError):
         raise BlockRobotError("REQUEST_INVALID", "The request's body is no JSON.") from None
     if not isinstance(body, dict):
         raise BlockRobotError("REQUEST_INVALID", "The request's body is no JSON object.")

@@ -101,6 +101,11 @@ class Assets:
         return web.Response(body=asset.content, headers=headers)
 
 
+def is_client_gone(request: web.BaseRequest, error: BaseException) -> bool:
+    """Tell whether a request failed because the client closed its connection: nobody's fault, and nobody to answer."""
+    return isinstance(error, ConnectionError) and (request.transport is None or request.transport.is_closing())
+
+
 def takes_gzip(accept_encoding: str) -> bool:
     """Tell whether who asks takes what is packed by gzip, by the Accept-Encoding header (RFC 9110, 12.5.3)."""
     for each in accept_encoding.lower().split(","):

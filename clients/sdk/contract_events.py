@@ -126,15 +126,4 @@ async def read_events(
         return _read_page(content, first)
 
     await client.find_nodes(key)
-    try:
-        return await client.ask_any(ask)
-    except BlockRobotError as error:
-        if error.code != "BLOCK_PRUNED":
-            raise
-        pruned = error
-    for node in client.nodes:
-        try:
-            return await ask(node)
-        except BlockRobotError:
-            continue
-    raise pruned
+    return await client.ask_any(ask)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Awaitable, Callable
+from typing import Any, Protocol
 
 from clients.sdk.connections import NO_LANE, NodeAddress
 from consensus.errors import BlockRobotError
@@ -36,13 +36,18 @@ class Asker(Protocol):
         ...
 
 
+StateProver = Callable[[str, bytes, PrivateKey], Awaitable[Any]]
+"""Returns one value of a contract as the chain proves it, or None if it is absent (`NetworkClient.state_value`)."""
+
+
 class CustodyClient:
     """The custodians of a network, each asked by itself: an upload goes to all of them, a download to any."""
 
-    def __init__(self, find: Callable[[], tuple[NodeAddress, ...]], ask: Asker) -> None:
+    def __init__(self, find: Callable[[], tuple[NodeAddress, ...]], ask: Asker, prove: StateProver) -> None:
         """`find` names those who are custodians now."""
         self._find = find
         self._ask = ask
+        self._prove = prove
 
     @property
     def custodians(self) -> tuple[NodeAddress, ...]:
@@ -61,6 +66,7 @@ class CustodyClient:
             key=key,
             body=encode(upload),
             media_type="application/msgpack",
+            query={"owner": upload.owner.hex()},
             timeout_ms=TRANSFER_TIMEOUT_MS,
         )
 
@@ -134,21 +140,44 @@ class CustodyClient:
         )
         return digest
 
+    async def find_background(
+        self, digest: bytes, key: PrivateKey, missing: dict[bytes, BlockRobotError]
+    ) -> bytes | None:
+        """Return an empty frame by its hash, or None: `missing` says why then, and what it names is not asked for again.
+
+        EMPTY_FRAME_WITHDRAWN stands there only if the chain proves that no robot may publish the frame any more.
+        """
+        if digest in missing:
+            return None
+        try:
+            return await self.get_background(digest, key)
+        except BlockRobotError as error:
+            missing[digest] = error
+        try:
+            is_approved = await self._prove("records", b"empty-frame/" + digest, key) is not None
+        except BlockRobotError:
+            return None  # what no custodian gave is told, not that nobody can say why
+        if not is_approved:
+            missing[digest] = BlockRobotError("EMPTY_FRAME_WITHDRAWN")
+        return None
+
     async def get_background(self, digest: bytes, key: PrivateKey) -> bytes:
         """Fetch an empty frame by its hash from whichever custodian has it whole.
 
-        Raises UPLOAD_HASH_MISMATCH or the last custodian's refusal if none does.
+        If none does, raises one custodian's refusal: NOT_FOUND only if all say so.
         """
         failure = BlockRobotError("NOT_FOUND", "There is no custodian to ask for the empty frame.")
         for node in self.custodians:
             try:
-                content = await self._ask(
-                    node, "GET", f"/v1/backgrounds/{digest.hex()}", key=key, timeout_ms=TRANSFER_TIMEOUT_MS
-                )
+                return await self.get_background_of(node, digest, key)
             except BlockRobotError as error:
-                failure = error
-                continue
-            if sha256(content) == digest:
-                return content
-            failure = BlockRobotError("UPLOAD_HASH_MISMATCH", f"Custodian {node.name} sent a damaged empty frame.")
+                failure = error if failure.code == "NOT_FOUND" else failure
         raise failure
+
+    async def get_background_of(self, node: NodeAddress, digest: bytes, key: PrivateKey) -> bytes:
+        """Fetch an empty frame from one custodian. Raises UPLOAD_HASH_MISMATCH for a damaged one, NOT_FOUND."""
+        path = f"/v1/backgrounds/{digest.hex()}"
+        content = await self._ask(node, "GET", path, key=key, timeout_ms=TRANSFER_TIMEOUT_MS)
+        if sha256(content) != digest:
+            raise BlockRobotError("UPLOAD_HASH_MISMATCH", f"Custodian {node.name} sent a damaged empty frame.")
+        return content

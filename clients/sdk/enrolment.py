@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from clients.sdk.http import NetworkClient
+from clients.sdk.http import FinalReceipt, NetworkClient
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.vouchers import Card, sign_card
@@ -23,10 +23,14 @@ class NewMember:
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """A final registration: its transaction, and the member key that the chain recovered and holds (33 bytes)."""
+    """A final registration: its transaction, and the member key that the chain recovered and holds (33 bytes).
+
+    `txid` is empty if the member had registered with this card before.
+    """
 
     txid: bytes
     member: bytes
+    receipt: FinalReceipt | None = None
 
 
 def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purposes: list[str]) -> list[Any]:
@@ -53,14 +57,28 @@ def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purpo
     ]
 
 
+async def find_registration(client: NetworkClient, identity: PrivateKey) -> dict[str, Any] | None:
+    """Return what the chain holds of a member key, proved, or None if it is no active member's."""
+    try:
+        found = await client.state_value("identity", b"member/" + identity.public_key, identity)
+    except BlockRobotError as error:
+        if error.code != "SESSION_REFUSED":
+            raise
+        return None
+    return dict(found) if found is not None and found["status"] == "active" else None
+
+
 async def register_member(client: NetworkClient, card: Card, member: NewMember, purposes: list[str]) -> Registration:
-    """Register and wait until it is final, then check that the chain maps handle to M.
+    """Register and wait until it is final, then check that the chain maps handle to M. With the same card again: harmless.
 
     Raises CALL_REFUSED with the contract's code if the chain refuses, PROOF_INVALID if it maps the handle elsewhere.
     """
+    known = await find_registration(client, member.identity)
+    if known is not None and known["handle"] == card.handle:
+        return Registration(txid=b"", member=member.identity.public_key)
     arguments = registration_arguments(card, member, client.genesis.chain_id, purposes)
     receipt = await client.call(member.identity, "identity", "register", arguments)
     recovered = await client.state_value("identity", b"handle/" + card.handle, member.identity)
     if recovered != member.identity.public_key:
         raise BlockRobotError("PROOF_INVALID", "The chain does not map the card's handle to this key.")
-    return Registration(txid=receipt.txid, member=recovered)
+    return Registration(txid=receipt.txid, member=recovered, receipt=receipt)

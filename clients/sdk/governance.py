@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT, FinalReceipt, NetworkClient
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.settings import ChainSettings, Epoch
+from consensus.upload_quotas import QUOTA_NAMES, QUOTA_PREFIX, UploadQuotas, quotas_of
 
 MEMBERSHIP = b"membership\x00"
 PRODUCERS = b"producers\x00"
@@ -107,6 +108,7 @@ class ProducersView:
     since_height: int
     max_producers: int
     candidates: tuple[CandidateRow, ...]
+    quotas: UploadQuotas = field(default_factory=UploadQuotas)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +192,8 @@ async def read_producers(client: NetworkClient, reader: PrivateKey) -> Producers
     """Return the epoch that is decided and every candidate, proved, in the session of `reader`."""
     await client.catch_up(reader)
     index = [PRODUCERS + name for name in (b"epoch", b"max_producers", b"keys")]
-    found, _, _ = await _proved(client, index, reader)
+    quotas = {QUOTA_PREFIX + name.encode(): name for name in QUOTA_NAMES}
+    found, _, _ = await _proved(client, [*index, *quotas], reader)
     decided, maximum, keys = (found[key] for key in index)
     if decided is None:
         raise BlockRobotError("NOT_FOUND", "This chain has no contract for its producers; it is older than governance.")
@@ -216,13 +219,15 @@ async def read_producers(client: NetworkClient, reader: PrivateKey) -> Producers
         since_height=decided["height"],
         max_producers=maximum,
         candidates=tuple(rows),
+        quotas=quotas_of({name: found[key] for key, name in quotas.items() if found[key] is not None}),
     )
 
 
 def settings_in_force(view: ProducersView) -> dict[str, int | str]:
-    """Return every setting by name, with `max_producers`."""
+    """Return every setting by name, with `max_producers` and the quotas of uploads."""
     values = {name: getattr(view.epoch.settings, name) for name in ChainSettings.__struct_fields__}
-    return {**values, "max_producers": view.max_producers}
+    quotas = {name: getattr(view.quotas, name) for name in QUOTA_NAMES}
+    return {**values, "max_producers": view.max_producers, **quotas}
 
 
 def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:

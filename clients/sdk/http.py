@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Any, TypeVar
@@ -33,9 +34,10 @@ from clients.sdk.connections import (
     NodeAddress,
 )
 from clients.sdk.custody import CustodyClient
+from clients.sdk.failover import BY_ITS_CLOCK, NOT_TAKING_PART, failure_of, may_ask_another
 from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeBook, read_known_nodes
 from clients.sdk.pin import open_pin, write_pin
-from clients.sdk.receipts import FinalReceipt
+from clients.sdk.receipts import FinalReceipt, not_final_in_time
 from clients.sdk.sessions import Sessions
 from clients.sdk.transactions import Clock, SystemClock, TransactionBuilder
 from clients.sdk.trust import ProvedState, Trust
@@ -44,6 +46,7 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.keys import PrivateKey
+from consensus.schedule import Schedule
 from consensus.transaction import Transaction
 
 WAIT_SLICE_MS = 5_000
@@ -59,23 +62,8 @@ T = TypeVar("T")
 
 __all__ = ["FinalReceipt", "NetworkClient"]
 
-_FAULTY = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
-_ELSEWHERE = _FAULTY | {"SESSION_REFUSED"}
-"""Another node may answer well: faults of an answer, and what a node says that lies or follows late of who is nobody."""
-_NOT_TAKING_PART = frozenset({"NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"})
-"""What a node says that no other node hears."""
-_REFUSED_BY_THE_CHAIN = frozenset({"CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})
-"""What stays so until organisations decide otherwise, though it may be tried again some day: no wait would see the end."""
-
-
-def _may_ask_another(error: BlockRobotError) -> bool:
-    return error.entry.retryable or error.code in _ELSEWHERE | _NOT_TAKING_PART
-
-
-def _not_final_in_time(txid: bytes) -> BlockRobotError:
-    """Name the transaction: whoever submitted it wants to look it up."""
-    text = f"The transaction {txid.hex()} was not final within the time given."
-    return BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME", text, txid=txid.hex())
+_NO_WAIT_HELPS = BY_ITS_CLOCK | {"BLOCK_PRUNED", "CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"}
+"""What stays so for a transaction after every node has said it, or until organisations decide otherwise."""
 
 
 class NetworkClient:
@@ -110,7 +98,7 @@ class NetworkClient:
         self._first = first
         self._is_finding = False
         self.troubles: dict[str, BlockRobotError] = {}
-        self.custody = CustodyClient(lambda: self._book.custodians, self.ask_node)
+        self.custody = CustodyClient(lambda: self._book.custodians, self.ask_node, self.state_value)
 
     async def __aenter__(self) -> NetworkClient:
         return self
@@ -209,29 +197,33 @@ class NetworkClient:
                 self._sessions.forget(node, key, token)
         raise AssertionError("a loop of two attempts ends by answer or error")
 
-    async def ask_any(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
+    async def ask_any(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool = False) -> T:
         """Do the work with one node after another until one does it; begin with the one that served last.
 
-        Raises the first node's refusal that no other node could help with, or the last error after all nodes failed;
-        NODE_UNREACHABLE only if no node answered at all.
+        Raises the first refusal that no other node could help with, or what `failure_of` says of them all. Where a
+        refusal `is_doubted`, since a node may lie or lag, one more node than may be faulty has to give it.
         """
-        failure: BlockRobotError | None = None
+        failures: list[BlockRobotError] = []
+        believed_count = 1 + (Schedule.of(self.light_client.epoch).faults_tolerated if is_doubted else 0)
         for node in self._in_turn():
             try:
                 result = await self._through_epochs(node, work)
             except BlockRobotError as error:
-                if not _may_ask_another(error):
+                failures.append(error)
+                if may_ask_another(error):
+                    self._note_trouble(node, error)
+                elif sum(other.code == error.code for other in failures) >= believed_count:
                     raise
-                self.troubles[node.name] = error
-                if error.code in {"NODE_UNREACHABLE", *_NOT_TAKING_PART}:
-                    self._book.note_failure()
-                if failure is None or failure.code == "NODE_UNREACHABLE":
-                    failure = error
                 continue
             self._first = node.name
             self.troubles.pop(node.name, None)
             return result
-        raise failure or BlockRobotError("NODE_UNREACHABLE")
+        raise failure_of(failures)
+
+    def _note_trouble(self, node: NodeAddress, error: BlockRobotError) -> None:
+        self.troubles[node.name] = error
+        if error.code in {"NODE_UNREACHABLE", *NOT_TAKING_PART}:
+            self._book.note_failure()
 
     def _in_turn(self) -> tuple[NodeAddress, ...]:
         """Return the nodes, beginning with the one that served last."""
@@ -270,14 +262,21 @@ class NetworkClient:
     # Transactions
 
     async def submit(self, transaction: Transaction) -> bytes:
-        """Hand a transaction to one node (it tells the others) and return its txid. Raises why it was rejected."""
-        (error,) = await self.submit_batch([transaction])
-        if error is not None:
-            raise error
-        return transaction.txid
+        """Hand a transaction to one node (it tells the others) and return its txid.
+
+        Raises why it was rejected, once more nodes than may be faulty have said so.
+        """
+
+        async def submit_to(node: NodeAddress) -> bytes:
+            (error,) = await self._submit_to(node, [transaction])
+            if error is not None:
+                raise error
+            return transaction.txid
+
+        return await self.ask_any(submit_to, is_doubted=True)
 
     async def submit_batch(self, transactions: Sequence[Transaction]) -> list[BlockRobotError | None]:
-        """Hand up to 256 transactions to one node; for each return None, or why it was rejected.
+        """Hand up to 256 transactions to one node; for each return None, or why this node rejected it.
 
         They travel on the first sender's connections: do not mix senders that must not be seen together.
         """
@@ -287,12 +286,15 @@ class NetworkClient:
 
     async def _submit_to(self, node: NodeAddress, transactions: Sequence[Transaction]) -> list[BlockRobotError | None]:
         body = msgspec.msgpack.encode([transaction.wire for transaction in transactions])
-        content = await self.ask_node(
+        sender = transactions[0].body.sender
+        token = self._sessions.open_token(node, sender)  # strangers of this address do not hold up a session
+        content = await self._connections.request(
             node,
             "POST",
             "/v1/transactions",
-            lane=transactions[0].body.sender,
+            lane=sender,
             body=body,
+            token=token,
             media_type="application/msgpack",
             timeout_ms=FROZEN_AFTER_MS,
         )
@@ -316,13 +318,13 @@ class NetworkClient:
         while True:
             left_ms = deadline_ms - self.clock.now_ms()
             if left_ms <= 0:
-                raise _not_final_in_time(txid)
+                raise not_final_in_time(txid)
             slice_ms = min(left_ms, WAIT_SLICE_MS)
             started_ms = self.clock.now_ms()
             try:
                 receipt = await self.ask_any(partial(self._look_up, txid=txid, wait_ms=slice_ms, lane=lane))
             except BlockRobotError as error:
-                if not _may_ask_another(error):
+                if error.code in _NO_WAIT_HELPS or not may_ask_another(error):
                     raise
                 receipt = None
             if receipt is not None:
@@ -360,12 +362,12 @@ class NetworkClient:
                 await self.submit(transaction)
                 accepted = True
             except BlockRobotError as error:
-                is_final = error.code in _REFUSED_BY_THE_CHAIN or not _may_ask_another(error)
+                is_final = error.code in _NO_WAIT_HELPS or not may_ask_another(error)
                 if not accepted and is_final:
                     return await self._final_after_rejection(transaction, error)
             left_ms = deadline_ms - self.clock.now_ms()
             if left_ms <= 0:
-                raise _not_final_in_time(transaction.txid)
+                raise not_final_in_time(transaction.txid)
             try:
                 return await self.wait_final(
                     transaction.txid, min(left_ms, WAIT_SLICE_MS), lane=transaction.body.sender
@@ -397,7 +399,7 @@ class NetworkClient:
     ) -> FinalReceipt:
         """Build, sign, submit and wait; return the receipt of a call that succeeded. Raises CALL_REFUSED and the like."""
         transaction = self.transactions.build(key, contract, entry, arguments)
-        return (await self.submit_and_wait(transaction, timeout_ms)).require_ok()
+        return replace((await self.submit_and_wait(transaction, timeout_ms)).require_ok(), transaction=transaction)
 
     # Reading
 

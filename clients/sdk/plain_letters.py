@@ -10,6 +10,8 @@ import unicodedata
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, TextIO
 
+from consensus.visible_text import escape_controls
+
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
@@ -23,6 +25,8 @@ _LINES = str.maketrans(
     | {"•": "*", "●": "*", "✓": "x", "✔": "x", "▀": "#", "▄": "#", "█": "#", "º": "o", "ª": "a"}
 )
 
+_SPACES = dict.fromkeys(map(ord, "\n\r\t"), " ")
+
 
 def to_plain(text: str) -> str:
     """Return a text in ASCII: letters without their accents, lines as `-|+`, what has no likeness as `?`."""
@@ -33,7 +37,7 @@ def to_plain(text: str) -> str:
 
 def printable(text: str, max_chars: int = STRANGE_MAX_CHARS) -> str:
     """Return what somebody else wrote as a terminal may show it: one line, no control characters, not without end."""
-    return "".join(sign if sign.isprintable() else " " if sign.isspace() else "?" for sign in text[:max_chars])
+    return escape_controls(text[:max_chars].translate(_SPACES), "")[:max_chars]
 
 
 class _Encoder(codecs.IncrementalEncoder):

@@ -75,6 +75,16 @@ async def hear_quorum(client: AskingClient, key: PrivateKey) -> bool:
     return len(heard) >= needed and client.light_client.epoch.number == epoch.number
 
 
+async def require_quorum(client: AskingClient, key: PrivateKey) -> None:
+    """Take no state from now on that is older than what a quorum of the producers knows (see `hear_quorum`).
+
+    Whoever acts on what stands there of somebody else asks this first: one node can prove an old state, and be quiet of the
+    newer one. Raises QUORUM_UNHEARD if too few answer; then nothing could become final either.
+    """
+    if not await hear_quorum(client, key):
+        raise BlockRobotError("QUORUM_UNHEARD")
+
+
 async def is_turned_away(client: AskingClient, key: PrivateKey) -> bool:
     """Tell whether no node serves this key, and more refuse it as no member than may be faulty."""
 

@@ -9,13 +9,14 @@ from clients.sdk.answers import EvidenceDocument
 from consensus.block import ContractEvent, Receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
+from consensus.transaction import Transaction
 
 
 @dataclass(frozen=True, slots=True)
 class FinalReceipt:
     """What became of a transaction, proved final. `ok` is False if the contract refused; then `code` says why.
 
-    `evidence` is what proved it, for who wants to hand the proof on.
+    `evidence` is what proved it, for who wants to hand the proof on; `transaction` is there for who sent it just now.
     """
 
     txid: bytes
@@ -30,6 +31,7 @@ class FinalReceipt:
     gas_used: int
     events: tuple[ContractEvent, ...]
     evidence: EvidenceDocument | None = field(default=None, repr=False, compare=False)
+    transaction: Transaction | None = field(default=None, repr=False, compare=False)
 
     def require_ok(self) -> FinalReceipt:
         """Return the receipt itself. Raises CALL_REFUSED with the contract's code if the call failed."""
@@ -67,3 +69,9 @@ def final_receipt(
         events=receipt.events,
         evidence=evidence,
     )
+
+
+def not_final_in_time(txid: bytes) -> BlockRobotError:
+    """Name the transaction: whoever submitted it wants to look it up."""
+    text = f"The transaction {txid.hex()} was not final within the time given."
+    return BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME", text, txid=txid.hex())

@@ -9,7 +9,8 @@ from io import BytesIO
 
 import numpy as np
 
-from clients.sdk.picture import Depth, check_jpeg, decode_depth_png, encode_depth_png, paint_colour
+from clients.sdk.depth_colours import Depth
+from clients.sdk.picture import check_jpeg, decode_depth_png, encode_depth_png, paint_colour
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG_RGBA, ENCODING_WAV, Rendition
 

@@ -66,6 +66,11 @@ class Sessions:
             self._tokens.popitem(last=False)
         return opened.text
 
+    def open_token(self, node: NodeAddress, public_key: bytes) -> str | None:
+        """Return the token of a session that this key has at this node now, if it has one (no grant's)."""
+        known = self._tokens.get((node.name, public_key, b""))
+        return known.text if known is not None and known.expires_at_ms > self._clock.now_ms() else None
+
     def forget(self, node: NodeAddress, key: PrivateKey, token: str) -> None:
         """Drop a token that the node no longer takes, unless it was renewed meanwhile."""
         place = _place(node, key)

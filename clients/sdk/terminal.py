@@ -19,22 +19,22 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-import structlog
-from rich.console import Console
+from rich.text import Text
 
 from clients.sdk.plain_letters import is_utf8
+from clients.sdk.safe_output import SafeConsole, keep_own_tags, show_log_lines_safely, write_trusted
 from consensus import exit_codes
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
 
-# What a command answers goes to standard output, alone; what it notes on the way goes to standard error.
-structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+show_log_lines_safely()
 
 EXIT_FAILED = exit_codes.EXIT_FAILED
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-console = Console(highlight=False, soft_wrap=True)
+console = SafeConsole(highlight=False, emoji=False, soft_wrap=True)
+error_console = SafeConsole(highlight=False, emoji=False, soft_wrap=True, stderr=True)
 
 _PLATFORMS_WITHOUT_XDG = frozenset({"darwin", "win32", "cygwin"})
 _KEPT_AT_HOME = ("network", "wallets", "robots")
@@ -100,7 +100,7 @@ def status_line(text: str, *, as_json: bool) -> Iterator[Callable[[str], None]]:
         yield lambda _text: None
         return
     with console.status(text, spinner="dots" if is_utf8(sys.stdout) else "line") as status:
-        yield status.update
+        yield lambda now: status.update(Text.from_markup(keep_own_tags(now)))
 
 
 @contextmanager
@@ -194,7 +194,8 @@ def wipe_screen() -> None:
     if not console.is_terminal:
         return
     wiped = "\n" * _PLAIN_ROWS_COUNT if console.is_dumb_terminal else "\x1b[H\x1b[2J\x1b[3J"
-    click.echo(wiped, nl=False, color=True)
+    write_trusted(wiped)
+    sys.stdout.flush()
 
 
 def say_errors(context: click.Context, saying: Callable[[BlockRobotError], str]) -> None:

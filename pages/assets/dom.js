@@ -14,6 +14,7 @@ export function s(tag, props = {}, ...children) {
   return build(document.createElementNS(SVG_NAMESPACE, tag), props, children);
 }
 
+const SHOWN_ATTRIBUTES = new Set(["title", "alt", "placeholder", "aria-label", "aria-description", "aria-valuetext"]);
 const PROPERTIES = new Set(["value", "checked", "disabled", "hidden", "indeterminate", "open", "readOnly", "selected"]);
 
 function build(node, props, children) {
@@ -21,16 +22,23 @@ function build(node, props, children) {
     if (value === undefined || value === null || value === false) continue;
     if (name.startsWith("on") && typeof value === "function") node.addEventListener(name.slice(2).toLowerCase(), value);
     else if (PROPERTIES.has(name)) node[name] = value;
-    else node.setAttribute(name === "className" ? "class" : name, value === true ? "" : String(value));
+    else node.setAttribute(name === "className" ? "class" : name, value === true ? "" : SHOWN_ATTRIBUTES.has(name) ? visible(value) : String(value));
   }
   append(node, children);
   return node;
 }
 
+const CONTROLS = /(?![\n\t])[\p{Cc}\p{Cf}\p{Zl}\p{Zp}\p{Cs}]/gu;
+
+/** Write what cannot be seen, or reorders the text around it, as an escape: others may have put it there. */
+export function visible(text) {
+  return String(text).replace(CONTROLS, (control) => Array.from({ length: control.length }, (_, unit) => `\\u${control.charCodeAt(unit).toString(16).padStart(4, "0")}`).join(""));
+}
+
 function append(node, children) {
   for (const child of children.flat(Infinity)) {
     if (child === undefined || child === null || child === false) continue;
-    node.append(child instanceof Node ? child : document.createTextNode(String(child)));
+    node.append(child instanceof Node ? child : document.createTextNode(visible(child)));
   }
 }
 
@@ -132,7 +140,7 @@ export function ask({ title, body = [], confirm, cancel, danger = false, fields 
     };
     const askAgain = () => {
       for (const [field, input] of inputs) if (field.type === "password") input.value = "";
-      inputs[0]?.[1].focus();
+      focusOn(inputs[0]?.[1]);
     };
     const dialog = h("dialog", { "aria-labelledby": id }, form);
     dialog.addEventListener("keydown", (event) => { if (isBusy && event.key === "Escape") event.preventDefault(); });
@@ -148,10 +156,20 @@ export function ask({ title, body = [], confirm, cancel, danger = false, fields 
   });
 }
 
+/**
+ * Give the focus to an element. A browser would put it in the middle of the window, whatever that hides: it is scrolled no
+ * further than to show it, and not at all with `stay`, where what stands above is what she is to see.
+ */
+export function focusOn(node, { stay = false } = {}) {
+  if (!node) return;
+  node.focus({ preventScroll: true });
+  if (!stay) node.scrollIntoView({ block: "nearest" });
+}
+
 /** Focus what had the focus; what stands in its place, by its key, if it was drawn anew meanwhile; else the page's content. */
 function focusAgain(before, key) {
   const drawn = before?.isConnected ? before : key !== undefined && document.querySelector(`[data-key="${CSS.escape(key)}"]`);
-  (drawn || document.getElementById("main"))?.focus();
+  focusOn(drawn || document.getElementById("main"), { stay: !drawn });
 }
 
 function makeInput(field, id) {

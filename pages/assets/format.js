@@ -1,13 +1,21 @@
-// Words for figures. Times are milliseconds since 1970 (UTC) and are shown in the reader's own zone.
+// Words for figures. Times are milliseconds since 1970 (UTC) and are shown in the reader's own zone, in 24 hours: here
+// and nowhere else. The command line shows them by moments.py.
 
-/** A moment: date and time to the second. */
+/** A moment: date, time to the second, and the offset from UTC, as in “22 Nov 2026, 14:03:05 UTC+01:00”. */
 export function formatTime(ms, locale) {
-  return new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "medium" }).format(new Date(ms));
+  return `${new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "medium", hourCycle: "h23" }).format(new Date(ms))} ${zoneOffset(ms)}`;
 }
 
-/** The time of day alone. */
+/** The time of day alone, on a page that names the zone. */
 export function formatClock(ms, locale) {
-  return new Intl.DateTimeFormat(locale, { timeStyle: "medium" }).format(new Date(ms));
+  return new Intl.DateTimeFormat(locale, { timeStyle: "medium", hourCycle: "h23" }).format(new Date(ms));
+}
+
+/** The offset of the reader's zone from UTC at a moment: “UTC” or “UTC+01:00”. */
+export function zoneOffset(ms) {
+  const minutes = -new Date(ms).getTimezoneOffset();
+  const two = (value) => String(value).padStart(2, "0");
+  return minutes === 0 ? "UTC" : `UTC${minutes < 0 ? "-" : "+"}${two(Math.floor(Math.abs(minutes) / 60))}:${two(Math.abs(minutes) % 60)}`;
 }
 
 /** The reader's time zone, such as Europe/Berlin. */

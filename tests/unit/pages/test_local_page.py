@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
+import json
 import logging
 import re
 import stat
@@ -27,6 +29,7 @@ from pages.local_page import (
     read_object,
 )
 from pages.serving import Assets
+from tests.resetting import send_and_reset
 
 COMMAND = "my-page --profile ann"
 
@@ -286,6 +289,43 @@ async def test_a_body_that_is_no_object_is_refused(
     headers = {**await open_page(browser, page), "Origin": page.url.rstrip("/"), "Content-Type": "application/json"}
     async with browser.post(f"{page.url}api/echo", data=io.BytesIO(body), headers=headers) as said:
         assert said.status == code
+
+
+@pytest.mark.parametrize(
+    ("head", "body"),
+    [
+        (b"POST /session HTTP/1.1\r\n", b'{"token": "\\ud800"}'),
+        (b"POST /session HTTP/1.1\r\n", b'{"token": 1, "\\udfff": 2}'),
+        (b"POST /session HTTP/1.1\r\n", b'{"token": "\xff"}'),
+        (b"POST /session HTTP/1.1\r\nContent-Type: application/json; charset=none\r\n", b'{"token": "x"}'),
+        (b"POST /api/echo HTTP/1.1\r\nX-BlockRobot-Session: \xff\r\n", b"{}"),
+        (b"GET /api/hello HTTP/1.1\r\nX-BlockRobot-Session: \xed\xa0\x80\r\n", b""),
+        (b"GET /%ff%ed%a0%80 HTTP/1.1\r\n", b""),
+        (b"GET /?x=%ed%a0%80 HTTP/1.1\r\nX-Other: \x80\r\n", b""),
+    ],
+)
+async def test_half_a_character_is_refused_with_a_code(page: LocalPage, head: bytes, body: bytes) -> None:
+    host = page.url.removeprefix("http://").strip("/").encode()
+    reader, writer = await asyncio.open_connection("127.0.0.1", int(host.split(b":")[1]))
+    lines = b"Host: %b\r\nOrigin: http://%b\r\nConnection: close\r\nContent-Length: %d\r\n\r\n" % (
+        host,
+        host,
+        len(body),
+    )
+    writer.write(head + lines + body)
+    answer = await reader.read()
+    writer.close()
+    assert 400 <= int(answer.split()[1]) < 500, answer
+    assert json.loads(answer.partition(b"\r\n\r\n")[2])["code"] in {"REQUEST_INVALID", "ROUTE_UNKNOWN"}
+
+
+async def test_a_client_that_resets_its_connection_writes_no_line(
+    page: LocalPage, caplog: pytest.LogCaptureFixture
+) -> None:
+    host = page.url.removeprefix("http://").strip("/")
+    head = f"POST /session HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"
+    await send_and_reset(int(host.split(":")[1]), head.encode())
+    assert [record.getMessage() for record in caplog.records if record.levelno >= logging.INFO] == []
 
 
 async def test_who_is_done_leaves_nothing(page: LocalPage, browser: aiohttp.ClientSession) -> None:

@@ -2,14 +2,19 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
 from clients.sdk import NetworkClient
+from consensus.errors import BlockRobotError
+from consensus.transaction import Transaction
 from node.api import create_api
-from tests.unit.node.api.small_network import ManualClock, SmallLedger, SmallNode
+from tests.unit.node.api.small_network import SUBJECT, ManualClock, SmallLedger, SmallNode
+
+DEAD_URL = "http://127.0.0.1:9"
 
 
 @dataclass
@@ -87,3 +92,13 @@ async def nodes() -> AsyncIterator[TwoNodes]:
     await network.add("n1", ledger)
     yield network
     await network.close()
+
+
+def make_transaction(client: NetworkClient) -> Transaction:
+    return client.transactions.build(SUBJECT, "access", "request", [[], "care"])
+
+
+async def refusal_of(work: Any) -> str:
+    with pytest.raises(BlockRobotError) as refusal:
+        await work
+    return refusal.value.code

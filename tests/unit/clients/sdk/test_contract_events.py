@@ -14,6 +14,7 @@ from consensus.primitives.encoding import encode_value
 from node.snapshot.making import header_of_block
 from tests.unit.clients.sdk.conftest import TwoNodes
 from tests.unit.node.api.small_network import SUBJECT, SmallLedger
+from tests.unit.node.explorer.test_explorer_routes import a_call
 
 
 @pytest.fixture
@@ -85,3 +86,23 @@ def test_a_place_is_two_numbers() -> None:
     for wrong in ("", "12", "a:b", "1:-1", "1:2:3", "１:2"):
         with pytest.raises(BlockRobotError):
             read_place(wrong)
+
+
+async def test_an_old_receipt_comes_from_the_node_that_keeps_it_and_is_not_waited_for_where_none_does(
+    two_nodes: TwoNodes,
+) -> None:
+    call, receipt = a_call()
+    ledgers = [await SmallLedger().start() for _ in range(2)]
+    for ledger in ledgers:
+        await ledger.extend([call], (receipt,))
+        for _ in range(3):
+            await ledger.extend()
+    await ledgers[0].store.prune(3, header_of_block)
+    for name, ledger in zip(("n0", "n1"), ledgers, strict=True):
+        await two_nodes.add(name, ledger)
+    client: NetworkClient = two_nodes.client()
+    assert (await client.wait_final(call.txid)).height == 1
+    await ledgers[1].store.prune(3, header_of_block)
+    with pytest.raises(BlockRobotError) as refusal:
+        await client.wait_final(call.txid)
+    assert refusal.value.code == "BLOCK_PRUNED"

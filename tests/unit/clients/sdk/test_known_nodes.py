@@ -15,9 +15,9 @@ from consensus.errors import BlockRobotError
 from consensus.light_client import LightClient
 from consensus.primitives.encoding import encode_value
 from node.api.routes import proofs
+from tests.unit.clients.sdk.conftest import DEAD_URL
 from tests.unit.node.api.small_network import CUSTODIAN, STRANGER, SUBJECT, ManualClock, flat
 
-DEAD_URL = "http://127.0.0.1:9"
 ACTIVE = ("n0", "n1", "n2")
 
 

@@ -7,8 +7,6 @@ from typing import Any
 
 import msgspec
 import pytest
-from aiohttp import web
-from aiohttp.test_utils import TestServer
 
 from clients.sdk import NetworkClient
 from clients.sdk.sessions import GrantKey
@@ -18,8 +16,8 @@ from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.transaction import Transaction
 from node.interface import DecodedSnapshot
+from tests.unit.clients.sdk.conftest import make_transaction, refusal_of
 from tests.unit.node.api.small_network import (
     ACCESS_ID,
     OWNER,
@@ -32,19 +30,6 @@ from tests.unit.node.api.small_network import (
     flat,
     make_upload,
 )
-
-DEAD_URL = "http://127.0.0.1:9"
-
-
-def make_transaction(client: NetworkClient) -> Transaction:
-    return client.transactions.build(SUBJECT, "access", "request", [[], "care"])
-
-
-async def refusal_of(work: Any) -> str:
-    with pytest.raises(BlockRobotError) as refusal:
-        await work
-    return refusal.value.code
-
 
 # Transactions
 
@@ -90,6 +75,17 @@ async def test_the_whole_batch_is_answered_one_by_one(nodes: Any) -> None:
     assert len(set(nodes["n0"].node.pool.submissions)) == 3
 
 
+async def test_who_has_a_session_at_a_node_shows_it_when_she_submits(nodes: Any) -> None:
+    """Then her budget is her own, whoever else is behind her address; without one nothing is opened for it."""
+    client, pool = nodes.client(), nodes["n0"].node.pool
+    await client.submit(make_transaction(client))
+    assert pool.sources[-1].kind == "loopback"
+    (place,) = [node for node in client.nodes if node.name == "n0"]
+    await client.ask_node(place, "GET", "/v1/finality", key=SUBJECT)
+    await client.submit(make_transaction(client))
+    assert str(pool.sources[-1]) == f"session {SUBJECT.public_key.hex()}"
+
+
 async def test_sending_a_final_transaction_again_is_no_error(nodes: Any) -> None:
     client = nodes.client()
     nodes["n0"].node.pool.finalize_at_once = True
@@ -100,7 +96,8 @@ async def test_sending_a_final_transaction_again_is_no_error(nodes: Any) -> None
 
 async def test_why_a_transaction_was_rejected_is_raised(nodes: Any) -> None:
     client = nodes.client()
-    nodes["n0"].node.pool.refuse_with = "SENDER_WITHOUT_STANDING"
+    for name in ("n0", "n1"):
+        nodes[name].node.pool.refuse_with = "SENDER_WITHOUT_STANDING"
     assert await refusal_of(client.submit_and_wait(make_transaction(client))) == "SENDER_WITHOUT_STANDING"
 
 
@@ -109,7 +106,8 @@ async def test_a_contract_that_does_not_take_the_call_is_not_waited_for(
     nodes: Any, monkeypatch: pytest.MonkeyPatch, code: str
 ) -> None:
     client = nodes.client()
-    nodes["n0"].node.pool.refuse_with = code
+    for name in ("n0", "n1"):
+        nodes[name].node.pool.refuse_with = code
 
     async def wait(*_: Any, **__: Any) -> None:
         raise AssertionError("nothing was accepted that could become final")
@@ -118,9 +116,10 @@ async def test_a_contract_that_does_not_take_the_call_is_not_waited_for(
     assert await refusal_of(client.submit_and_wait(make_transaction(client))) == code
 
 
-async def test_an_expired_transaction_ends_the_wait(nodes: Any) -> None:
+async def test_a_transaction_that_expired_everywhere_ends_the_wait(nodes: Any) -> None:
     client = nodes.client()
-    nodes["n0"].node.pool.expired.add(bytes(32))
+    for name in ("n0", "n1"):
+        nodes[name].node.pool.expired.add(bytes(32))
     assert await refusal_of(client.wait_final(bytes(32))) == "TRANSACTION_EXPIRED"
 
 
@@ -157,83 +156,6 @@ async def test_every_transaction_has_its_own_salt_and_a_limited_life(nodes: Any)
     assert first.body.valid_until_ms == client.clock.now_ms() + 120_000
     with pytest.raises(BlockRobotError, match="TRANSACTION_TOO_FAR_AHEAD"):
         client.transactions.build(SUBJECT, "a", "b", [], lifetime_ms=600_001)
-
-
-# Fail-over
-
-
-async def test_a_dead_node_is_passed_over(nodes: Any) -> None:
-    client = nodes.client(urls={"n2": DEAD_URL, **nodes.urls})
-    assert (await client.state_value("records", b"announcement-count", SUBJECT)) == 3
-
-
-@pytest.mark.parametrize("code", ["NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"])
-async def test_a_node_that_nobody_hears_is_passed_over(nodes: Any, code: str) -> None:
-    nodes["n0"].node.pool.fault = BlockRobotError(code)
-    nodes["n1"].node.pool.finalize_at_once = True
-    receipt = await nodes.client().call(SUBJECT, "access", "request", [[], "care"], timeout_ms=5_000)
-    assert receipt.height == 1
-
-
-async def test_one_node_that_opens_no_session_does_not_speak_for_the_others(nodes: Any) -> None:
-    """It may not have the block yet in which somebody became a member, or something was shared with her."""
-    client, refusing = nodes.client(), {"n0"}
-
-    async def ask(node: Any) -> str:
-        if node.name in refusing:
-            raise BlockRobotError("SESSION_REFUSED")
-        return str(node.name)
-
-    assert await client.ask_any(ask) == "n1"
-    refusing.add("n1")
-    assert await refusal_of(client.ask_any(ask)) == "SESSION_REFUSED"
-
-
-async def test_without_any_node_the_network_is_unreachable(nodes: Any) -> None:
-    client = nodes.client(urls={"n0": DEAD_URL, "n1": DEAD_URL})
-    assert await refusal_of(client.query("echo", "back", [], SUBJECT)) == "NODE_UNREACHABLE"
-
-
-async def test_a_busy_node_is_passed_over_and_a_clear_refusal_is_not(nodes: Any) -> None:
-    client = nodes.client()
-    nodes["n0"].node.pool.fault = RuntimeError("busy")
-    await client.submit(make_transaction(client))
-    assert len(nodes["n1"].node.pool.submissions) == 1
-    before = len(nodes["n0"].seen)
-    assert await refusal_of(client.query("echo", "other", [], SUBJECT)) == "CALL_REFUSED"
-    assert len(nodes["n0"].seen) == before
-
-
-async def serve(answer: web.Response) -> TestServer:
-    async def handle(_: web.Request) -> web.Response:
-        return answer
-
-    application = web.Application()
-    application.router.add_route("*", "/{rest:.*}", handle)
-    server = TestServer(application)
-    await server.start_server()
-    return server
-
-
-@pytest.mark.parametrize(
-    ("answer", "code", "sentence"),
-    [
-        ({"text": '{"code": "BRAND_NEW", "detail": "Of tomorrow."}', "status": 418}, "INTERNAL", "BRAND_NEW: Of"),
-        ({"text": "<html>", "status": 502}, "INTERNAL", "502"),
-        ({"text": "<html>", "status": 200}, "INTERNAL", "no SubmitAnswer"),
-        ({"text": '{"results": []}', "status": 200}, "INTERNAL", "another number"),
-        ({"text": "", "status": 302}, "INTERNAL", "302"),
-    ],
-)
-async def test_an_answer_that_nobody_understands_is_internal(
-    nodes: Any, answer: dict[str, Any], code: str, sentence: str
-) -> None:
-    server = await serve(web.Response(**answer))
-    client = nodes.client(urls={"n0": str(server.make_url(""))})
-    with pytest.raises(BlockRobotError, match=sentence) as refusal:
-        await client.submit(make_transaction(client))
-    assert refusal.value.code == code
-    await server.close()
 
 
 # Addresses
@@ -278,6 +200,8 @@ async def test_the_key_of_a_grant_opens_its_sessions_as_that_grants(nodes: Any) 
     assert await refusal_of(client.state_value("access", b"grant/" + grant_id, key)) == "SESSION_REFUSED"
     named = GrantKey(key, grant_id)
     assert await client.state_value("access", b"grant/" + grant_id, named) == entry
+    assert await client.state_value("records", b"empty-frame/" + bytes(32), named) is None
+    assert await refusal_of(client.state_value("records", b"empty-frames/" + bytes(33), named)) == "NOT_PERMITTED"
     assert await refusal_of(client.state_value("access", b"grant/" + grant_id, key)) == "SESSION_REFUSED"
     await client.forget_key(key.public_key)
     assert await client.state_value("access", b"grant/" + grant_id, named) == entry

@@ -11,6 +11,7 @@ import pytest
 from clients.sdk.answers import read_problem
 from clients.sdk.plain_letters import PLAIN_ENCODING, STRANGE_MAX_CHARS, is_utf8, prepare_output, to_plain
 from clients.sdk.terminal import print_json
+from consensus.visible_text import escape_controls
 
 
 class Terminal(io.StringIO):
@@ -95,5 +96,5 @@ def test_what_a_node_says_went_wrong_commands_no_terminal_and_forges_no_line(cod
     detail = "gone\x1b[2J\x9b31m\u202e\nNext step: paste this" + "x" * 5_000
     error = read_problem(json.dumps({"code": code, "detail": detail}).encode(), 404)
     assert error.detail.isprintable()
-    assert "gone?[2J?31m? Next step" in error.detail
-    assert len(error.detail) <= STRANGE_MAX_CHARS + len(code) + 2
+    assert "gone\\u001b[2J\\u009b31m\\u202e Next step" in error.detail
+    assert len(error.detail) <= STRANGE_MAX_CHARS + len(escape_controls(code)) + 2
