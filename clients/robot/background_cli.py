@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,12 @@ from clients.robot.empty_scenes import (
     record_scene,
 )
 from clients.robot.events import Depth
-from clients.robot.identity import load_identity
+from clients.robot.identity import is_sealed
 from clients.robot.live_options import look_options, notice_teller, open_camera
 from clients.robot.source_options import open_recording, source_options
 from clients.robot.sources.sampling import record_empty_frames
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from pages.moments import show_moment
 
 
 @click.group()
@@ -55,8 +55,8 @@ def record_command(
 
     Example: blockrobot robot background record empty.mcap --viewpoint ward-3 --empty-seconds 0..5
     """
-    folder, _ = ctx.obj
-    load_identity(folder)
+    folder = ctx.obj.folder
+    is_sealed(folder)  # raises if there is no robot
     frames = _recorded_frames(recording, options) if recording else _live_frames(options, as_json=as_json)
     scene = record_scene(folder, viewpoint, frames, _now_ms())
     if as_json:
@@ -93,13 +93,13 @@ def list_command(ctx: click.Context, as_json: bool) -> None:
 
     Example: blockrobot robot background list --json
     """
-    folder, _ = ctx.obj
+    folder = ctx.obj.folder
     rows = [_row(scene) for scene in list_scenes(folder)]
     if as_json:
         print_json({"ok": True, "viewpoints": rows})
         return
     for row in rows:
-        by = f"approved by {row['approved_by']} until {row['expires']}" if row["approved_by"] else ""
+        by = f"approved by {row['approved_by']} until {show_moment(row['expires_at_ms'])}" if row["approved_by"] else ""
         state = "" if row["state"] == "approved" else row["state"]
         console.print(f"{row['viewpoint']}: {row['frames']} frames, {', '.join(filter(None, (state, by)))}")
     if not rows:
@@ -125,7 +125,7 @@ def approve_command(ctx: click.Context, viewpoint: str, by: str, days: int, yes:
 
     Example: blockrobot robot background approve ward-3 --by "A. Nurse" --days 30
     """
-    folder, _ = ctx.obj
+    folder = ctx.obj.folder
     scene = find_scene(folder, viewpoint)
     if not yes:
         if not sys.stdin.isatty():
@@ -138,7 +138,7 @@ def approve_command(ctx: click.Context, viewpoint: str, by: str, days: int, yes:
     if as_json:
         print_json({"ok": True, **_row(approved)})
     else:
-        console.print(f"{viewpoint} is approved until {_row(approved)['expires']}.")
+        console.print(f"{viewpoint} is approved until {show_moment(approved.expires_at_ms)}.")
 
 
 def _now_ms() -> int:
@@ -151,11 +151,7 @@ def _row(scene: EmptyScene) -> dict[str, Any]:
         "state": scene.state(_now_ms()),
         "frames": scene.frame_count,
         "approved_by": scene.approved_by,
-        "expires": _day(scene.expires_at_ms),
+        "expires_at_ms": scene.expires_at_ms,
         "preview": str(scene.preview),
         "digest": scene.digest,
     }
-
-
-def _day(at_ms: int) -> str:
-    return datetime.fromtimestamp(at_ms / 1000, UTC).isoformat(timespec="seconds") if at_ms else ""

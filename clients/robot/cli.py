@@ -16,9 +16,11 @@ from rich.markup import escape
 from clients.robot.background_cli import background
 from clients.robot.batching import CLIP_DEFAULT_MS
 from clients.robot.enrolment import register_robot
-from clients.robot.identity import create_identity, load_identity
+from clients.robot.identity import change_passphrase, create_identity
 from clients.robot.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
 from clients.robot.network import COPIES_DEFAULT_COUNT, COPIES_MAX_COUNT
+from clients.robot.place import CREDENTIAL, RobotPlace, read_passphrase
+from clients.robot.reading_warnings import warn_of_readings
 from clients.robot.replay import SPOOL_FOLDER, ReplayOptions, replay_recording
 from clients.robot.run_words import (
     broken_line,
@@ -31,12 +33,16 @@ from clients.robot.run_words import (
 )
 from clients.robot.scenario import load_scenario, published_run_1
 from clients.robot.source_options import open_recording, source_options, topic_options
+from clients.robot.sources.live import LiveSource
+from clients.robot.sources.rosbag import BagSource
 from clients.robot.sources.source import Source
 from clients.robot.sources.synthetic import SyntheticSource
 from clients.robot.spool import count_waiting
 from clients.robot.stopping import stopped_by_signals
 from clients.robot.synthetic_recording import load_or_draw_tags
 from clients.robot.topics_cli import topics
+from clients.sdk.qr_codes import read_given
+from clients.sdk.safe_output import overwrite_line
 from clients.sdk.terminal import (
     EXIT_FAILED,
     console,
@@ -58,8 +64,15 @@ _ROSTER_FILE = "roster.sealed"
 @click.option("--name", default="robot", show_default=True, help="Which robot, if there are several.")
 @click.option("--robot-dir", type=click.Path(path_type=Path, file_okay=False), help="The folder of robots.")
 @click.option("--genesis", type=click.Path(path_type=Path, dir_okay=False), help="The network's genesis file.")
+@click.option(
+    "--passphrase-file",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="The first line of this file opens the robot's key file, if that is sealed.",
+)
 @click.pass_context
-def robot(ctx: click.Context, name: str, robot_dir: Path | None, genesis: Path | None) -> None:
+def robot(
+    ctx: click.Context, name: str, robot_dir: Path | None, genesis: Path | None, passphrase_file: Path | None
+) -> None:
     """Record people who carry a tag, each for herself alone.
 
     Example: blockrobot robot new; blockrobot robot register BR1-...; blockrobot robot replay recording.mcap
@@ -67,21 +80,26 @@ def robot(ctx: click.Context, name: str, robot_dir: Path | None, genesis: Path |
     if not name.replace("-", "").replace("_", "").isalnum():
         raise click.UsageError("A robot's name has letters, digits, - and _ only.")
     folder = (robot_dir or home_folder() / "robots") / name
-    ctx.obj = (folder, genesis or home_folder() / "network" / "genesis.json")
+    ctx.obj = RobotPlace(folder, genesis or home_folder() / "network" / "genesis.json", passphrase_file)
 
 
 @robot.command()
 @json_option
-@click.pass_context
+@click.pass_obj
 @plain_errors
-def new(ctx: click.Context, as_json: bool) -> None:
-    """Draw a robot's keys.
+def new(place: RobotPlace, as_json: bool) -> None:
+    """Draw a robot's keys. With `robot --passphrase-file FILE` they are sealed under it.
 
     Example: blockrobot robot new --json
     """
-    folder, _ = ctx.obj
-    identity = create_identity(folder)
-    answer = {"ok": True, "folder": str(folder), "member": identity.identity.public_key.hex()}
+    folder, file = place.folder, place.passphrase_file
+    identity = create_identity(folder, None if file is None else read_passphrase(file))
+    answer = {
+        "ok": True,
+        "folder": str(folder),
+        "member": identity.identity.public_key.hex(),
+        "sealed": file is not None,
+    }
     if as_json:
         print_json(answer)
     else:
@@ -92,24 +110,53 @@ def new(ctx: click.Context, as_json: bool) -> None:
 
 
 @robot.command()
+@click.option(
+    "--new-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="A file with the new passphrase."
+)
+@click.option("--none", "to_none", is_flag=True, help="Leave the key file open, for a robot that starts by itself.")
+@json_option
+@click.pass_obj
+@plain_errors
+def passphrase(place: RobotPlace, new_file: Path | None, to_none: bool, as_json: bool) -> None:
+    """Seal the robot's key file under a passphrase, change it, or take it away.
+
+    Example: blockrobot robot passphrase --new-file robot.pass
+    """
+    if (new_file is None) == (not to_none):
+        raise click.UsageError("Give --new-file FILE, or --none.")
+    change_passphrase(place.folder, place.find_passphrase(), None if new_file is None else read_passphrase(new_file))
+    if as_json:
+        print_json({"ok": True, "sealed": not to_none})
+    elif to_none:
+        console.print("The key file is open: whoever steals the robot has its keys until it is revoked.")
+    else:
+        console.print(
+            "The key file is sealed. Start the robot with --passphrase-file FILE, from systemd with "
+            f"LoadCredential={CREDENTIAL}:FILE, or at a terminal. If the passphrase is lost, so are the robot's keys.",
+            markup=False,
+        )
+
+
+@robot.command()
 @click.argument("code")
 @json_option
-@click.pass_context
+@click.pass_obj
 @plain_errors
-def register(ctx: click.Context, code: str, as_json: bool) -> None:
-    """Register the robot with the CODE that the registrar issued.
+def register(place: RobotPlace, code: str, as_json: bool) -> None:
+    """Register the robot with the CODE that the registrar issued: its letters, or @FILE with them or a picture of the card.
 
     Example: blockrobot robot register BR1-...
     """
-    folder, genesis_path = ctx.obj
-    identity = load_identity(folder)
-    done = asyncio.run(register_robot(folder, identity, code, load_genesis(genesis_path)))
+    folder = place.folder
+    done = asyncio.run(register_robot(folder, place.load(), read_given(code), load_genesis(place.genesis)))
     if as_json:
-        print_json({"ok": True, "txid": done.txid.hex(), "member": done.member.hex()})
+        txid = done.txid.hex() if done.txid else None
+        print_json({"ok": True, "txid": txid, "member": done.member.hex()})
     else:
-        place = shlex.quote(str(folder / _ROSTER_FILE))
-        console.print("The robot is registered. Next: its roster of today, at the registrar's desk:")
-        console.print(f"  blockrobot roster make --robot {done.member.hex()} --out {escape(place)}")
+        roster = shlex.quote(str(folder / _ROSTER_FILE))
+        before = "" if done.txid else " with this card already"
+        console.print(f"The robot is registered{before}. Next: its roster of today, at the registrar's desk:")
+        console.print(f"  blockrobot roster make --robot {done.member.hex()} --out {escape(roster)}")
 
 
 class _Progress:
@@ -130,9 +177,10 @@ class _Progress:
             click.echo(json.dumps({"progress": figures}), err=True)
         elif sys.stderr.isatty():
             line = (
-                f"{figures['frames_read']} frames, {figures['frames_recorded']} recorded, {figures['waiting']} waiting"
+                f"{figures['frames_read']} frames, {figures['frames_recorded']} recorded (counted for each owner), "
+                f"{figures['waiting']} clips waiting"
             )
-            click.echo(f"{clear_line()}{line}", nl=last, err=True)
+            overwrite_line(line, ends=last)
 
 
 def _common(command: Any) -> Any:
@@ -152,6 +200,11 @@ def _common(command: Any) -> Any:
             help="Record a clip once so many custodians have it, or all where there are fewer.",
         ),
         click.option("--viewpoint", default="", metavar="NAME", help="Use this viewpoint's approved empty frames."),
+        click.option(
+            "--approve-as",
+            metavar="ORG",
+            help="For trials: first approve the empty frames on the chain, with ORG's key beside the genesis file.",
+        ),
     ):
         command = option(command)
     return command
@@ -173,8 +226,10 @@ async def _record(
 
 
 def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str, Any]) -> None:
-    folder, genesis_path = ctx.obj
+    place: RobotPlace = ctx.obj
+    folder = place.folder
     chosen = ReplayOptions(
+        passphrase=place.find_passphrase(),
         roster=options["roster"] or folder / _ROSTER_FILE,
         purpose=options["purpose"],
         clip_ms=options["clip_ms"],
@@ -184,15 +239,18 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         viewpoint=options["viewpoint"],
         lasts_s=options.get("seconds"),
         copies=options["copies"],
+        approver=place.find_approver(options["approve_as"]),
     )
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
+    for warning in warn_of_readings(source.topics) if isinstance(source, BagSource | LiveSource) else ():
+        notice_teller(as_json=as_json)(warning)
     waiting_count = count_waiting(folder / SPOOL_FOLDER)
     if waiting_count and not as_json:
         click.echo(waiting_line(waiting_count), err=True)
     progress = _Progress(as_json=as_json)
     try:
-        summary, was_ended = asyncio.run(_record(folder, source, load_genesis(genesis_path), chosen, progress))
+        summary, was_ended = asyncio.run(_record(folder, source, load_genesis(place.genesis), chosen, progress))
     except asyncio.CancelledError:
         is_live = ctx.command.name == "run"
         _tell_broken(folder / SPOOL_FOLDER, progress.figures, as_json=as_json, is_live=is_live)
@@ -206,7 +264,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         print_json({"ok": _lost(summary) == 0 and error is None, **summary, **told})
         sys.exit(EXIT_DONE if error is None else exit_code_of(error.entry))
     for line in summary_lines(summary):
-        console.print(line)
+        console.print(line, markup=False)
     if was_ended:
         console.print(ended_line())
     if error is not None:
@@ -218,6 +276,7 @@ def _tell_broken(spool: Path, figures: dict[str, Any], *, as_json: bool, is_live
     waiting = count_waiting(spool)
     if as_json:
         print_json({"ok": False, "ended": "at-once", "progress": figures, "spooled_clips": waiting})
+    clear_line()
     click.echo(broken_line(figures, waiting, str(spool), is_live=is_live), err=True)
 
 
@@ -238,7 +297,7 @@ robot.add_command(background)
 @click.argument("recording", type=click.Path(path_type=Path))
 @source_options
 @_common
-@click.option("--fast", is_flag=True, help="Read as fast as possible instead of in real time.")
+@click.option("--fast", is_flag=True, help="Read as fast as possible; times of frames then run ahead of the clock.")
 @json_option
 @click.pass_context
 @plain_errors

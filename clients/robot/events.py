@@ -17,6 +17,10 @@ from consensus.errors import BlockRobotError
 DEPTH_WIDTH_MAX_PX = 4096
 DEPTH_HEIGHT_MAX_PX = 4096
 
+DISTANCE_SIGMA_MAX_M = 2.0
+"""The largest error of a distance that is taken. People whom the camera sees are about as far from each other: a reader
+that errs by more does not tell where in a room somebody is, and its readings count as readings without a distance."""
+
 Depth = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
@@ -117,11 +121,15 @@ class AudioClip:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A message that could not be used: what it should have been (`frame`, `sighting`, `rgb`, ...), and why."""
+    """A message that could not be used: what it should have been (`frame`, `sighting`, `rgb`, ...), and why.
+
+    `detail` is a sentence about it, of what the topics file and the types say: never what the message holds.
+    """
 
     at_ms: int
     kind: str
     reason: str
+    detail: str = field(default="", compare=False)
 
 
 Sense = ColourFrame | Label | AudioClip

@@ -34,6 +34,7 @@ class Inputs:
         self, shape: tuple[int, int], note: Callable[[Refused, int], None] | None = None, *, live: bool = False
     ) -> None:
         self.refused: dict[str, dict[str, int]] = {}
+        self.first_detail: dict[str, str] = {}
         self.fault: BlockRobotError | None = None
         self._shape = shape
         self._note = note or (lambda _refused, _count: None)
@@ -70,6 +71,7 @@ class Inputs:
         fault = self.fault and {"code": self.fault.code, "detail": self.fault.detail}
         return {
             "messages_refused": {kind: dict(sorted(found.items())) for kind, found in self.refused.items()},
+            "first_refused": dict(self.first_detail),
             "fault": fault,
         }
 
@@ -84,12 +86,15 @@ class Inputs:
         """Count a message that cannot be used; too many in a row are a fault."""
         counts = self.refused.setdefault(refused.kind, {})
         counts[refused.reason] = counts.get(refused.reason, 0) + 1
+        if refused.detail:
+            self.first_detail.setdefault(refused.kind, refused.detail)
         self._note_it(refused, counts[refused.reason])
         in_a_row = self._in_a_row.get(refused.kind, 0) + 1
         self._in_a_row[refused.kind] = in_a_row
         if in_a_row < REFUSED_IN_A_ROW_MAX_COUNT or (self._live and refused.kind != "frame"):
             return
-        detail = f"{in_a_row} messages in a row were no usable {refused.kind}, the last for its {refused.reason}."
+        why = (refused.detail or refused.reason).removesuffix(".")
+        detail = f"{in_a_row} messages in a row were no usable {KIND_WORDS[refused.kind]}, the last: {why}."
         self.fault = BlockRobotError("FRAMES_UNUSABLE", detail)
 
     def _note_it(self, refused: Refused, number: int) -> None:
@@ -103,6 +108,15 @@ class Inputs:
         else:
             self._unnoted[what] = (refused, count)
 
+
+KIND_WORDS = {
+    "frame": "depth images",
+    "sighting": "tag readings",
+    "rgb": "colour images",
+    "label": "estimates",
+    "audio": "stretches of sound",
+}
+"""What messages of each kind are called in sentences."""
 
 _KINDS: dict[type, str] = {
     Frame: "frame",

@@ -6,12 +6,14 @@ from clients.sdk.json_fields import CommandAnswer, Field, Kind
 
 _MEMBER = Field("member", Kind.HEX, "the robot's member key")
 
+_SEALED = Field("sealed", Kind.BOOL, "whether a passphrase opens the key file")
+
 _VIEWPOINT = (
     Field("viewpoint", Kind.TEXT, "the viewpoint's name"),
     Field("state", Kind.TEXT, "`recorded`, `approved`, `expired`, or `changed` since it was approved"),
     Field("frames", Kind.COUNT, "how many empty frames it has"),
     Field("approved_by", Kind.TEXT, "who approved them; empty until somebody did"),
-    Field("expires", Kind.TEXT, "until when that holds, as `2027-01-31T18:00:00+00:00`; empty until approved"),
+    Field("expires_at_ms", Kind.TIME_MS, "until when that holds; 0 until approved"),
     Field("preview", Kind.TEXT, "the picture to look at before approving"),
     Field("digest", Kind.HEX, "what of them an approval is bound to"),
 )
@@ -71,6 +73,13 @@ _INTAKE = (
         ),
     ),
     Field("messages_refused", Kind.ROWS_BY_NAME, "messages that could not be used: by kind, how many by reason"),
+    Field("first_refused", Kind.TEXTS_BY_NAME, "why the first of these could not be used, by kind"),
+    Field(
+        "antennas_unnamed",
+        Kind.ROWS_BY_NAME,
+        "by topic: how often antennas were heard that the topics file names neither in `front` nor in `back`",
+        absent="for the synthetic corridor",
+    ),
     Field(
         "fault",
         Kind.OBJECT,
@@ -107,6 +116,72 @@ _RUN = (
     ),
     Field("frames", Kind.OBJECT, "depth frames", absent=_TO_THE_END, fields=_COUNTED),
     Field(
+        "ambiguous",
+        Kind.ROWS,
+        "tags with frames withheld as `ambiguous`, most frames first, 16 at most: the matcher's numbers where it came "
+        "nearest to a decision",
+        absent=_TO_THE_END,
+        fields=(
+            Field("alias", Kind.TEXT, "the tag's alias in this run, as in the event log"),
+            Field("frames", Kind.COUNT, "how many frames"),
+            Field(
+                "obstacle",
+                Kind.TEXT,
+                "what stood in the way: `few-distances`, `behind`, `unit`, `delayed`, `off`, `vague`, `rival`, "
+                "`no-facing` or `undecided`",
+            ),
+            Field("log_odds", Kind.NUMBER, "for the person in view who fitted best"),
+            Field("needed", Kind.NUMBER, "the log-odds at which a tag is bound"),
+            Field("distance_log_odds", Kind.NUMBER, "what distances alone say for that person; 1.1 of it is needed"),
+            Field("rival_log_odds", Kind.NUMBER, "for who fitted next best", absent="if one person was in view"),
+            Field("distances", Kind.COUNT, "how many distances were compared with the camera's"),
+            Field("gap_m", Kind.NUMBER, "mean of distance minus camera range, in metres"),
+            Field("spread_m", Kind.NUMBER, "standard deviation of distance minus camera range, in metres"),
+            Field(
+                "delay_ms",
+                Kind.MS,
+                "how much later than the person the distances are",
+                absent="if no shift makes them fit",
+            ),
+            Field("sigma_m", Kind.NUMBER, "mean stated standard deviation, in metres"),
+            Field("front", Kind.COUNT, "readings by antennas that look as the camera looks"),
+            Field("back", Kind.COUNT, "readings by antennas that look away from it"),
+            Field("people", Kind.COUNT, "how many people were in view"),
+            Field("help", Kind.TEXT, "what helps"),
+        ),
+    ),
+    Field(
+        "merged",
+        Kind.ROWS,
+        "tags with frames withheld as `merged`, most frames first, 16 at most: the silhouette that came nearest to being "
+        "taken for one person",
+        absent=_TO_THE_END,
+        fields=(
+            Field("alias", Kind.TEXT, "the tag's alias in this run, as in the event log"),
+            Field("frames", Kind.COUNT, "how many frames"),
+            Field("by", Kind.TEXT, "which rule took it for two people: `area`, `breadth`, `shape` or `before`"),
+            Field("limit", Kind.NUMBER, "above what: square metres, metres, or log-odds (`shape` and `before`)"),
+            Field("log_odds", Kind.NUMBER, "of two people"),
+            Field("area_m2", Kind.NUMBER, "the silhouette's area in square metres"),
+            Field("breadth_m", Kind.NUMBER, "its breadth about half a metre below the top of the head, in metres"),
+            Field("range_m", Kind.NUMBER, "how far away it was, in metres"),
+            Field("help", Kind.TEXT, "what that means"),
+        ),
+    ),
+    Field(
+        "distances_off",
+        Kind.ROWS,
+        "tags whose frames were kept though their distances disagree with the camera's, 16 at most",
+        absent=_TO_THE_END,
+        fields=(
+            Field("alias", Kind.TEXT, "the tag's alias in this run"),
+            Field("frames", Kind.COUNT, "how many frames"),
+            Field("gap_m", Kind.NUMBER, "mean of distance minus camera range, in metres"),
+            Field("spread_m", Kind.NUMBER, "standard deviation of the same, in metres"),
+            Field("sigma_m", Kind.NUMBER, "mean stated standard deviation, in metres"),
+        ),
+    ),
+    Field(
         "senses",
         Kind.ROWS_BY_NAME,
         "the same of each other sensor of which anything came",
@@ -141,6 +216,12 @@ _RUN = (
     Field("stored_bytes", Kind.COUNT, "how many bytes one custodian stores of them", absent=_TO_THE_END),
     Field("spool_peak_bytes", Kind.COUNT, "the most that waited in the spool at once", absent=_TO_THE_END),
     Field(
+        "uploads_refused",
+        Kind.COUNTS_BY_NAME,
+        "how often a custodian took no upload, by the error's code; most are tried again",
+        absent=_TO_THE_END,
+    ),
+    Field(
         "final_gap_max_s", Kind.SECONDS, "the longest time between two records that became final", absent=_TO_THE_END
     ),
     Field(
@@ -162,7 +243,7 @@ _RUN = (
         absent="unless the run was ended at once",
         fields=(
             Field("frames_read", Kind.COUNT, "frames that came", absent="if it was ended before any figure"),
-            Field("frames_recorded", Kind.COUNT, "frames that are final", absent="likewise"),
+            Field("frames_recorded", Kind.COUNT, "frames that are final, once for each owner", absent="likewise"),
             Field("records", Kind.COUNT, "records that are final", absent="likewise"),
             Field("waiting", Kind.COUNT, "clips that waited", absent="likewise"),
         ),
@@ -171,8 +252,12 @@ _RUN = (
 )
 
 ANSWERS: tuple[CommandAnswer, ...] = (
-    CommandAnswer(("robot new",), (Field("folder", Kind.TEXT, "the robot's folder"), _MEMBER)),
-    CommandAnswer(("robot register",), (Field("txid", Kind.HEX, "the registration"), _MEMBER)),
+    CommandAnswer(("robot new",), (Field("folder", Kind.TEXT, "the robot's folder"), _MEMBER, _SEALED)),
+    CommandAnswer(("robot passphrase",), (_SEALED,)),
+    CommandAnswer(
+        ("robot register",),
+        (Field("txid", Kind.HEX, "the registration", null="if it had registered with this card before"), _MEMBER),
+    ),
     CommandAnswer(
         ("robot topics",),
         (

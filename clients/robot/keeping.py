@@ -15,6 +15,8 @@ from clients.robot.batching import Batcher, ReadyClip
 from clients.robot.consents import Consents, Refusal
 from clients.robot.event_log import IMAGE_WITHHELD, SENSE_WITHHELD, EventLog
 from clients.robot.hiding.hider import Kept, Withheld
+from clients.robot.hiding.match_evidence import MatchEvidence
+from clients.robot.hiding.merged_evidence import MergedEvidence
 from clients.robot.open_visits import OpenVisits
 from clients.robot.spool import SpooledClip
 from clients.robot.statistics import RunStatistics
@@ -74,6 +76,8 @@ class Keeper:
         """Take one verdict of the hider; return the clips that it fills."""
         refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms + self.offset_ms)
         if isinstance(output, Kept) and refusal is None:
+            if output.evidence is not None:
+                self._statistics.add_off(output.alias, output.evidence)
             self._kept.setdefault(output.alias, self._find_beginning(self.people[output.alias]))
             return self._batcher.add_kept(output, self._now_ms())
         self._withhold(output, str(output.reason if isinstance(output, Withheld) else refusal), refusal)
@@ -88,7 +92,8 @@ class Keeper:
         """Count it; tell its owner the reason unless she does not consent: that would be a record of her."""
         may_tell = refusal is None or refusal is Refusal.STALE
         told = reason if may_tell else str(refusal)
-        self._note_withheld(output.sequence, output.alias, told)
+        evidence = output.evidence if may_tell and isinstance(output, Withheld) else None
+        self._note_withheld(output.sequence, output.alias, told, evidence)
         if may_tell:
             self._batcher.add_withheld(output.alias, told)
 
@@ -136,10 +141,17 @@ class Keeper:
     def _find_refusal(self, row: RosterRow, taken_at_ms: int) -> Refusal | None:
         return self._consents.find_refusal(row.handle, self._purpose, self.sensor, taken_at_ms)
 
-    def _note_withheld(self, sequence: int, alias: str, reason: str) -> None:
+    def _note_withheld(
+        self, sequence: int, alias: str, reason: str, evidence: MatchEvidence | MergedEvidence | None = None
+    ) -> None:
         self._statistics.add_withheld(reason)
         self._statistics.forget_decided(alias, sequence)
-        self._log.write(self._now_ms(), IMAGE_WITHHELD, f"frame-{sequence}", alias=alias, reason=reason)
+        if isinstance(evidence, MatchEvidence):
+            self._statistics.add_ambiguous(alias, evidence)
+        elif evidence is not None:
+            self._statistics.add_merged(alias, evidence)
+        numbers = {} if evidence is None else evidence.as_json()
+        self._log.write(self._now_ms(), IMAGE_WITHHELD, f"frame-{sequence}", alias=alias, reason=reason, **numbers)
 
 
 async def note_dropped(

@@ -98,6 +98,8 @@ def notice_teller(*, as_json: bool) -> Tell:
     """Return what says a sentence to the user while a run goes on: on standard error, as JSON for a program."""
 
     def tell(sentence: str) -> None:
-        click.echo(json.dumps({"notice": sentence}) if as_json else clear_line() + sentence, err=True)
+        if not as_json:
+            clear_line()
+        click.echo(json.dumps({"notice": sentence}) if as_json else sentence, err=True)
 
     return tell

@@ -6,6 +6,7 @@ An upload ends with the last custodian's answer, though fewer are required: a co
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
@@ -15,9 +16,11 @@ import structlog
 from clients.robot.hiding.background import EmptyFrame
 from clients.robot.identity import RobotIdentity
 from clients.sdk.connections import NodeAddress
+from clients.sdk.empty_frames import approve_frames, read_approved
 from clients.sdk.http import NetworkClient
 from clients.sdk.receipts import FinalReceipt
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
 from consensus.transaction import Transaction
 
@@ -37,6 +40,8 @@ class RobotNetwork:
         self._client = client
         self._copies = copies
         self._identity = identity
+        self.refused_uploads: Counter[str] = Counter()
+        """How often a custodian took no upload, by the code with which it refused or could not be reached."""
 
     def now_ms(self) -> int:
         """The wall clock in milliseconds."""
@@ -58,6 +63,17 @@ class RobotNetwork:
         """Bring a clip to all custodians. Raises the last refusal if fewer took it than are to have it."""
         await self._to_custodians(lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity))
 
+    async def approve_empty_frames(self, frames: tuple[EmptyFrame, ...], approver: PrivateKey) -> None:
+        """Approve frames on the chain with the key of an admin of the robot's organisation."""
+        robot = self._identity.identity.public_key
+        await approve_frames(self._client, approver, robot, [frame.background_id for frame in frames])
+
+    async def find_unapproved(self, frames: tuple[EmptyFrame, ...]) -> list[EmptyFrame]:
+        """Return the frames that the chain proves no approval of."""
+        identity = self._identity.identity
+        approved = {frame.sha256 for frame in await read_approved(self._client, identity.public_key, identity)}
+        return [frame for frame in frames if frame.background_id not in approved]
+
     async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:
         """Bring the recorded empty frames, which show nobody, to all custodians."""
         for frame in frames:
@@ -75,6 +91,7 @@ class RobotNetwork:
         for refusal in refusals:
             if not isinstance(refusal, BlockRobotError):
                 raise refusal
+            self.refused_uploads[refusal.code] += 1
         if len(results) - len(refusals) < required:
             _log.warning("upload_refused", count=len(refusals))
             raise refusals[-1]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -28,9 +28,11 @@ from clients.robot.network import COPIES_DEFAULT_COUNT, RobotNetwork
 from clients.robot.one_run import only_run
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
+from clients.robot.publishing import publish_frames
 from clients.robot.registry import NetworkMajority, RegistryReader
 from clients.robot.rosters import load_roster
 from clients.robot.sources.live import LiveSource
+from clients.robot.sources.rosbag import BagSource
 from clients.robot.sources.source import Source, StoppableClock
 from clients.robot.spool import Spool
 from clients.robot.statistics import RunStatistics
@@ -39,6 +41,7 @@ from clients.robot.visits import VisitBook
 from clients.sdk.http import NetworkClient
 from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from consensus.genesis import Genesis
+from consensus.primitives.keys import PrivateKey
 
 SENSOR_NAME = "depth"
 SPOOL_FOLDER = "spool"
@@ -55,7 +58,8 @@ class ReplayOptions:
 
     With a `viewpoint` the empty frames are those of the robot's approved bank instead of the source's, which are only
     checked for what moves in them. In real time it ends after `lasts_s` seconds of the source, if that is given. A clip
-    is recorded once `copies` custodians have it, or all where there are fewer.
+    is recorded once `copies` custodians have it, or all where there are fewer. `passphrase` opens a sealed key file.
+    With an `approver`, an admin's key of the robot's organisation, the empty frames are approved on the chain first.
     """
 
     roster: Path
@@ -67,6 +71,8 @@ class ReplayOptions:
     viewpoint: str = ""
     lasts_s: float | None = None
     copies: int = COPIES_DEFAULT_COUNT
+    passphrase: str | None = field(default=None, repr=False)
+    approver: PrivateKey | None = field(default=None, repr=False)
 
 
 class ProgressListener(Protocol):
@@ -118,7 +124,7 @@ class _Run:
         self._progress = progress
         self._stop = stop or asyncio.Event()
         self._over = asyncio.Event()
-        self._identity = load_identity(folder)
+        self._identity = load_identity(folder, options.passphrase)
         self._client = client
         self._chain_id = client.genesis.chain_id
         self._network = RobotNetwork(client, self._identity, options.copies)
@@ -163,7 +169,8 @@ class _Run:
         lens = Lens(source, hider.use_focal_px, live=isinstance(source, LiveSource))
         statistics = RunStatistics(window_ms=hider.pairing.window_ms)
         open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
-        await self._network.publish_empty_frames(bank)
+        member = self._identity.identity.public_key
+        await publish_frames(self._network, bank, self._folder, member, self._options.approver)
         height, width = empty[0].shape
         with EventLog(self._options.events) as log:
             delivery = Delivery(
@@ -211,7 +218,8 @@ class _Run:
                 await delivery.stop()
                 inputs.close()
             live = source.intake_json() if isinstance(source, LiveSource) else {}
-            self.intake = {**pipeline.intake_json(), **inputs.summary(), **live}
+            heard = {"antennas_unnamed": source.antennas_unnamed} if isinstance(source, LiveSource | BagSource) else {}
+            self.intake = {**pipeline.intake_json(), **inputs.summary(), **live, **heard}
             self.camera = lens.as_json()
             self._tell(statistics, last=True)
         return statistics
@@ -230,6 +238,11 @@ class _Run:
     def spool_peak_bytes(self) -> int:
         """The most that waited in the spool at once."""
         return self._spool.peak_bytes
+
+    @property
+    def refused_uploads(self) -> dict[str, int]:
+        """How often custodians took no upload, by code."""
+        return dict(sorted(self._network.refused_uploads.items()))
 
     @property
     def consent_figures(self) -> dict[str, Any]:
@@ -269,8 +282,8 @@ async def replay_recording(
     When `stop` is set the source ends there, and what came before is worked through as at any other end.
     `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any;
     `camera` tells the focal length and where it is from.
-    Raises ROBOT_RUNNING, EMPTY_SCENE_MISSING, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, and what the
-    network refuses for good.
+    Raises ROBOT_RUNNING, EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*,
+    REGISTRY_STALE, and what the network refuses for good.
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)
@@ -282,6 +295,9 @@ async def replay_recording(
         "roster_rows": run.roster_rows,
         "consents": run.consent_figures,
         "frames": statistics.frames_json(),
+        "ambiguous": statistics.ambiguous_json(),
+        "merged": statistics.merged_json(),
+        "distances_off": statistics.distances_off_json(),
         "senses": statistics.senses_json(),
         "latency_ms": statistics.latency_json(),
         "intake": run.intake,
@@ -289,5 +305,6 @@ async def replay_recording(
         "records": statistics.records_final,
         "stored_bytes": statistics.stored_bytes,
         "spool_peak_bytes": run.spool_peak_bytes,
+        "uploads_refused": run.refused_uploads,
         "final_gap_max_s": round(statistics.final_gap_max_ms / 1000, 3),
     }

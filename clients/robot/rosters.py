@@ -8,10 +8,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import structlog
+
 from clients.robot.identity import RobotIdentity
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
-from consensus.records.roster import Roster, RosterRow, open_roster, roster_tag
+from consensus.records.roster import Roster, RosterRow, is_usable, open_roster, roster_tag
+
+_log = structlog.get_logger("rosters")
 
 
 class RosterBook:
@@ -19,7 +23,9 @@ class RosterBook:
 
     def __init__(self, roster: Roster) -> None:
         self._key = roster.key
-        self._rows: dict[bytes, RosterRow] = {row.tag: row for row in roster.rows}
+        self._rows: dict[bytes, RosterRow] = {row.tag: row for row in roster.rows if is_usable(row)}
+        if len(self._rows) < len(roster.rows):
+            _log.warning("roster_rows_unusable", count=len(roster.rows) - len(self._rows))
         self.not_after_ms = roster.not_after_ms
 
     def __len__(self) -> int:

@@ -10,13 +10,32 @@ from collections.abc import Iterator
 from typing import Any
 
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.hiding.merged_evidence import MergedBy
+from clients.robot.inputs import KIND_WORDS
 from clients.robot.lens import ASSUMED
+from clients.sdk.safe_output import overwrite_line
 from consensus.errors import BlockRobotError
 
+AMBIGUOUS_LINES_MAX_COUNT = 3
+REASON_WORDS = {
+    "encoding": "of an encoding that is not read",
+    "size": "of a wrong size",
+    "step": "width, height, step and length contradict each other",
+    "undecodable": "damaged, or of another type than they say",
+    "field": "a field that the topics file names is not there, or holds something else",
+    "json": "no JSON where JSON should be, or the other way round",
+    "tag": "without a tag, or with one that is too long",
+    "time": "a reading ends before it begins, or lasts too long",
+    "type": "of another type than the topics file needs",
+    "unknown-type": "of a type that nobody defines",
+}
+"""What it means that a message was refused for a reason."""
 
-def clear_line() -> str:
-    """Return what empties the line on which a run's progress stands, if standard error is a terminal."""
-    return "\r\x1b[K" if sys.stderr.isatty() else ""
+
+def clear_line() -> None:
+    """Empty the line on which a run's progress stands, if standard error is a terminal."""
+    if sys.stderr.isatty():
+        overwrite_line()
 
 
 def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
@@ -26,18 +45,86 @@ def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
         f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
         f"{_withheld(frames)}, {frames['lost']} lost."
     )
-    if frames["withheld"] and not frames["kept"]:
+    if frames["published"] and not frames["kept"]:
+        if not frames["withheld"]:
+            yield "No frame was in reach of a reading of a tag on the roster."
         yield "No frame was kept. What each reason means: docs/how-to/your-robot.md, `What is kept, and what is withheld`."
+    yield from _ambiguous_lines(summary["ambiguous"])
+    yield from _merged_lines(summary.get("merged", []))
+    for row in summary.get("distances_off", ())[:AMBIGUOUS_LINES_MAX_COUNT]:
+        yield (
+            f"{row['alias']}, {row['frames']} kept: its distances are on average {row['gap_m']:+.2f} m off the camera's "
+            f"(stated error {row['sigma_m']:.2f} m; they differ from that by {row['spread_m']:.2f} m, one by one). Was the "
+            "right person shown? Check distance_unit, distance_sigma, from where the reader measures, and the clocks."
+        )
     for sensor, counts in summary["senses"].items():
         yield (f"{counts['published']} of {sensor}: {counts['kept']} kept, {_withheld(counts)}, {counts['lost']} lost.")
     intake = summary["intake"]
+    yield from refused_lines(summary.get("uploads_refused", {}))
     yield from _unknown_lines(intake["unknown_tags"])
     yield from consent_lines(summary["consents"])
     for kind, reasons in intake["messages_refused"].items():
-        told = ", ".join(f"{count} for {reason}" for reason, count in reasons.items())
-        yield f"Not usable: {sum(reasons.values())} of kind {kind} ({told})."
+        told = "; ".join(f"{count} {reason}: {REASON_WORDS.get(reason, reason)}" for reason, count in reasons.items())
+        first = intake.get("first_refused", {}).get(kind)
+        line = f"Not usable: {sum(reasons.values())} {KIND_WORDS[kind]} ({told})."
+        yield f"{line} The first: {first}" if first else line
+        if "json" in reasons:
+            yield 'A field holds JSON text: name the value in it in the topics file, as in epc = "data{}.uid".'
+    yield from _antenna_lines(intake.get("antennas_unnamed", {}))
     yield from _live_lines(intake)
     yield from _focal_lines(summary.get("camera", {}))
+
+
+def _antenna_lines(unnamed: dict[str, dict[str, int]]) -> Iterator[str]:
+    """Yield which antennas were heard that the topics file does not name, though it names others."""
+    for topic, counts in unnamed.items():
+        heard = ", ".join(f"{name} ({count} times)" for name, count in counts.items())
+        yield (
+            f"Antennas heard on {topic} that its front and back do not name: {heard}. Name them there: of such readings it "
+            "is not known which way their antenna looks."
+        )
+
+
+def _ambiguous_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield for the tags with most ambiguous frames what stood in the way, in numbers."""
+    for row in rows[:AMBIGUOUS_LINES_MAX_COUNT]:
+        spread = f"they differ from that by {row['spread_m']:.2f} m, one by one"
+        delay = (
+            f"about {abs(row['delay_ms']) / 1000:g} s {'late' if row['delay_ms'] > 0 else 'early'}: "
+            if "delay_ms" in row
+            else ""
+        )
+        rival = f", the next person {row['rival_log_odds']:g}" if "rival_log_odds" in row else ""
+        yield (
+            f"{row['alias']}, {row['frames']} ambiguous: log-odds {row['log_odds']:g} of {row['needed']:g} needed{rival}; "
+            f"{row['distances']} distances, on average {row['gap_m']:+.2f} m off the camera's (stated error "
+            f"{row['sigma_m']:.2f} m; {spread}); {row['front']} readings in front, {row['back']} behind: "
+            f"{delay}{row['help']}."
+        )
+    if len(rows) > AMBIGUOUS_LINES_MAX_COUNT:
+        yield f"{len(rows) - AMBIGUOUS_LINES_MAX_COUNT} more tags have ambiguous frames; --json lists them."
+
+
+def _merged_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield for the tags with most merged frames what the silhouette looked like, in numbers."""
+    for row in rows[:AMBIGUOUS_LINES_MAX_COUNT]:
+        limit = {
+            MergedBy.AREA: f"{row['limit']:g} m² is the limit",
+            MergedBy.BREADTH: f"{row['limit']:g} m of breadth is the limit",
+        }.get(row["by"], f"log-odds of two people {row['log_odds']:g}, {row['limit']:g} is the limit")
+        yield (
+            f"{row['alias']}, {row['frames']} merged: {row['area_m2']:g} m² of silhouette, {row['breadth_m']:g} m broad, "
+            f"{row['range_m']:g} m away; {limit}: {row['help']}."
+        )
+    if len(rows) > AMBIGUOUS_LINES_MAX_COUNT:
+        yield f"{len(rows) - AMBIGUOUS_LINES_MAX_COUNT} more tags have merged frames; --json lists them."
+
+
+def refused_lines(refused: dict[str, int]) -> Iterator[str]:
+    """Yield how often custodians took no upload, if they did not."""
+    if refused:
+        told = ", ".join(f"{count} {code}" for code, count in refused.items())
+        yield f"Custodians took no upload {sum(refused.values())} times ({told}); what was refused was tried again."
 
 
 def _withheld(counts: dict[str, Any]) -> str:
@@ -50,11 +137,11 @@ def _withheld(counts: dict[str, Any]) -> str:
 def _live_lines(intake: dict[str, Any]) -> Iterator[str]:
     """Yield what a live run did not get to, and what was gone for a while."""
     for kind, count in intake.get("missed", {}).items():
-        yield f"Not read: {count} messages of kind {kind} came while there was no room for them; this machine is too slow."
+        yield f"Not read: {count} {KIND_WORDS[kind]} came while there was no room for them; this machine is too slow."
     for topic, count in intake.get("never_came", {}).items():
         yield f"Never came: {count} messages of {topic}, lost between the robot's middleware and here."
     for kind, count in intake.get("unread", {}).items():
-        yield f"Not read: {count} messages of kind {kind} had just come when the run ended."
+        yield f"Not read: {count} {KIND_WORDS[kind]} had just come when the run ended."
     for topic, count in intake.get("gone", {}).items():
         yield f"Gone {count} {'time' if count == 1 else 'times'} for a while: {topic}."
 
@@ -81,8 +168,8 @@ def _unknown_lines(unknown: dict[str, Any]) -> Iterator[str]:
     more = "more than " if unknown["more_tags"] else ""
     yield (
         f"Readings of {more}{tags} not on the roster: {unknown['readings']}; nothing is kept for them. Is one of them a "
-        "participant's? Then its card must be issued for the UID exactly as the reader tells it, and the roster made "
-        "again after that."
+        "participant's? Then its card must be issued for the UID as the reader tells it (only upper and lower case do not "
+        "matter), and the roster made again after that."
     )
 
 
@@ -132,7 +219,7 @@ def broken_line(figures: dict[str, Any], waiting_count: int, spool: str, *, is_l
     again = "with `blockrobot robot run` as before" if is_live else "with any recording"
     waits = f"{waiting_count} sealed clips wait in {spool}" if waiting_count else "No sealed clip waits"
     return (
-        f"{clear_line()}Ended at once. {_so_far(figures).capitalize()}. {waits}; what was only in memory is lost.\n"
+        f"Ended at once. {_so_far(figures).capitalize()}. {waits}; what was only in memory is lost.\n"
         f"To go on, start the robot again {again}: it first records what waits, each clip once, and closes "
         "the visits that are open."
     )
@@ -141,4 +228,5 @@ def broken_line(figures: dict[str, Any], waiting_count: int, spool: str, *, is_l
 def _so_far(figures: dict[str, Any]) -> str:
     """Return how far a run is. Frames are counted once for each of their owners."""
     kept, records = figures.get("frames_recorded", 0), figures.get("records", 0)
-    return f"{figures.get('frames_read', 0)} frames were read, and {kept} are recorded in {records} records"
+    read = figures.get("frames_read", 0)
+    return f"{read} frames were read; {kept}, counted for each owner, are recorded in {records} records"

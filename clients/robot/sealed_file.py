@@ -42,10 +42,11 @@ def read_sealed(path: Path, key: bytes) -> bytes:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Put bytes in a file's place in one step; on return they are on the medium. Raises SPOOL_FULL."""
+    """Put bytes in a file's place in one step, for its user only; on return they are on the medium. Raises SPOOL_FULL."""
     temporary = path.with_name(TEMPORARY_PREFIX + path.name)
     try:
-        with temporary.open("wb") as file:
+        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+            os.fchmod(file.fileno(), 0o600)  # a leftover of a crash keeps its old mode
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

@@ -108,6 +108,7 @@ def seal_clip(
         ciphertexts=ciphertexts,
         sealed_keys=sealed_keys,
         commitment_leaves=leaves,
+        owner=chain.owner,
     )
     return SpooledClip(
         upload=upload,

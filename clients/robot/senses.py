@@ -340,7 +340,8 @@ def _cut_out(kept: Kept, waiting: _Waiting) -> SenseKept:
     if waiting.encoding == ENCODING_PNG_RGBA:
         colour = np.asarray(cv2.imdecode(np.frombuffer(waiting.data, np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
         cut = Cut(cut.x, cut.y, cut.width, cut.height, _encode(cut_colour(colour, cut), exact=True))
-    return SenseKept(kept.sequence, kept.captured_at_ms, kept.alias, cut, kept.alone, waiting.encoding, width, height)
+    same = (kept.sequence, kept.captured_at_ms, kept.alias, cut, kept.alone)
+    return SenseKept(*same, encoding=waiting.encoding, width=width, height=height)
 
 
 def _rendition(frame: Kept) -> Rendition:

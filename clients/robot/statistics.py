@@ -7,15 +7,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from clients.robot.delivery import Delivered
+from clients.robot.hiding import match_evidence, merged_evidence
+from clients.robot.hiding.match_evidence import MatchEvidence
+from clients.robot.hiding.merged_evidence import MergedEvidence
 
 ARRIVALS_MAX_COUNT = 4_096
 """Of so many frames it is remembered when they came: more than two minutes of 30 a second, longer than any waits here."""
+
+AMBIGUOUS_TAGS_MAX_COUNT = 16
+"""Of so many tags it is told why they could not be told to be anybody's in view."""
 
 _EXACT_BELOW_MS = 10_000
 
@@ -63,6 +69,32 @@ class SealedFrames:
 
 
 @dataclass(slots=True)
+class Ambiguity:
+    """One tag's ambiguous frames: how many, and the matcher's numbers where it came nearest to a decision."""
+
+    frames: int
+    nearest: MatchEvidence
+
+    def as_json(self, alias: str) -> dict[str, Any]:
+        """Return the numbers, and in words what stood in the way and what helps."""
+        help_text = match_evidence.HELP[self.nearest.obstacle]
+        return {"alias": alias, "frames": self.frames, **self.nearest.as_json(), "help": help_text}
+
+
+@dataclass(slots=True)
+class MergedFrames:
+    """One tag's merged frames: how many, and the silhouette that came nearest to being taken for one person."""
+
+    frames: int
+    nearest: MergedEvidence
+
+    def as_json(self, alias: str) -> dict[str, Any]:
+        """Return the numbers, and in words what they mean."""
+        help_text = merged_evidence.HELP[self.nearest.by]
+        return {"alias": alias, "frames": self.frames, **self.nearest.as_json(), "help": help_text}
+
+
+@dataclass(slots=True)
 class RunStatistics:
     """The figures of one run, in memory that does not grow with it. Times in milliseconds of the robot's wall clock."""
 
@@ -82,6 +114,9 @@ class RunStatistics:
     final_gap_max_ms: int = 0
     """The longest time between two records that became final."""
     senses: dict[str, RunStatistics] = field(default_factory=dict)
+    ambiguities: dict[str, Ambiguity] = field(default_factory=dict)
+    merged: dict[str, MergedFrames] = field(default_factory=dict)
+    distances_off: dict[str, tuple[int, MatchEvidence]] = field(default_factory=dict)
     let_go: int = 0
     """Of another sense: how many could not wait for a verdict, for lack of memory."""
     _decided: dict[tuple[str, int], int] = field(default_factory=dict)
@@ -118,6 +153,33 @@ class RunStatistics:
         """Count covered frames that are not kept."""
         if count:
             self.withheld[reason] = self.withheld.get(reason, 0) + count
+
+    def add_ambiguous(self, alias: str, evidence: MatchEvidence) -> None:
+        """Note the matcher's numbers for a frame that was withheld as ambiguous."""
+        known = self.ambiguities.get(alias)
+        if known is not None:
+            known.frames += 1
+            delay_ms = known.nearest.delay_ms if evidence.delay_ms is None else evidence.delay_ms
+            nearest = evidence if evidence.nearness > known.nearest.nearness else known.nearest
+            known.nearest = replace(nearest, delay_ms=delay_ms)
+        elif len(self.ambiguities) < AMBIGUOUS_TAGS_MAX_COUNT:
+            self.ambiguities[alias] = Ambiguity(1, evidence)
+
+    def add_merged(self, alias: str, evidence: MergedEvidence) -> None:
+        """Note the silhouette of a frame that was withheld as merged."""
+        known = self.merged.get(alias)
+        if known is not None:
+            known.frames += 1
+            if evidence.excess < known.nearest.excess:
+                known.nearest = evidence
+        elif len(self.merged) < AMBIGUOUS_TAGS_MAX_COUNT:
+            self.merged[alias] = MergedFrames(1, evidence)
+
+    def add_off(self, alias: str, evidence: MatchEvidence) -> None:
+        """Note a frame that is kept though the tag's distances disagree with the camera's; the newest numbers stay."""
+        if alias in self.distances_off or len(self.distances_off) < AMBIGUOUS_TAGS_MAX_COUNT:
+            count, _ = self.distances_off.get(alias, (0, evidence))
+            self.distances_off[alias] = count + 1, evidence
 
     def delivered(self, done: Delivered) -> SealedFrames:
         """Note that a record is final: only now its frames count as kept. Returns them; none if an earlier run's."""
@@ -159,6 +221,29 @@ class RunStatistics:
             "withheld_reasons": dict(sorted(self.withheld.items())),
             "lost": self.covered - self.kept_final - self.withheld_count,
         }
+
+    def ambiguous_json(self) -> list[dict[str, Any]]:
+        """Return for each tag with ambiguous frames, most frames first, why it could not be told whose they are."""
+        rows = sorted(self.ambiguities.items(), key=lambda row: (-row[1].frames, row[0]))
+        return [ambiguity.as_json(alias) for alias, ambiguity in rows]
+
+    def merged_json(self) -> list[dict[str, Any]]:
+        """Return for each tag with merged frames, most frames first, what the silhouette looked like."""
+        rows = sorted(self.merged.items(), key=lambda row: (-row[1].frames, row[0]))
+        return [merged.as_json(alias) for alias, merged in rows]
+
+    def distances_off_json(self) -> list[dict[str, Any]]:
+        """Return the tags whose frames are kept though their distances disagree with the camera's."""
+        return [
+            {
+                "alias": alias,
+                "frames": count,
+                "gap_m": round(evidence.gap_m, 2),
+                "spread_m": round(evidence.spread_m, 2),
+                "sigma_m": round(evidence.sigma_m, 2),
+            }
+            for alias, (count, evidence) in sorted(self.distances_off.items())
+        ]
 
     def senses_json(self) -> dict[str, Any]:
         """Return the same counts of each other sense of which anything came."""

@@ -82,7 +82,10 @@ def _write(path: Path, text: str) -> None:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise BlockRobotError("TOPICS_INVALID", f"{path} exists already, and is left as it is.") from None
+        raise BlockRobotError(
+            "TOPICS_INVALID",
+            f"{path} exists already, and is left as it is: give --draft another name, or delete it first.",
+        ) from None
 
 
 def _row(item: Listed) -> dict[str, object]:

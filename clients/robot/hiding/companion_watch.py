@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 
 from clients.robot.hiding.companion import Trees, shipped_model
+from clients.robot.hiding.merged_evidence import MergedBy
 from clients.robot.hiding.segmentation import Silhouette
 
 SAME_M, SAME_PER_M = 0.45, 0.04
@@ -49,7 +50,7 @@ class CompanionWatch:
     def _judge(self, silhouette: Silhouette, free: list[_Pool], at_ms: int) -> Silhouette:
         pool = self._pool_of(silhouette, free, at_ms)
         if pool.two:
-            return silhouette if silhouette.trouble == "merged" else replace(silhouette, trouble="merged")
+            return silhouette if silhouette.trouble == "merged" else _merged_by_pool(silhouette)
         settled = at_ms - pool.began_ms >= SETTLED_MS
         if silhouette.trouble == "merged" and settled and silhouette.companion_odds <= self._model.certain:
             return replace(silhouette, trouble="contact")
@@ -69,3 +70,9 @@ class CompanionWatch:
         pool.x_m, pool.z_m, pool.seen_ms = silhouette.x_m, silhouette.z_m, at_ms
         pool.two = pool.odds > self._model.suspect - (CLEAR_BELOW if pool.two else 0.0)
         return pool
+
+
+def _merged_by_pool(silhouette: Silhouette) -> Silhouette:
+    company = silhouette.company
+    told = None if company is None else replace(company, by=MergedBy.BEFORE)
+    return replace(silhouette, trouble="merged", company=told)

@@ -17,7 +17,9 @@ from clients.robot.events import Frame, Sighting, check_depth
 from clients.robot.hiding.background import Background, fits
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cut import Cut, cut
+from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.matcher import Matcher
+from clients.robot.hiding.merged_evidence import MergedEvidence
 from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Segmented, segment
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
@@ -52,16 +54,18 @@ class Kept:
     alias: str
     cut: Cut
     alone: bool = False  # whether nobody else is in the picture, as far as the camera measures depth
+    evidence: MatchEvidence | None = None  # only where distances disagree with the camera's all the same
 
 
 @dataclass(frozen=True, slots=True)
 class Withheld:
-    """A covered frame that this owner gets no picture of, and why."""
+    """A covered frame that this owner gets no picture of, and why; with numbers for `AMBIGUOUS` and `MERGED`."""
 
     sequence: int
     captured_at_ms: int
     alias: str
     reason: Reason
+    evidence: MatchEvidence | MergedEvidence | None = None
 
 
 Output = Decision | Kept | Withheld
@@ -76,6 +80,7 @@ class _Seen:
     cuts: dict[int, Cut] = field(default_factory=dict)
     troubles: dict[int, str] = field(default_factory=dict)
     merged: bool = False
+    company: MergedEvidence | None = None  # of the merged silhouette that is nearest to being one person
     stray: bool = False  # more than noise is nearer than the empty scene and belongs to no silhouette
     disordered: bool = False
     moved: bool = False
@@ -175,8 +180,10 @@ class Hider:
                     seen.troubles[track.number] = silhouette.trouble
                 else:
                     seen.cuts[track.number] = cut(depth, self._background, segmented, silhouette)
-            merged = [one.range_m for one, track in zip(silhouettes, tracks, strict=True) if track is None]
-            unfollowed = [*merged, *self._tracker.hidden_ranges]
+            merged = [one for one, track in zip(silhouettes, tracks, strict=True) if track is None]
+            told = [one.company for one in merged if one.company is not None]
+            seen.company = min(told, key=lambda company: company.excess, default=None)
+            unfollowed = [*(one.range_m for one in merged), *self._tracker.hidden_ranges]
             if unfollowed:
                 self.matcher.note_unfollowed(frame.captured_at_ms, unfollowed)
             self.matcher.advance(frame.captured_at_ms)
@@ -231,7 +238,9 @@ class Hider:
         number = self.matcher.bound_track(alias, seen.tracks)
         if number is not None and number in seen.cuts:
             alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
-            return Kept(seen.sequence, seen.captured_at_ms, alias, seen.cuts[number], alone)
+            told = self.matcher.explain(alias, (number,))
+            off = told if told is not None and told.is_off else None
+            return Kept(seen.sequence, seen.captured_at_ms, alias, seen.cuts[number], alone, off)
         reason: Reason | None = None
         if seen.disordered:
             reason = Reason.DISORDERED
@@ -243,7 +252,14 @@ class Hider:
             reason = Reason.MERGED if seen.merged else Reason.NO_SILHOUETTE
         elif due:
             reason = self._why_unbound(alias, seen)
-        return Withheld(seen.sequence, seen.captured_at_ms, alias, reason) if reason is not None else None
+        if reason is None:
+            return None
+        evidence: MatchEvidence | MergedEvidence | None = None
+        if reason is Reason.AMBIGUOUS:
+            evidence = self.matcher.explain(alias, seen.tracks)
+        elif reason is Reason.MERGED:
+            evidence = seen.company
+        return Withheld(seen.sequence, seen.captured_at_ms, alias, reason, evidence)
 
     def _why_unbound(self, alias: str, seen: _Seen) -> Reason:
         if seen.merged:

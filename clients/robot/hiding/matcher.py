@@ -1,7 +1,8 @@
 """Binds tags to tracks by likelihood over the whole track, against every rival and against an absent bearer. Pure.
 
-A binding needs log-odds of 9.2 and ends below 0. It must never bind without distance: from such readings one person
-in the picture cannot be told from another, nor from someone outside it; nor while somebody as far away is in view who
+A binding needs log-odds of 9.2, of which distances alone must give some, and ends below 0. It must never bind without
+distance, nor by distances that say nothing: from such readings one person in the picture cannot be told from another, nor
+from someone outside it; nor while somebody as far away is in view who
 is not followed, since the bearer may be that one. Readings are weighed in the order in which they were taken, whatever the
 order in which they came.
 """
@@ -14,17 +15,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from clients.robot.events import Facing, Sighting
+from clients.robot.events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
 from clients.robot.hiding.likelihood import FILTERS, Belief, Step, log_antenna, log_evidence, log_sum, take
+from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, READINGS_MIN_COUNT, MatchEvidence
+from clients.robot.hiding.time_shift import find_delay_ms
 from clients.robot.hiding.tracking import NEAREST_RANGE_MS, Track
 
 PRIOR_ABSENT = 0.3
-BIND_LOG_ODDS = 9.2
 UNBIND_LOG_ODDS = 0.0
 # Evidence older than this is let go, some seconds at a time, since what is left is then weighed anew.
 EVIDENCE_MS = 30_000
 LET_GO_MS = 15_000
-READINGS_MIN_COUNT = 4
 # Of all readings of one tag in a tenth of a second, one for each kind counts: a storm of readings weighs no more.
 SLOT_MS = 100
 TAGS_MAX_COUNT = 256
@@ -46,10 +47,19 @@ class _Evidence(NamedTuple):
     front: int = 0
     back: int = 0
     distance_ratio: float = 0.0
+    gap_m_sum: float = 0.0  # of distance minus camera range, over the distances compared
+    gap_m2_sum: float = 0.0
+    range_m_sum: float = 0.0
+    sigma_m_sum: float = 0.0
 
     def ratio(self) -> float:
         """Return log(likelihood if this track wears the tag / if its bearer is absent)."""
         return self.distance_ratio + log_antenna(self.front, self.back)
+
+    @property
+    def speaks(self) -> bool:
+        """Whether there are distances enough, and they alone speak for this person."""
+        return self.compared >= READINGS_MIN_COUNT and self.distance_ratio >= DISTANCE_LOG_ODDS_MIN
 
 
 _NOTHING = _Evidence()
@@ -228,6 +238,36 @@ class Matcher:
         standings = tag.standings.items() if tag is not None else ()
         return {number: standing.odds for number, standing in standings if standing.odds is not None}
 
+    def explain(self, alias: str, present: Sequence[int]) -> MatchEvidence | None:
+        """Return how the tag stands with the one of `present` whom it fits best; None if it was never compared."""
+        tag = self._tags.get(alias)
+        if tag is None:
+            return None
+        stand = {number: tag.standings[number] for number in present if number in tag.standings}
+        if not stand:
+            return None
+        ratio = {number: standing.every.ratio() for number, standing in stand.items()}
+        best, *rivals = sorted(ratio, key=lambda number: -ratio[number])
+        every = stand[best].every
+        others = [ratio[number] for number in rivals]
+        odds = _log_odds(ratio[best], others)
+        rival = _log_odds(others[0], [ratio[best], *others[1:]]) if others else None
+        compared = max(1, every.compared)
+        return MatchEvidence(
+            log_odds=odds,
+            rival_log_odds=rival,
+            distances=every.compared,
+            gap_m=every.gap_m_sum / compared,
+            sigma_m=every.sigma_m_sum / compared,
+            front=every.front,
+            back=every.back,
+            people=len(present),
+            distance_log_odds=every.distance_ratio,
+            spread_m=math.sqrt(max(0.0, every.gap_m2_sum / compared - (every.gap_m_sum / compared) ** 2)),
+            range_m=every.range_m_sum / compared,
+            delay_ms=find_delay_ms(tag.readings, self._tracks[best]) if odds < 0 and best in self._tracks else None,
+        )
+
     def forget_before(self, at_ms: int) -> None:
         """Drop ended tracks, and tags that were not heard, that can no longer matter."""
         horizon = at_ms - EVIDENCE_MS
@@ -309,7 +349,7 @@ class Matcher:
             bound = standing.bound
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
                 bound = bound and odds >= UNBIND_LOG_ODDS
-                if odds >= BIND_LOG_ODDS and standing.sure.compared >= READINGS_MIN_COUNT:
+                if odds >= BIND_LOG_ODDS and standing.every.speaks and standing.sure.speaks:
                     surely = _log_odds(sure[track.number], [sure[number] for number in rivals])
                     bound = bound or surely >= BIND_LOG_ODDS
             tag.standings[track.number] = standing._replace(odds=odds, bound=bound)
@@ -333,7 +373,15 @@ def _compare(
         step = steps[id(spread)] = FILTERS.step(spread, at_ms, sigma_m)
     belief = take(evidence.belief, step, distance_m, person_m)
     visible, absent = log_evidence(belief)
-    return evidence._replace(belief=belief, compared=evidence.compared + 1, distance_ratio=visible - absent)
+    return evidence._replace(
+        belief=belief,
+        compared=evidence.compared + 1,
+        distance_ratio=visible - absent,
+        gap_m_sum=evidence.gap_m_sum + distance_m - person_m,
+        gap_m2_sum=evidence.gap_m2_sum + (distance_m - person_m) ** 2,
+        range_m_sum=evidence.range_m_sum + person_m,
+        sigma_m_sum=evidence.sigma_m_sum + sigma_m,
+    )
 
 
 def _log_odds(ratio: float, rivals: Sequence[float]) -> float:
@@ -364,10 +412,10 @@ def _order(reading: Sighting) -> _Order:
 
 
 def _without_nonsense(sighting: Sighting) -> Sighting:
-    """Return the reading with a sigma that no reader falls below, or without a distance that is none."""
+    """Return the reading with a sigma that no reader falls below, or without a distance that is none or says nothing."""
     distance_m, sigma_m = sighting.distance_m, sighting.sigma_m
     if distance_m is None or sigma_m is None:
         return sighting if distance_m is None and sigma_m is None else replace(sighting, distance_m=None, sigma_m=None)
-    if not (math.isfinite(distance_m) and math.isfinite(sigma_m) and distance_m > 0 and sigma_m > 0):
+    if not (0 < distance_m < math.inf and 0 < sigma_m <= DISTANCE_SIGMA_MAX_M):
         return replace(sighting, distance_m=None, sigma_m=None)
     return sighting if sigma_m >= SIGMA_MIN_M else replace(sighting, sigma_m=SIGMA_MIN_M)

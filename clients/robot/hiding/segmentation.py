@@ -14,6 +14,7 @@ import numpy.typing as npt
 from clients.robot.events import Depth
 from clients.robot.hiding.background import Background
 from clients.robot.hiding.companion import CUES, Floats, measure, shipped_model
+from clients.robot.hiding.merged_evidence import MergedBy, MergedEvidence
 
 Bytes2D = npt.NDArray[np.uint8]
 Labels = npt.NDArray[np.int32]
@@ -43,7 +44,7 @@ class Silhouette:
     """One person-sized blob. `label` marks its pixels in the label image; places in metres in the camera's frame.
 
     `trouble` is empty, or why no rendition may be cut from it: `merged`, `contact` or `occluded`. `companion_odds` are
-    the log-odds that it holds more than one person.
+    the log-odds that it holds more than one person, `company` the numbers behind them.
     """
 
     label: int
@@ -54,6 +55,7 @@ class Silhouette:
     median_mm: int
     trouble: str
     companion_odds: float = 0.0
+    company: MergedEvidence | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,8 +194,8 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
     x_m = (middle_px - (half.shape[1] - 1) / 2) * scale
     y_m = (top + 0.25 * height - (half.shape[0] - 1) / 2) * scale
     z_m = median / 1000 + BODY_OFFSET_M
-    odds = _companion_odds(measure(inside, half[box], left, top, half.shape, focal))
-    merged = odds > shipped_model().suspect
+    company = _judge_company(measure(inside, half[box], left, top, half.shape, focal))
+    merged = company.log_odds > shipped_model().suspect
     trouble = "merged" if merged else _touch(labels, half, mask, number, median)
     return Silhouette(
         label=number,
@@ -203,20 +205,26 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
         range_m=float(np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)),
         median_mm=median,
         trouble=trouble,
-        companion_odds=odds,
+        companion_odds=company.log_odds,
+        company=company,
     )
 
 
-def _companion_odds(cues: Floats) -> float:
+def _judge_company(cues: Floats) -> MergedEvidence:
     """Return the log-odds of two people: the model's, but by size alone for what it has never learned about."""
     model = shipped_model()
     area, breadth, distance = (float(cues[CUES.index(name)]) for name in ("area_m2", "width_3_m", "range_m"))
     if area > GROUP_AREA_MIN_M2:
-        return model.certain + 1
-    if distance <= LEARNED_MAX_M:
-        return model.log_odds(cues)
-    large = area > FAR_AREA_MAX_M2 or breadth > FAR_BREADTH_MAX_M
-    return model.certain + 1 if large else model.suspect - 1
+        by, limit, odds = MergedBy.AREA, GROUP_AREA_MIN_M2, model.certain + 1
+    elif distance <= LEARNED_MAX_M:
+        by, limit, odds = MergedBy.SHAPE, model.suspect, model.log_odds(cues)
+    elif area > FAR_AREA_MAX_M2:
+        by, limit, odds = MergedBy.AREA, FAR_AREA_MAX_M2, model.certain + 1
+    elif breadth > FAR_BREADTH_MAX_M:
+        by, limit, odds = MergedBy.BREADTH, FAR_BREADTH_MAX_M, model.certain + 1
+    else:
+        by, limit, odds = MergedBy.SHAPE, model.suspect, model.suspect - 1
+    return MergedEvidence(by, limit, odds, area, breadth, distance)
 
 
 def _touch(labels: Labels, half: Depth, mask: Bytes2D, number: int, median: int) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 import wave
+from collections import Counter
 from collections.abc import Iterator
 from io import BytesIO
 from typing import Any
@@ -15,8 +16,15 @@ import numpy as np
 
 from clients.robot.events import AudioClip, ColourFrame, Frame, Label, Refused, SourceEvent
 from clients.robot.sources.feed import Message
-from clients.robot.sources.field_map import header_ms, read_path
-from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE, decode_colour, decode_depth, refuse
+from clients.robot.sources.field_map import TagMap, header_ms, read_path
+from clients.robot.sources.images import (
+    COMPRESSED_TYPE,
+    IMAGE_TYPE,
+    decode_colour,
+    decode_depth,
+    refuse,
+    refusing_other_fields,
+)
 from clients.robot.sources.message_types import MessageTypes
 from clients.robot.sources.source import NS_PER_MS
 from clients.robot.sources.topics import AudioTopic, LabelTopic, Topics
@@ -26,6 +34,10 @@ LABEL_MAX_CHARS = 256
 AUDIO_MAX_MS = 10_000
 AUDIO_MAX_BYTES = 900_000
 FOCAL_MIN_PX, FOCAL_MAX_PX = 20.0, 10_000.0
+ANTENNAS_COUNTED_MAX_COUNT = 8
+"""So many antennas of a topic are counted that the topics file does not name, by the first characters of their names."""
+ANTENNA_NAME_MAX_CHARS = 32
+AntennaCounts = dict[str, Counter[str]]
 IMAGE_TYPES = frozenset({IMAGE_TYPE, COMPRESSED_TYPE})
 KINDS = {"depth": "frame", "tags": "sighting", "rgb": "rgb", "labels": "label", "audio": "audio"}
 """What a topic is wanted for, and how events of it are called where they are counted."""
@@ -39,17 +51,20 @@ class MessageReader:
         self._wanted = topics.wanted
         self._tags = {tags.topic: tags for tags in topics.tags}
         self._sequences = dict.fromkeys(KINDS, 0)
+        self.antennas_unnamed: AntennaCounts = {}
+        """By topic, how often antennas were heard that the topics file names neither in `front` nor in `back`."""
 
     def read(self, message: Message, types: MessageTypes, *, shift_ms: int = 0) -> list[SourceEvent]:
         """Return what one message of a wanted topic says, `shift_ms` added to every time: its events, or a `Refused`."""
         kind = self._wanted[message.topic]
         try:
-            return list(self._read(kind, message, types, shift_ms))
+            with refusing_other_fields():
+                return list(self._read(kind, message, types, shift_ms))
         except BlockRobotError as error:
             if error.code != "FRAME_INVALID":
                 raise
             reason = str(error.context.get("reason", "size"))
-            return [Refused(message.at_ns // NS_PER_MS + shift_ms, KINDS[kind], reason)]
+            return [Refused(message.at_ns // NS_PER_MS + shift_ms, KINDS[kind], reason, error.detail)]
 
     def _read(self, kind: str, message: Message, types: MessageTypes, shift_ms: int) -> Iterator[SourceEvent]:
         self._check_type(message, types)
@@ -61,6 +76,7 @@ class MessageReader:
         if kind == "tags":
             tag_map = self._tags[message.topic].map
             sightings, reasons = tag_map.read(content, at_ms, shift_ms, received_ms, message.topic)
+            self._count_antennas(message.topic, tag_map, content)
             yield from sightings
             for reason in reasons:
                 yield Refused(received_ms, KINDS[kind], reason)
@@ -71,6 +87,13 @@ class MessageReader:
             event = self._sense(kind, content, at_ms + shift_ms, received_ms)
         self._sequences[kind] += 1
         yield event
+
+    def _count_antennas(self, topic: str, tag_map: TagMap, content: Any) -> None:
+        for antenna in tag_map.antennas_of(content):
+            name = tag_map.unnamed_antenna(antenna)[:ANTENNA_NAME_MAX_CHARS]
+            counts = self.antennas_unnamed.setdefault(topic, Counter()) if name else Counter[str]()
+            if name and (name in counts or len(counts) < ANTENNAS_COUNTED_MAX_COUNT):
+                counts[name] += 1
 
     def _check_type(self, message: Message, types: MessageTypes) -> None:
         wrong = wrong_type(self._topics, message.topic, message.type)
@@ -106,7 +129,10 @@ def info_topic(topics: Topics) -> str:
 def read_focal_px(info: Any) -> float | None:
     """Return the focal length in pixels that a CameraInfo tells (`k` in ROS 2, `K` in ROS 1), None if it tells none."""
     matrix = getattr(info, "k", getattr(info, "K", (0.0,)))
-    told = float(matrix[0]) if len(matrix) else 0.0
+    try:
+        told = float(matrix[0])
+    except (TypeError, ValueError, LookupError, OverflowError):
+        return None
     return told if FOCAL_MIN_PX <= told <= FOCAL_MAX_PX else None
 
 

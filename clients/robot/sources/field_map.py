@@ -1,21 +1,23 @@
 """Reads tag sightings, labels and sound out of messages of any type, by a map that names the path of each field.
 
 There is no standard ROS message for RFID, so the user says where things stand: `epc = "ids[]"`, `rssi = "dbs[]"`. A
-path goes through fields by `.`; `[]` behind a field means each of its entries. Must never run anything that a file or
-a message says: a path only reads.
+path goes through fields by `.`; `[]` behind a field means each of its entries, `{}` that the field is text in JSON,
+through which the path goes on. Must never run anything that a file or a message says: a path only reads.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from clients.robot.events import Facing, Sighting
+from clients.robot.events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
 from clients.robot.sources.source import NS_PER_MS
 from consensus.errors import BlockRobotError
 
@@ -26,29 +28,60 @@ READINGS_MAX_COUNT = 16_384
 SEEN_MAX_MS = 60_000
 """The longest time over which one reading may say that its tag was seen; pairing remembers no longer."""
 
+JSON_MAX_CHARS = 256 * 1024
+"""The longest JSON text that is read out of one field."""
+JSON_DEPTH_MAX_COUNT = 6
+"""How deep in a JSON text fields are looked for when a topics file is drafted."""
+
 TIME_UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 LENGTH_UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 RSSI_UNITS_DBM = {"dBm": 1.0, "cdBm": 0.01}
 
-_PATH = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[\])?(\.[A-Za-z_][A-Za-z0-9_]*(\[\])?)*")
+_FIELD = r"[A-Za-z_][A-Za-z0-9_]*(\{\})?(\[\])?"
+_PATH = re.compile(rf"{_FIELD}(\.{_FIELD})*")
+_PART = re.compile(r"(?P<name>[^{\[]*)(?P<json>\{\})?(?P<each>\[\])?")
 _MISSING = object()
+_FACING_WORDS = frozenset({Facing.FRONT.value, Facing.BACK.value})
 
 
 def check_path(path: str, name: str) -> str:
     """Return `path` if it can be one. Raises TOPICS_INVALID naming the setting."""
-    if not _PATH.fullmatch(path) or path.count("[]") > 1:
+    if not _PATH.fullmatch(path) or path.count("[]") > 1 or path.count("{}") > 1:
         raise BlockRobotError(
-            "TOPICS_INVALID", f"{name} = {path!r} is no path of fields, such as tag.epc or ids[] (at most one [])."
+            "TOPICS_INVALID",
+            f"{name} = {path!r} is no path of fields, as tag.epc, ids[] or data{{}}.uid (at most one [] and one {{}}).",
         )
     return path
 
 
 def read_path(message: Any, path: str) -> Any:
-    """Return the value at a path, a list for a path with `[]`. Raises FRAME_INVALID if there is none."""
+    """Return the value at a path, a list for a path with `[]`.
+
+    Raises FRAME_INVALID with the reason `field` if there is none, `json` if text on the way is not JSON.
+    """
     value = _walk(message, path.split("."))
     if value is _MISSING:
         raise _unusable("field", f"The message has no field {path}.")
     return value
+
+
+def json_paths(message: Any, field: str) -> list[str]:
+    """Return the paths of the values in the JSON text of a field, of lists by their first entry; none if it is no JSON."""
+    try:
+        document = _parse_json(getattr(message, field, None))
+    except BlockRobotError:
+        return []
+    return [path for path in _paths_in(document, f"{field}{{}}", JSON_DEPTH_MAX_COUNT) if _PATH.fullmatch(path)]
+
+
+def _paths_in(value: Any, path: str, deeper_count: int) -> Iterator[str]:
+    if isinstance(value, dict) and deeper_count:
+        for name, entry in value.items():
+            yield from _paths_in(entry, f"{path}.{name}", deeper_count - 1)
+    elif isinstance(value, list) and value and "[]" not in path and deeper_count:
+        yield from _paths_in(value[0], f"{path}[]", deeper_count - 1)
+    elif isinstance(value, str | int | float):
+        yield path
 
 
 def stamp_ms(stamp: Any, unit: str = "ns") -> int:
@@ -75,7 +108,8 @@ class TagMap:
     """Where a message holds the fields of a sighting; an empty path: it does not.
 
     `distance_sigma` may be a number instead of a path. `front` and `back` are the antennas, by number or name, that
-    look as the camera looks and away from it; `facing` is a path to the word itself.
+    look as the camera looks and away from it; `facing` is a path to the word itself, or for a reader that always looks
+    one way the word `front` or `back`.
     """
 
     epc: str
@@ -96,9 +130,39 @@ class TagMap:
     @property
     def paths(self) -> tuple[str, ...]:
         """Every path of the map."""
-        sigma = self.distance_sigma if isinstance(self.distance_sigma, str) else ""
-        every = (self.epc, self.antenna, self.facing, self.rssi, self.distance, sigma, self.first_seen, self.last_seen)
-        return tuple(path for path in (*every, self.read_count) if path)
+        return tuple(self.named_paths.values())
+
+    @property
+    def named_paths(self) -> dict[str, str]:
+        """Every path of the map, by the name of its setting."""
+        every = {
+            "epc": self.epc,
+            "antenna": self.antenna,
+            "facing": "" if self.facing in _FACING_WORDS else self.facing,
+            "rssi": self.rssi,
+            "distance": self.distance,
+            "distance_sigma": self.distance_sigma if isinstance(self.distance_sigma, str) else "",
+            "first_seen": self.first_seen,
+            "last_seen": self.last_seen,
+            "read_count": self.read_count,
+        }
+        return {key: path for key, path in every.items() if path}
+
+    def antennas_of(self, message: Any) -> list[Any]:
+        """Return the antenna of each reading of a message that was read."""
+        told = read_path(message, self.antenna) if self.antenna else []
+        return told if "[]" in self.antenna else [told] if self.antenna else []
+
+    def unnamed_antenna(self, antenna: Any) -> str:
+        """Return an antenna as the file would name it if `front` and `back` are given and name others only, else ""."""
+        name = str(antenna)
+        named = (*self.front, *self.back)
+        return name if self.antenna and named and name not in named else ""
+
+    @property
+    def knows_facing(self) -> bool:
+        """Whether readings can say that their antenna looks as the camera looks, or away from it."""
+        return bool(self.facing or self.front or self.back)
 
     def read(
         self, message: Any, at_ms: int, shift_ms: int, received_at_ms: int, origin: str = ""
@@ -154,12 +218,12 @@ class TagMap:
         distance = _number(row[self.distance]) * unit
         told = self.distance_sigma
         sigma = _number(row[told]) * unit if isinstance(told, str) else told * unit
-        usable = math.isfinite(distance) and math.isfinite(sigma) and distance > 0 and sigma > 0
+        usable = math.isfinite(distance) and math.isfinite(sigma) and distance > 0 and 0 < sigma <= DISTANCE_SIGMA_MAX_M
         return (distance, sigma) if usable else (None, None)
 
     def _facing(self, row: dict[str, Any], antenna: Any) -> Facing:
         if self.facing:
-            word = str(row[self.facing])
+            word = self.facing if self.facing in _FACING_WORDS else str(row[self.facing])
             return Facing(word) if word in tuple(Facing) else Facing.UNKNOWN
         name = str(antenna)
         if self.antenna and name in self.front:
@@ -169,11 +233,15 @@ class TagMap:
 
 def _walk(value: Any, parts: Sequence[str]) -> Any:
     for place, part in enumerate(parts):
-        each = part.endswith("[]")
-        value = getattr(value, part.removesuffix("[]"), _MISSING)
+        step = _PART.fullmatch(part)
+        assert step is not None, "a path was not checked"
+        name = step["name"]
+        value = value.get(name, _MISSING) if isinstance(value, dict) else getattr(value, name, _MISSING)
         if value is _MISSING:
             return _MISSING
-        if each:
+        if step["json"]:
+            value = _parse_json(value)
+        if step["each"]:
             if not isinstance(value, list | tuple | np.ndarray):
                 return _MISSING
             rest = parts[place + 1 :]
@@ -181,6 +249,21 @@ def _walk(value: Any, parts: Sequence[str]) -> Any:
             found = [_walk(entry, rest) for entry in entries] if rest else entries
             return _MISSING if any(entry is _MISSING for entry in found) else found
     return value
+
+
+def _parse_json(text: Any) -> Any:
+    """Return the JSON document that a field holds as text. Raises FRAME_INVALID with the reason `json`."""
+    if not isinstance(text, str) or len(text) > JSON_MAX_CHARS:
+        raise _unusable("json", f"A field that should hold JSON is not text of at most {JSON_MAX_CHARS} characters.")
+    return _parsed_json(text)
+
+
+@lru_cache(maxsize=4)  # each path of a map asks for the same text again
+def _parsed_json(text: str) -> Any:
+    try:
+        return msgspec.json.decode(text)
+    except (msgspec.DecodeError, RecursionError, UnicodeError):
+        raise _unusable("json", "A field that should hold JSON does not.") from None
 
 
 def _uid(value: Any) -> str:
@@ -193,6 +276,8 @@ def _uid(value: Any) -> str:
         text = str(value).strip()
     else:
         raise _unusable("field", "A tag's UID is neither text nor bytes nor a number.")
+    if text.startswith(("{", "[")):
+        raise _unusable("json", "The tag's UID stands in JSON text: name its field, as in data{}.uid.")
     if not 0 < len(text) <= EPC_MAX_CHARS or not text.isprintable():
         raise _unusable("tag", "A reading has no tag, or one that is too long.")
     return text

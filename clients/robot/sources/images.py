@@ -6,7 +6,9 @@ whatever the camera calls it: 0, NaN, infinite, below 0, or at the end of the 16
 
 from __future__ import annotations
 
+import contextlib
 import struct
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -14,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clients.robot.events import DEPTH_HEIGHT_MAX_PX, DEPTH_WIDTH_MAX_PX, Depth, check_depth
+from clients.sdk.picture_guard import PNG_SIGNATURE, has_few_scans, jpeg_size, keep_pixels
 from consensus.errors import BlockRobotError
 
 Colour = npt.NDArray[np.uint8]
@@ -29,13 +32,22 @@ DEPTH_HEADER_BYTES = 12
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
 _TO_RGB = {"bgr8": cv2.COLOR_BGR2RGB, "8UC3": cv2.COLOR_BGR2RGB, "rgba8": cv2.COLOR_RGBA2RGB}
 _TO_RGB["bgra8"] = cv2.COLOR_BGRA2RGB
-_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def refuse(reason: str, detail: str) -> BlockRobotError:
     """Return FRAME_INVALID with the `reason` under which it is counted."""
     return BlockRobotError("FRAME_INVALID", detail, reason=reason)
+
+
+@contextlib.contextmanager
+def refusing_other_fields() -> Iterator[None]:
+    """Refuse a message that is called as a type of ROS and defined otherwise, whatever reading its fields runs into."""
+    try:
+        yield
+    except BlockRobotError:
+        raise
+    except Exception as error:
+        raise refuse("field", "The message has other fields than its type has in ROS.") from error
 
 
 def encoding_of(message: Any) -> str:
@@ -145,8 +157,12 @@ def _decode_file(data: bytes, mode: int) -> npt.NDArray[Any]:
     width, height = _file_size(data)
     if not (0 < height <= DEPTH_HEIGHT_MAX_PX and 0 < width <= DEPTH_WIDTH_MAX_PX):
         raise refuse("size", f"{width}x{height} pixels is empty or too large.")
+    is_png = data.startswith(PNG_SIGNATURE)
+    bounded = keep_pixels(data) if is_png else data
+    if bounded is None or not (is_png or has_few_scans(data)):
+        raise refuse("undecodable", "The compressed image is damaged, or asks for more work than its pixels need.")
     try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), mode)
+        image = cv2.imdecode(np.frombuffer(bounded, dtype=np.uint8), mode)
     except cv2.error as error:
         raise refuse("undecodable", "The compressed image cannot be decoded.") from error
     if image is None or image.shape[:2] != (height, width):
@@ -156,15 +172,10 @@ def _decode_file(data: bytes, mode: int) -> npt.NDArray[Any]:
 
 def _file_size(data: bytes) -> tuple[int, int]:
     """Return (width, height) as the header of a PNG or JPEG says, before anything is decoded."""
-    if data.startswith(_PNG) and len(data) >= 24:
+    if data.startswith(PNG_SIGNATURE) and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return width, height
-    place = 2 if data.startswith(_JPEG) else len(data)
-    while place + 9 <= len(data) and data[place] == 0xFF:
-        kind, length = data[place + 1], int.from_bytes(data[place + 2 : place + 4], "big")
-        if kind in _JPEG_FRAMES:
-            return int.from_bytes(data[place + 7 : place + 9], "big"), int.from_bytes(
-                data[place + 5 : place + 7], "big"
-            )
-        place += 2 + max(length, 2)
-    raise refuse("undecodable", "The compressed image is neither PNG nor JPEG, or damaged.")
+    size = jpeg_size(data)
+    if size is None:
+        raise refuse("undecodable", "The compressed image is neither PNG nor JPEG, or damaged.")
+    return size

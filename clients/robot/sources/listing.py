@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from clients.robot.messages import SIGHTING_TYPE
+from clients.robot.sources.field_map import json_paths
 from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE, could_be_colour, could_be_depth, encoding_of
 from clients.robot.sources.message_types import MessageTypes, own_types
+from clients.robot.sources.path_checks import own_paths, shown_fields
 from clients.robot.sources.recording import TopicFigures
 from clients.robot.sources.topics import STRING_TYPE
 
 LISTED_MAX_COUNT = 12
 DRAFT_LINE_CHARS = 110
-FIELDS_SHOWN_MAX_COUNT = 24
 ROS_LOG_TYPES = ("rosgraph_msgs/msg/Log", "rcl_interfaces/msg/Log")
 TAG_FIELDS = ("epc", "uid", "tag", "tag_id", "tagid", "ids", "tags", "rfid", "tid", "transponder")
 TAG_NAMES = ("rfid", "tag", "epc", "uhf", "nfc")
@@ -87,6 +88,8 @@ def _listed(recording: Holding, figures: TopicFigures) -> Listed:
     if kind == SIGHTING_TYPE:
         return Listed(figures, ("tags",), "")
     guesses = []
+    if any(_last(path) in TAG_FIELDS for path in _known_json_paths(recording, figures)):
+        return Listed(figures, ("tags",), "")
     types = recording.types_of(kind)
     fields = {field.lower() for field in types.field_names(kind)} | {_last(path) for path in types.paths(kind)}
     words = kind.lower()
@@ -121,7 +124,8 @@ def draft_topics(recording: Holding, listed: list[Listed]) -> str:
         lines += ["[empty]", f'topic = "{name}"', ""]
     for item in [item for item in listed if "tags" in item.could_be]:
         lines += ["[[tags]]", f'topic = "{item.figures.name}"', f'type = "{item.figures.type}"']
-        lines += [*_drafted_fields(recording, item.figures.type), ""]
+        known = _known_json_paths(recording, item.figures)
+        lines += [*_drafted_fields(known or _own_paths(recording, item.figures.type)), ""]
     for item in [item for item in listed if item.is_unexplained]:
         lines += [f"# {line}" for line in _drafted_guess(recording, item.figures)] + [""]
     for sense in ("rgb", "labels", "audio"):
@@ -165,7 +169,7 @@ def _drafted_guess(recording: Holding, figures: TopicFigures) -> list[str]:
     if not recording.types_of(figures.type).knows(figures.type):
         table = ["[[tags]]", f'topic = "{figures.name}"', f'type = "{figures.type}"', 'epc = ""']
         return [*textwrap.wrap(recording.explain_unknown(figures.name), DRAFT_LINE_CHARS), *table]
-    fields = _drafted_fields(recording, figures.type, _guess_epc(recording, figures.type))
+    fields = _drafted_fields(_own_paths(recording, figures.type), _guess_epc(recording, figures.type))
     return [
         f"{figures.name} carries {figures.type}, a type of your own. If it holds tag readings, take these marks away.",
         "[[tags]]",
@@ -185,17 +189,23 @@ def _guess_epc(recording: Holding, type_name: str, *, sure: bool = False) -> str
 
 
 def _own_paths(recording: Holding, type_name: str) -> list[str]:
-    return [path for path in recording.types_of(type_name).paths(type_name) if not path.startswith("header.")]
+    return own_paths(recording.types_of(type_name), type_name)
 
 
 def _shown(recording: Holding, type_name: str) -> str:
-    paths = _own_paths(recording, type_name)
-    more = f" and {len(paths) - FIELDS_SHOWN_MAX_COUNT} more" if len(paths) > FIELDS_SHOWN_MAX_COUNT else ""
-    return ", ".join(paths[:FIELDS_SHOWN_MAX_COUNT]) + more
+    return shown_fields(recording.types_of(type_name), type_name)
 
 
-def _drafted_fields(recording: Holding, type_name: str, epc: str = "") -> list[str]:
-    paths = _own_paths(recording, type_name)
+def _known_json_paths(recording: Holding, figures: TopicFigures) -> list[str]:
+    """Return the fields of a String topic's JSON text whose names are known ones: any other name may be a UID itself."""
+    if figures.type != STRING_TYPE:
+        return []
+    paths = json_paths(recording.first(figures.name), "data")
+    known = {word for words in _FIELD_WORDS.values() for word in words}
+    return [path for path in paths if _last(path) in known]
+
+
+def _drafted_fields(paths: list[str], epc: str = "") -> list[str]:
     found = {}
     for setting, words in _FIELD_WORDS.items():
         path = next((path for word in words for path in paths if _last(path) == word), None)
@@ -208,6 +218,12 @@ def _drafted_fields(recording: Holding, type_name: str, epc: str = "") -> list[s
     if "distance" in found and "distance_sigma" not in found:
         place = lines.index(f'distance = "{found["distance"]}"')
         lines[place] = f"# {lines[place]}  # only with distance_sigma, how far off it usually is, and distance_unit"
+    elif "distance" in found:
+        lines.append('distance_unit = "m"  # check it: m, cm or mm')
+    if not found.keys() & {"antenna", "facing"}:
+        lines.append(
+            '# facing = "front"  # if the reader looks as the camera does; without it only people who walk are kept'
+        )
     rest = [path for path in paths if path not in found.values()]
     return [*lines, *([f"# not named so far: {', '.join(rest)}"] if rest else [])]
 
@@ -216,12 +232,13 @@ def _last(path: str) -> str:
     return path.rpartition(".")[2].removesuffix("[]").lower()
 
 
+_DISTANCE_WORDS = ("distance", "distance_m", "range", "range_m")
 _FIELD_WORDS = {
     "epc": ("epc", "uid", "tag_id", "tagid", "rfid_tags_ids", "ids", "id", "tid", "data"),
     "antenna": ("antenna", "antenna_id", "antenna_name"),
     "facing": ("antenna_facing",),
     "rssi": ("rssi", "rssi_dbm", "rfid_tags_dbs", "dbs"),
-    "distance": ("distance",),
+    "distance": _DISTANCE_WORDS,
     "distance_sigma": ("distance_sigma",),
     "first_seen": ("first_seen",),
     "last_seen": ("last_seen",),

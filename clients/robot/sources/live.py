@@ -16,11 +16,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from clients.robot.events import Depth, Refused, Sighting, SourceEvent
-from clients.robot.sources.decoding import KINDS, MessageReader, info_topic, read_focal_px, wrong_type
+from clients.robot.sources.decoding import KINDS, AntennaCounts, MessageReader, info_topic, read_focal_px, wrong_type
 from clients.robot.sources.feed import Feed, Message
 from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE
 from clients.robot.sources.live_queue import LiveQueue, Queued
 from clients.robot.sources.message_types import LearntTypes, MessageTypes, types_with
+from clients.robot.sources.path_checks import missing_field
 from clients.robot.sources.source import Clock, SystemClock
 from clients.robot.sources.topics import Topics
 from clients.robot.sources.watching import Watch
@@ -78,7 +79,7 @@ class LiveSource:
             for feed in self._feeds:
                 advertised = feed.topics()
                 for topic in self._kinds.keys() & advertised.keys():
-                    self._check(topic, advertised[topic])
+                    self._check(topic, advertised[topic], ros1=feed.ros1)
                 wanted = {topic: advertised.get(topic, "") for topic in self._kinds}
                 if self._focal_px is None:
                     wanted[info] = INFO_TYPE
@@ -95,6 +96,11 @@ class LiveSource:
     ) -> None:
         self._is_playing = False
         self._opened.close()
+
+    @property
+    def topics(self) -> Topics:
+        """What is read of which topic."""
+        return self._topics
 
     @property
     def start_ms(self) -> int:
@@ -123,6 +129,11 @@ class LiveSource:
         more = f" and {len(images) - LISTED_MAX_COUNT} more" if len(images) > LISTED_MAX_COUNT else ""
         shown = ", ".join(images[:LISTED_MAX_COUNT])
         return f"Images are on {shown}{more}." if images else "No topic of images is there."
+
+    @property
+    def antennas_unnamed(self) -> AntennaCounts:
+        """How often antennas were heard that the topics file names neither in front nor in back."""
+        return self._reader.antennas_unnamed
 
     def shift_to(self, start_ms: int) -> None:
         """Take no notice: what is live cannot be moved."""
@@ -232,10 +243,15 @@ class LiveSource:
         self._failure = self._failure or BlockRobotError("FEED_LOST", error.detail)
         self._wake()
 
-    def _check(self, topic: str, type_name: str) -> None:
+    def _check(self, topic: str, type_name: str, *, ros1: bool) -> None:
         wrong = wrong_type(self._topics, topic, type_name)
         if wrong:
             raise BlockRobotError("TOPICS_INVALID", wrong)
+        own = MessageTypes(self._known, ros1=False)
+        # In ROS 1 each publisher defines its types, with its messages only: what fits none is refused then, and counted.
+        misspelt = missing_field(self._topics, topic, type_name, own) if own.knows(type_name) and not ros1 else ""
+        if misspelt:
+            raise BlockRobotError("TOPICS_INVALID", misspelt)
 
     def _read(self, entry: Queued) -> Sequence[SourceEvent]:
         return self._reader.read(*entry.what) if isinstance(entry.what, tuple) else [entry.what]

@@ -23,6 +23,7 @@ from clients.robot.sources.feed import CLOSE_MAX_S, Feed, Listener
 from clients.robot.sources.llrp_readings import GATHER_MS, LlrpReadings
 from clients.robot.sources.source import NS_PER_MS
 from clients.robot.sources.topics import LLRP_PORT, LlrpReader, load_topics
+from clients.sdk.plain_letters import printable
 from consensus.errors import BlockRobotError
 
 OPEN_MAX_S = 5.0
@@ -267,7 +268,8 @@ class _Library:
             self._reader = importlib.import_module("llrpkit.reader").Reader
         except ImportError:
             raise BlockRobotError(
-                "MIDDLEWARE_MISSING", "Asking LLRP readers needs the package llrpkit: `pip install 'blockrobot[llrp]'`."
+                "MIDDLEWARE_MISSING",
+                "Asking LLRP readers needs the package llrpkit: `make install-llrp` in your clone.",
             ) from None
         self._check: Any = importlib.import_module("llrpkit.client").check_status
         self._rospec: Any = importlib.import_module("llrpkit.inventory").build_rospec
@@ -334,5 +336,5 @@ def _why(error: BaseException) -> str:
 
 
 def _unreachable(reader: LlrpReader, why: str) -> BlockRobotError:
-    said = "".join(letter for letter in why if letter.isprintable())[:SAID_MAX_CHARS].rstrip(". ")
+    said = printable(why, SAID_MAX_CHARS).rstrip(". ")
     return BlockRobotError("FEED_UNREACHABLE", f"The LLRP reader at {reader.address} does not answer: {said}.")

@@ -88,6 +88,24 @@ class MessageTypes:
                 found.append(path)
         return found
 
+    def has_path(self, type_name: str, path: str) -> bool:
+        """Tell whether messages of a type can hold something at a path; also where the type on the way is not known."""
+        part, _, rest = path.partition(".")
+        name, in_text = part.removesuffix("[]").removesuffix("{}"), "{}" in part
+        fields = dict(self._fields(type_name))
+        if not fields:
+            return True
+        if name not in fields:
+            return False
+        kind, what = fields[name]
+        each = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        if in_text:  # what the text holds is known by its messages only
+            return bool(kind is Nodetype.BASE and what[0] == "string")
+        if part.endswith("[]") != each and (rest or not each):
+            return False
+        inner = what[0] if each else (kind, what)
+        return not rest or (inner[0] is Nodetype.NAME and self.has_path(str(inner[1]), rest))
+
     def is_text(self, type_name: str, path: str) -> bool:
         """Tell whether a path leads to text, or to a list of texts."""
         part, _, rest = path.partition(".")

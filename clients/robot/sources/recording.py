@@ -15,10 +15,13 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from clients.robot.sources.bounded_chunks import bound_chunks
 from clients.robot.sources.feed import Message
 from clients.robot.sources.message_types import MessageTypes, own_types, types_with
 from clients.robot.sources.salvage import BrokenOffError, Channel, Found, scan_file
 from consensus.errors import BlockRobotError
+
+bound_chunks()
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_SUFFIXES = (".bag", ".bag.active")
@@ -63,6 +66,10 @@ class Recording:
         self._salvage: list[Path] = []
         try:
             self._look_by_index()
+        except BlockRobotError as error:
+            if error.code == "RECORDING_TOO_LARGE":
+                raise
+            self._look_through(error)
         except Exception as error:  # noqa: BLE001 - a damaged file fails in many ways; what is before the break is tried
             self._look_through(error)
 
@@ -77,8 +84,11 @@ class Recording:
                 if not chosen:
                     return
                 for connection, at_ns, data in reader.messages(chosen):
+                    _require_kinds((at_ns, int))
                     yield Message(connection.topic, connection.msgtype, at_ns, data)
         except Exception as error:  # a truncated or flipped chunk fails in many ways
+            if isinstance(error, BlockRobotError) and error.code == "RECORDING_TOO_LARGE":
+                raise
             raise self._damaged() from error
 
     def types_of(self, type_name: str) -> MessageTypes:  # noqa: ARG002 - a recording has one set for all
@@ -105,6 +115,7 @@ class Recording:
         with AnyReader([self.path], default_typestore=own_types()) as reader:
             seconds = reader.duration / 1e9
             for connection in reader.connections:
+                _require_kinds((connection.topic, str), (connection.msgtype, str), (connection.msgcount, int))
                 self._note(connection.topic, connection.msgtype, connection.msgcount)
             self._learn([(connection.msgtype, connection.msgdef) for connection in _defined(reader.connections)])
         for figures in self.topics.values():
@@ -176,6 +187,12 @@ class Recording:
         return BlockRobotError("BAG_DAMAGED", f"The recording {self.path.name} cannot be read whole. {detail}")
 
 
+def _require_kinds(*told: tuple[Any, type]) -> None:
+    """Raise BrokenOffError for what is of another kind: a column of SQLite holds whatever somebody wrote into it."""
+    if any(type(value) is not kind for value, kind in told):
+        raise BrokenOffError("A row holds what no recorder writes.")
+
+
 def _defined(connections: list[Connection]) -> list[Connection]:
     return [connection for connection in connections if connection.msgdef.format is not MessageDefinitionFormat.NONE]
 
@@ -203,5 +220,5 @@ def _storage_files(path: Path) -> list[Path]:
         raise BlockRobotError("FILE_UNUSABLE", f"There is no recording at {path}.")
     if not found:
         kinds = "a ROS 1 .bag, a rosbag2 folder, or one .mcap or .db3 file"
-        raise BlockRobotError("BAG_DAMAGED", f"{path.name} is no recording that can be read: {kinds}.")
+        raise BlockRobotError("BAG_DAMAGED", f"{path.name} is no recording that can be read; one is {kinds}.")
     return found

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clients.robot.events import Depth, Refused, SourceEvent
-from clients.robot.sources.decoding import MessageReader, info_topic, read_focal_px, wrong_type
+from clients.robot.sources.decoding import AntennaCounts, MessageReader, info_topic, read_focal_px, wrong_type
 from clients.robot.sources.empty_frames import EmptyFrames
 from clients.robot.sources.feed import Message
-from clients.robot.sources.images import decode_depth
+from clients.robot.sources.images import decode_depth, refusing_other_fields
 from clients.robot.sources.listing import describe
+from clients.robot.sources.path_checks import missing_field
 from clients.robot.sources.recording import Recording
 from clients.robot.sources.source import Clock, happened_ms, play_events
 from clients.robot.sources.topics import Topics
@@ -56,6 +57,11 @@ class BagSource:
         self.empty_frame_count = figures[self._topics.empty].count if self._topics.empty in figures else 0
 
     @property
+    def topics(self) -> Topics:
+        """What is read of which topic."""
+        return self._topics
+
+    @property
     def broken(self) -> str:
         """What is wrong with the recording as a whole; empty if nothing is."""
         return self._recording.broken
@@ -80,6 +86,11 @@ class BagSource:
     def focal_from(self) -> str:
         """Where the focal length is from."""
         return "camera-info" if self._topics.focal_px is None else "topics"
+
+    @property
+    def antennas_unnamed(self) -> AntennaCounts:
+        """How often antennas were heard that the topics file names neither in front nor in back."""
+        return self._reader.antennas_unnamed
 
     def shift_to(self, start_ms: int) -> None:
         """Move the timeline so that the first usable event happens at `start_ms`."""
@@ -133,7 +144,8 @@ class BagSource:
                         break
                     continue
                 try:
-                    gathered.add(decode_depth(recording.types.decode(message)))
+                    with refusing_other_fields():
+                        gathered.add(decode_depth(recording.types.decode(message)))
                 except BlockRobotError:
                     continue
                 if gathered.is_enough:
@@ -170,6 +182,9 @@ class BagSource:
                     "TOPICS_INVALID",
                     f"The recording does not define {found[topic].type}: put its text under [definitions].",
                 )
+            misspelt = missing_field(self._topics, topic, found[topic].type, self._recording.types)
+            if misspelt:
+                raise BlockRobotError("TOPICS_INVALID", misspelt)
 
 
 def _missing(sentence: str, recording: Recording) -> BlockRobotError:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
 from clients.robot.bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
+from clients.robot.events import DISTANCE_SIGMA_MAX_M
 from clients.robot.messages import SIGHTING_TYPE
 from clients.robot.sources.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
 from consensus.errors import BlockRobotError
@@ -218,6 +219,8 @@ def with_rooted_names(topics: Topics) -> Topics:
 
 
 def _tag_topic(table: _Table) -> TagTopic:
+    if table.has("distance") and not table.has("distance_unit"):
+        raise _wrong(f"{table.name}distance needs distance_unit: m, cm or mm, as the reader tells it.")
     sigma: str | float = table.number("distance_sigma") if table.is_number("distance_sigma") else ""
     sigma = sigma or table.path("distance_sigma")
     made = TagMap(
@@ -236,9 +239,19 @@ def _tag_topic(table: _Table) -> TagTopic:
         time_unit=table.word("time_unit", "ns", tuple(TIME_UNITS_NS)),
         read_count=table.path("read_count"),
     )
+    unit_m = LENGTH_UNITS_M[made.distance_unit]
     topic = TagTopic(table.text("topic"), made, table.text("type", required=False))
     if made.distance and made.distance_sigma == "":
         raise _wrong(f"{table.name}distance needs distance_sigma, a path or a number: how far off it usually is.")
+    sigma_m = made.distance_sigma * unit_m if isinstance(made.distance_sigma, float) else 0.0
+    if sigma_m > DISTANCE_SIGMA_MAX_M:
+        raise _wrong(
+            f"{table.name}distance_sigma is {sigma_m:g} m, and more than {DISTANCE_SIGMA_MAX_M:g} m is not taken: by such "
+            "distances nobody is told from anybody else in a room. Check distance_unit; if the reader is that inaccurate, "
+            "leave distance out, and nothing is kept by its readings."
+        )
+    if made.facing and (made.front or made.back):
+        raise _wrong(f"{table.name}facing and the lists front and back are alternatives: keep one of them.")
     if (made.front or made.back) and not made.antenna:
         raise _wrong(f"{table.name}front and back name antennas: say in antenna where their number stands.")
     lists = {path.partition("[]")[0] for path in made.paths if "[]" in path}
@@ -315,6 +328,9 @@ class _Table:
 
     def flag(self, key: str) -> bool:
         return bool(self._take(key, bool, "true or false"))
+
+    def has(self, key: str) -> bool:
+        return key in self._values
 
     def is_number(self, key: str) -> bool:
         return isinstance(self._values.get(key), int | float)

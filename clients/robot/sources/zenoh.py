@@ -278,7 +278,7 @@ def _library() -> Any:
     except ImportError:
         raise BlockRobotError(
             "MIDDLEWARE_MISSING",
-            "Listening to Zenoh needs the package eclipse-zenoh: `pip install 'blockrobot[zenoh]'`.",
+            "Listening to Zenoh needs the package eclipse-zenoh: `make install-zenoh` in your clone.",
         ) from None
 
 

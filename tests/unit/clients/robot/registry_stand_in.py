@@ -90,7 +90,7 @@ class RegistryStandIn:
         self.block()
         row = self.state.setdefault(row_key(handle), {})
         since = self.time_ms if since_ms is None else since_ms
-        step = [self.height + 1 if height is None else height, status, since, from_ms, until_ms]
+        step = [self.height + 1 if height is None else height, status, since, from_ms, until_ms, b""]
         steps = row.setdefault(purpose, {}).get(sensor, [])
         row[purpose][sensor] = [*[one for one in steps if one[0] <= self.height][-1:], step]
         self.state[CHANGES_KEY] += 1

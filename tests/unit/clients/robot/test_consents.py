@@ -34,7 +34,9 @@ COUNTS = [IDENTITY_CHANGES_KEY, CHANGES_KEY]
 
 
 def row(handle: bytes) -> RosterRow:
-    return RosterRow(tag=handle, handle=handle, spend=b"S" * 33, view=b"V" * 33, sealing=b"X" * 32, proof=b"")
+    return RosterRow(
+        tag=handle, handle=handle, spend=ROBOT.public_key, view=ROBOT.public_key, sealing=b"X" * 32, proof=b""
+    )
 
 
 def roster(*handles: bytes) -> Roster:

@@ -23,9 +23,10 @@ from clients.robot.empty_scenes import (
     record_scene,
 )
 from clients.robot.events import Depth
+from clients.robot.place import RobotPlace
 from clients.robot.scenario import Scenario
 from clients.robot.synthetic.render import Renderer
-from clients.sdk.picture import LEGEND_HEIGHT_PX
+from clients.sdk.depth_colours import LEGEND_HEIGHT_PX
 from consensus.errors import BlockRobotError
 
 NOW_MS = 1_700_000_000_000
@@ -149,10 +150,16 @@ def test_an_approval_without_a_terminal_says_what_to_give(tmp_path: Path) -> Non
     """Nobody can be asked there whether somebody has looked."""
     record_scene(tmp_path, "ward-3", empty_frames(), NOW_MS)
     arguments = ["approve", "ward-3", "--by", "A. Nurse"]
-    done = CliRunner().invoke(background, arguments, obj=(tmp_path, None))
+    place = RobotPlace(tmp_path, tmp_path / "genesis.json")
+    done = CliRunner().invoke(background, arguments, obj=place)
     assert done.exit_code == 2
     assert "look at it, and give --yes" in done.output
     assert str(find_scene(tmp_path, "ward-3").preview) in done.output.replace("\n", "")
     assert not find_scene(tmp_path, "ward-3").approved_by
-    assert CliRunner().invoke(background, [*arguments, "--yes"], obj=(tmp_path, None)).exit_code == 0
+    assert (
+        CliRunner()
+        .invoke(background, [*arguments, "--yes"], obj=RobotPlace(tmp_path, tmp_path / "genesis.json"))
+        .exit_code
+        == 0
+    )
     assert find_scene(tmp_path, "ward-3").approved_by == "A. Nurse"

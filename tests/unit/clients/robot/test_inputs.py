@@ -41,6 +41,7 @@ async def test_what_can_be_used_comes_through_and_the_rest_is_counted_and_noted(
     assert await drain(inputs, events) == [events[0], SIGHTING, events[5]]
     assert inputs.summary() == {
         "messages_refused": {"frame": {"size": 1, "step": 1}, "sighting": {"tag": 1}},
+        "first_refused": {},
         "fault": None,
     }
     assert [(refused.kind, refused.reason) for refused in noted] == [
@@ -75,7 +76,11 @@ async def test_what_strangers_send_never_ends_a_live_run_and_is_counted(kind: st
     inputs = Inputs(SHAPE, live=True)
     events = [*[Refused(1, kind, "tag")] * (5 * REFUSED_IN_A_ROW_MAX_COUNT), frame(1)]
     assert await drain(inputs, events) == events[-1:]
-    assert inputs.summary() == {"messages_refused": {kind: {"tag": 5 * REFUSED_IN_A_ROW_MAX_COUNT}}, "fault": None}
+    assert inputs.summary() == {
+        "messages_refused": {kind: {"tag": 5 * REFUSED_IN_A_ROW_MAX_COUNT}},
+        "first_refused": {},
+        "fault": None,
+    }
     recorded = Inputs(SHAPE)
     assert await drain(recorded, events) == []
     assert recorded.summary()["fault"]["code"] == "FRAMES_UNUSABLE"
@@ -88,7 +93,7 @@ async def test_an_odd_tag_before_a_reader_does_not_end_a_live_run() -> None:
         events += readings.take(report(epc=bytes(62)), NOW_MS + number * 10)
         events += [frame(number)] if number % 100 == 99 else []
     assert [event for event in await drain(inputs, events) if isinstance(event, Frame)] == events[100::101]
-    assert inputs.summary() == {"messages_refused": {"sighting": {"tag": 1_000}}, "fault": None}
+    assert inputs.summary() == {"messages_refused": {"sighting": {"tag": 1_000}}, "first_refused": {}, "fault": None}
 
 
 async def test_a_live_camera_of_which_nothing_can_be_used_ends_the_run_whatever_else_comes() -> None:

@@ -124,6 +124,14 @@ def test_a_run_tells_its_focal_length_and_where_it_is_from(
 def test_a_guess_is_said_at_the_end(camera: dict[str, Any], told: str) -> None:
     intake = {"messages_refused": {}, "unknown_tags": {"readings": 0}}
     consents = {"stale_times": 0, "sightings_refused": {}, "clips_dropped": 0}
-    summary = {"frames": FRAMES, "records": 1, "senses": {}, "intake": intake, "consents": consents, "camera": camera}
+    summary = {
+        "frames": FRAMES,
+        "records": 1,
+        "ambiguous": [],
+        "senses": {},
+        "intake": intake,
+        "consents": consents,
+        "camera": camera,
+    }
     said = [line for line in summary_lines(summary) if "focal" in line]
     assert (told in said[0]) if told else said == []

@@ -13,10 +13,12 @@ from click.testing import CliRunner, Result
 
 from clients.robot import cli
 from clients.robot.empty_scenes import FRAMES_MIN_COUNT, approve_scene, record_scene
+from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.identity import create_identity
 from clients.robot.live_options import notice_teller
 from clients.robot.run_words import broken_line, summary_lines, waiting_line
 from clients.robot.sources.feeds import BESIDE, CAMERAS
+from clients.robot.statistics import RunStatistics
 
 NOBODY = "http://127.0.0.1:9"
 
@@ -91,7 +93,7 @@ COUNTS = {"published": 5, "kept": 5, "withheld": 0, "lost": 0}
 def summary_of(counts: dict[str, Any], **intake: Any) -> dict[str, Any]:
     intake = {"unknown_tags": {"readings": 0}, "messages_refused": {}, **intake}
     consents = {"stale_times": 0, "sightings_refused": {}, "clips_dropped": 0}
-    return {"frames": counts, "senses": {}, "records": 1, "intake": intake, "consents": consents}
+    return {"frames": counts, "ambiguous": [], "senses": {}, "records": 1, "intake": intake, "consents": consents}
 
 
 def test_a_live_runs_last_lines_say_what_was_not_read_and_what_was_gone() -> None:
@@ -102,9 +104,9 @@ def test_a_live_runs_last_lines_say_what_was_not_read_and_what_was_gone() -> Non
         "gone": {"/depth": 1, "/rfid": 2},
     }
     assert list(summary_lines(summary_of(COUNTS, **intake)))[1:] == [
-        "Not read: 3 messages of kind frame came while there was no room for them; this machine is too slow.",
+        "Not read: 3 depth images came while there was no room for them; this machine is too slow.",
         "Never came: 4 messages of /depth, lost between the robot's middleware and here.",
-        "Not read: 2 messages of kind sighting had just come when the run ended.",
+        "Not read: 2 tag readings had just come when the run ended.",
         "Gone 1 time for a while: /depth.",
         "Gone 2 times for a while: /rfid.",
     ]
@@ -121,6 +123,54 @@ def test_frames_that_are_withheld_are_said_with_their_reasons_and_where_these_ar
     ]
 
 
+def test_a_run_of_which_nothing_was_in_reach_of_a_reading_says_that_nothing_was_kept_and_why() -> None:
+    nothing = {**COUNTS, "kept": 0, "withheld": 0}
+    intake = {
+        "messages_refused": {"sighting": {"field": 51}},
+        "first_refused": {"sighting": "There is no field antena."},
+    }
+    _, reach, kept, refused = summary_lines(summary_of(nothing, **intake))
+    assert "No frame was in reach of a reading" in reach
+    assert kept.startswith("No frame was kept.")
+    assert refused == (
+        "Not usable: 51 tag readings (51 field: a field that the topics file names is not there, or holds something else). "
+        "The first: There is no field antena."
+    )
+
+
+def test_antennas_that_the_file_does_not_name_are_said_with_how_often_they_were_heard() -> None:
+    line = list(summary_lines(summary_of(COUNTS, antennas_unnamed={"/rfid": {"0": 26}})))[1]
+    assert line.startswith("Antennas heard on /rfid that its front and back do not name: 0 (26 times).")
+
+
+def test_tags_that_were_never_bound_are_said_with_the_matchers_numbers() -> None:
+    statistics = RunStatistics(window_ms=5_000)
+    early, late = (MatchEvidence(4.4, None, count, 0.021, 0.15, 0, 0, 1) for count in (4, 18))
+    worse = MatchEvidence(-50.0, None, 120, 0.021, 0.15, 0, 0, 1)
+    for evidence in (early, late, worse):
+        statistics.add_ambiguous("tag-1", evidence)
+    summary = summary_of(COUNTS) | {"ambiguous": statistics.ambiguous_json()}
+    line = list(summary_lines(summary))[1]
+    assert line.startswith(
+        "tag-1, 3 ambiguous: log-odds 4.4 of 9.2 needed; 18 distances, on average +0.02 m off the camera's (stated error "
+        "0.15 m; they differ from that by 0.00 m, one by one); "
+        "0 readings in front, 0 behind: no reading said which way its antenna looks"
+    )
+
+
+def test_distances_that_disagree_are_said_though_frames_were_kept() -> None:
+    statistics = RunStatistics(window_ms=5_000)
+    for _ in range(2):
+        statistics.add_off("tag-1", MatchEvidence(12.0, None, 30, 1.5, 1.0, 30, 0, 1, 2.0, 0.4, 2.5))
+    line = list(summary_lines(summary_of(COUNTS) | {"distances_off": statistics.distances_off_json()}))[1]
+    assert line.startswith("tag-1, 2 kept: its distances are on average +1.50 m off the camera's (stated error 1.00 m;")
+
+
+def test_json_where_none_was_expected_is_said_with_what_to_write() -> None:
+    lines = list(summary_lines(summary_of(COUNTS, messages_refused={"sighting": {"json": 90}})))
+    assert lines[-1] == 'A field holds JSON text: name the value in it in the topics file, as in epc = "data{}.uid".'
+
+
 @pytest.mark.parametrize(("is_terminal", "before"), [(True, "\r\x1b[K"), (False, "")])
 def test_at_a_terminal_a_notice_takes_the_place_of_the_line_of_progress(
     monkeypatch: pytest.MonkeyPatch, is_terminal: bool, before: str
@@ -133,7 +183,7 @@ def test_at_a_terminal_a_notice_takes_the_place_of_the_line_of_progress(
     monkeypatch.setattr("sys.stderr", screen)
     notice_teller(as_json=False)("/depth is there.")
     assert screen.getvalue() == f"{before}/depth is there.\n"
-    assert broken_line({}, 0, "spool", is_live=True).startswith(f"{before}Ended at once.")
+    assert broken_line({}, 0, "spool", is_live=True).startswith("Ended at once.")
 
 
 def test_clips_that_wait_from_a_run_before_are_announced() -> None:
@@ -150,3 +200,10 @@ def test_approved_empty_frames_are_called_approved_once(tmp_path: Path) -> None:
     approve_scene(tmp_path / "robot", "ward-3", by="A. Nurse", days=1, now_ms=now_ms)
     said = " ".join(robot(tmp_path, "background", "list").output.split())
     assert f"ward-3: {FRAMES_MIN_COUNT} frames, approved by A. Nurse until 2" in said
+
+
+def test_the_last_lines_say_how_often_custodians_took_no_upload() -> None:
+    summary = summary_of(COUNTS) | {"uploads_refused": {"DISK_RESERVE_REACHED": 1, "UPLOAD_QUOTA_EXCEEDED": 7}}
+    line = list(summary_lines(summary))[1]
+    assert "took no upload 8 times (1 DISK_RESERVE_REACHED, 7 UPLOAD_QUOTA_EXCEEDED)" in line
+    assert len(list(summary_lines(summary_of(COUNTS) | {"uploads_refused": {}}))) == 1

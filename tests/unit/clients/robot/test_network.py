@@ -57,6 +57,14 @@ async def test_fewer_are_not_and_what_was_refused_can_be_tried_again(answers: tu
     assert refusal.value.entry.retryable
 
 
+async def test_refusals_are_counted_by_code_also_where_enough_took_it() -> None:
+    full = BlockRobotError("UPLOAD_QUOTA_EXCEEDED")
+    robot = _robot(Custodians(None, full, None, STORE_DOWN))
+    for _ in range(2):
+        await robot.upload(UPLOAD)
+    assert robot.refused_uploads == {"UPLOAD_QUOTA_EXCEEDED": 2, "STORE_UNAVAILABLE": 2}
+
+
 @pytest.mark.parametrize(
     ("copies", "answers", "is_enough"),
     [

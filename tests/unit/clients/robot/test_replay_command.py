@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 
 from clients.robot import cli
 from clients.robot.consents import ConsentFigures
+from clients.robot.identity import create_identity
 from clients.robot.sources.rosbag import BagSource
 from clients.robot.statistics import RunStatistics
 
@@ -30,6 +31,7 @@ FIGURES = {
     "records": 3,
     "stored_bytes": 1000,
     "spool_peak_bytes": 1000,
+    "uploads_refused": {},
     "final_gap_max_s": 0.5,
 }
 BROKEN = {"code": "BAG_DAMAGED", "detail": "The recording breaks off."}
@@ -51,13 +53,29 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
             sources.append(source)
             tags = {"readings": unknown[0], "tags": unknown[1], "more_tags": False}
             refused = {"frame": {"size": 2, "step": 1}}
-            intake = {**PAIRED, "messages_refused": refused, "unknown_tags": tags, "fault": fault, **live}
+            intake = {
+                **PAIRED,
+                "messages_refused": refused,
+                "first_refused": {},
+                "unknown_tags": tags,
+                "fault": fault,
+                **live,
+            }
             senses = {"rgb": {**FRAMES, "lost": lost, "let_go": 0}}
             consents = ConsentFigures().as_json()
-            return {**FIGURES, "frames": FRAMES, "senses": senses, "intake": intake, "consents": consents}
+            return {
+                **FIGURES,
+                "frames": FRAMES,
+                "ambiguous": [],
+                "senses": senses,
+                "intake": intake,
+                "consents": consents,
+            }
 
         monkeypatch.setattr(cli, "replay_recording", summarised)
         monkeypatch.setattr(cli, "load_genesis", lambda _path: None)
+        if not (tmp_path / "robot").exists():
+            create_identity(tmp_path / "robot")
         arguments = ["--robot-dir", str(tmp_path), "replay", str(small_bag), *options]
         return CliRunner().invoke(cli.robot, arguments)
 
@@ -67,7 +85,7 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
 def test_what_could_not_be_used_is_told_by_reason(replay: Any) -> None:
     done = replay()
     assert done.exit_code == 0
-    assert "Not usable: 3 of kind frame (2 for size, 1 for step)." in done.output
+    assert "Not usable: 3 depth images (2 size: of a wrong size; 1 step: width" in done.output
     assert "6 of rgb: 6 kept" in done.output
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from clients.robot import replay
+from clients.robot.hiding.background import EmptyFrame
 from clients.robot.identity import RobotIdentity
 from clients.robot.replay import FRESH_WITHIN_MS, ReplayOptions
 from clients.robot.rosters import RosterBook
@@ -29,6 +30,9 @@ HEARTBEAT_MS = 30_000
 
 class Network(FakeNetwork):
     """What a run needs beside delivery."""
+
+    async def find_unapproved(self, frames: object) -> list[EmptyFrame]:
+        return []
 
     async def publish_empty_frames(self, frames: object) -> None:
         pass
@@ -49,7 +53,7 @@ class Start:
         client.light_client = SimpleNamespace(epoch=self.epoch)
         self.network, self.stop = Network(), asyncio.Event()
         identity = RobotIdentity(ROBOT, ROBOT, ROBOT, bytes(32), KEY)
-        monkeypatch.setattr(replay, "load_identity", lambda _: identity)
+        monkeypatch.setattr(replay, "load_identity", lambda *_: identity)
         monkeypatch.setattr(replay, "load_roster", lambda *_: RosterBook(known))
         monkeypatch.setattr(replay, "RobotNetwork", lambda *_: self.network)
         monkeypatch.setattr(replay, "NetworkMajority", lambda *_: self.registry)

@@ -262,7 +262,7 @@ def test_a_strangers_tag_in_range_withholds_what_is_not_hers_alone(tmp_path: Pat
         TOPICS.format(registered="true")
         + "".join(
             f"[[tags]]\ntopic = '{topic}'\nepc = 'epc'\nantenna = 'antenna'\nfacing = 'antenna_facing'\n"
-            "distance = 'distance'\ndistance_sigma = 'distance_sigma'\n"
+            "distance = 'distance'\ndistance_sigma = 'distance_sigma'\ndistance_unit = 'm'\n"
             for topic in (SIGHTING_TOPIC, "/other_reader")
         )
     )

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from clients.robot import cli
 from clients.robot.consents import ConsentFigures
 from clients.robot.events import Label, SourceEvent
+from clients.robot.identity import create_identity
 from clients.robot.replay import ReplayOptions, _events
 from clients.robot.rosters import RosterBook
 from clients.robot.scenario import Scenario
@@ -107,11 +108,19 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
             await stop.wait()
             consents = ConsentFigures().as_json()
             intake = {"messages_refused": {}, "unknown_tags": UnknownTags().as_json(), "fault": None}
-            return {"frames": FRAMES, "senses": {}, "records": 3, "intake": intake, "consents": consents}
+            return {
+                "frames": FRAMES,
+                "ambiguous": [],
+                "senses": {},
+                "records": 3,
+                "intake": intake,
+                "consents": consents,
+            }
 
         monkeypatch.setattr(cli, "replay_recording", recording)
         monkeypatch.setattr(cli, "load_genesis", lambda _path: None)
         monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+        create_identity(tmp_path / "robot")
         return CliRunner().invoke(cli.robot, ["--robot-dir", str(tmp_path), "run", *options]), seen
 
     return start
@@ -121,7 +130,7 @@ def test_ctrl_c_ends_a_live_run_in_good_order_and_says_so(run: Any, tmp_path: Pa
     before = signal.getsignal(signal.SIGTERM)
     done, (source, chosen) = run("--rate", "5", "--seconds", "60")
     assert done.exit_code == 0
-    assert "So far 7 frames were read, and 4 are recorded in 2 records." in done.output
+    assert "So far 7 frames were read; 4, counted for each owner, are recorded in 2 records." in done.output
     assert "What is in memory is now sealed and recorded too" in done.output
     assert "Ended as you asked: all that was seen until then is settled" in done.output
     assert "6 kept in 3 records" in done.output
@@ -134,7 +143,7 @@ def test_ctrl_c_ends_a_live_run_in_good_order_and_says_so(run: Any, tmp_path: Pa
 def test_ctrl_c_twice_ends_it_at_once_and_says_what_becomes_of_the_rest(run: Any) -> None:
     done, _ = run(signals=2)
     assert done.exit_code == 1
-    assert "7 frames were read, and 4 are recorded in 2 records." in done.output
+    assert "7 frames were read; 4, counted for each owner, are recorded in 2 records." in done.output
     assert "2 sealed clips wait in " in done.output
     assert "start the robot again with `blockrobot robot run` as before: it first records what waits" in done.output
 

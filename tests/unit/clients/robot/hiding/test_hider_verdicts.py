@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from clients.robot.hiding import hider as hider_module
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import BUFFER_DEFAULT_MS, Hider, Kept, Output, Reason, Withheld
+from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, HELP, MatchEvidence, Obstacle
 from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Labels, Segmented, Silhouette
 
 SHAPE = (40, 60)
@@ -180,6 +181,60 @@ def test_a_bearer_behind_the_robot_is_ambiguous_while_somebody_else_is_in_view(s
     stage.play({at: [Place(0.0, 2.5)] for at in times(0, 14)}, behind)
     assert not stage.kept("ann")
     assert set(stage.reasons("ann")) == {Reason.AMBIGUOUS}
+
+
+def nearest(stage: Stage, alias: str) -> MatchEvidence:
+    """Return the numbers of the last frame that was ambiguous."""
+    found = [o.evidence for o in stage.outputs if isinstance(o, Withheld) and o.alias == alias and o.evidence]
+    return found[-1]
+
+
+def standing(
+    facing: Facing, *, distance_m: float = 2.5, every_ms: int = 400, until_ms: int = 14_000
+) -> list[tuple[str, Sighting]]:
+    rng = np.random.default_rng(4)
+    return [read("ann", at, distance_m, rng, facing) for at in range(0, until_ms, every_ms)]
+
+
+@pytest.mark.parametrize(
+    ("readings", "places", "obstacle"),
+    [
+        (standing(Facing.UNKNOWN), [Place(0.0, 2.5)], Obstacle.NO_FACING),
+        (standing(Facing.BACK), [Place(0.0, 2.5)], Obstacle.BEHIND),
+        (standing(Facing.FRONT, distance_m=5.5), [Place(0.0, 2.5)], Obstacle.OFF),
+        (standing(Facing.FRONT, until_ms=1_000), [Place(0.0, 2.5)], Obstacle.FEW_DISTANCES),
+        (standing(Facing.FRONT), [Place(-0.8, 2.4), Place(0.8, 2.4)], Obstacle.RIVAL),
+    ],
+)
+def test_an_ambiguous_frame_says_in_numbers_what_stood_in_the_way(
+    stage: Stage, readings: list[tuple[str, Sighting]], places: list[Place], obstacle: Obstacle
+) -> None:
+    stage.play(dict.fromkeys(times(0, 14), places), readings)
+    assert set(stage.reasons("ann")) == {Reason.AMBIGUOUS}
+    evidence = nearest(stage, "ann")
+    assert evidence.obstacle is obstacle
+    assert evidence.log_odds < BIND_LOG_ODDS or obstacle is Obstacle.FEW_DISTANCES
+    assert (evidence.distances, evidence.people) == (len(readings), len(places))
+    assert evidence.sigma_m == pytest.approx(SIGMA_M)
+    assert set(evidence.as_json()) - {"rival_log_odds"} == {
+        "obstacle", "log_odds", "needed", "distance_log_odds", "distances", "gap_m", "spread_m",
+        "sigma_m", "front", "back", "people",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("off_m", "is_told"), [(0.0, False), (0.45, True)])
+def test_a_kept_frame_says_so_where_the_distances_disagree_with_the_camera(
+    stage: Stage, off_m: float, is_told: bool
+) -> None:
+    readings = [replace(s, distance_m=(s.distance_m or 0) + off_m) for _, s in worn("ann", 0, 14)]
+    stage.play({at: [stroll(at)] for at in times(0, 14)}, [("ann", reading) for reading in readings])
+    kept = stage.kept("ann")
+    assert kept
+    assert any(one.evidence is not None for one in kept) is is_told
+
+
+def test_every_obstacle_is_explained() -> None:
+    assert set(HELP) == set(Obstacle)
 
 
 def test_a_tag_in_an_empty_corridor_has_no_silhouette(stage: Stage) -> None:

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clients.robot.events import DISTANCE_SIGMA_MAX_M as SIGMA_MAX_M
 from clients.robot.events import Facing, Sighting
+from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, Obstacle
 from clients.robot.hiding.matcher import TAGS_MAX_COUNT, Matcher
 from clients.robot.hiding.tracking import Track
 
@@ -66,6 +68,65 @@ def test_readings_without_distance_bind_nothing() -> None:
     matcher = bind([walker(1, 2.5)], [reading(at, None) for at in range(0, 15_000, 200)])
     assert matcher.bound_track("tag", [1]) is None
     assert not matcher.has_distance("tag")
+
+
+@pytest.mark.parametrize(("factor", "sigma_m"), [(1.0, 50.0), (1.0, 5.0), (1000.0, 100.0), (1000.0, 1.0)])
+def test_distances_that_say_nothing_of_where_the_bearer_is_bind_nobody(factor: float, sigma_m: float) -> None:
+    """Antennas alone must not bind: that the tag is in front of the robot is true of others, too."""
+    track = walker(1, 2.5)
+    right = worn_by(track, np.random.default_rng(3))
+    seen = [replace(one, distance_m=(one.distance_m or 0) * factor, sigma_m=sigma_m) for one in right]
+    assert bind([track], seen).bound_track("tag", [1]) is None
+
+
+def test_distances_have_to_speak_for_the_bearer_by_themselves() -> None:
+    """With the largest error that is taken, one reading in front after another is not enough: distances must fit, too."""
+    track = walker(1, 2.5, seconds=40)
+    seen = worn_by(track, np.random.default_rng(3))[:6]
+    evidence = bind([track], [replace(one, sigma_m=SIGMA_MAX_M) for one in seen])
+    told = evidence.explain("tag", [1])
+    assert told is not None
+    assert told.distance_log_odds < DISTANCE_LOG_ODDS_MIN
+    assert told.log_odds >= BIND_LOG_ODDS
+    assert told.obstacle is Obstacle.VAGUE
+    assert evidence.bound_track("tag", [1]) is None
+
+
+@pytest.mark.parametrize("late_ms", [3_000, -2_000])
+def test_distances_that_come_with_a_delay_are_told_from_bad_ones_by_how_much(late_ms: int) -> None:
+    track = walker(1, 2.5, seconds=30)
+    track.ranges = [range_m + 0.5 * math.sin(at / 2_700) for at, range_m in zip(track.times, track.ranges, strict=True)]
+    right = [one for one in worn_by(track, np.random.default_rng(3)) if 3_000 <= one.first_seen_ms < 25_000]
+    late = [
+        replace(one, first_seen_ms=one.first_seen_ms + late_ms, last_seen_ms=one.last_seen_ms + late_ms)
+        for one in right
+    ]
+    exact = [replace(one, sigma_m=0.2) for one in late]
+    told = bind([track], exact).explain("tag", [1])
+    assert told is not None
+    assert told.obstacle is Obstacle.DELAYED
+    assert told.delay_ms == pytest.approx(late_ms, abs=500)
+
+
+def test_distances_that_contradict_the_picture_are_no_weak_evidence_though_their_mean_fits() -> None:
+    track, noise = walker(1, 2.5, seconds=30), np.random.default_rng(5)
+    wild = [reading(at, 2.5 + float(noise.choice([-1.5, 1.5]))) for at in range(0, 20_000, 500)]
+    told = bind([track], wild).explain("tag", [1])
+    assert told is not None
+    assert abs(told.gap_m) < 0.6
+    assert told.spread_m > 1.2
+    assert (told.obstacle, told.delay_ms) == (Obstacle.OFF, None)
+
+
+def test_distances_in_another_unit_are_told_as_that() -> None:
+    track = walker(1, 2.5)
+    right = worn_by(track, np.random.default_rng(3))
+    for factor in (1000.0, 100.0, 0.01):
+        told = bind([track], [replace(one, distance_m=(one.distance_m or 0) * factor) for one in right]).explain(
+            "tag", [1]
+        )
+        assert told is not None
+        assert told.obstacle is Obstacle.UNIT
 
 
 def test_the_same_reading_repeated_is_one_reading() -> None:

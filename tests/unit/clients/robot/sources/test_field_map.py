@@ -69,6 +69,53 @@ def test_antennas_by_name_or_number_tell_which_way_the_tag_is() -> None:
     assert facing == [Facing.FRONT, Facing.FRONT, Facing.BACK, Facing.UNKNOWN]
 
 
+@pytest.mark.parametrize("word", ["front", "back"])
+def test_a_reader_that_always_looks_one_way_says_so_once(word: str) -> None:
+    assert one(TagMap(epc="data", facing=word), message(data="A")).facing is Facing(word)
+
+
+def test_a_path_goes_on_through_text_in_json() -> None:
+    made = TagMap(epc="data{}.uid", rssi="data{}.signal.dbm", distance="data{}.range", distance_sigma=0.1)
+    sighting = one(made, message(data='{"uid": "E2", "signal": {"dbm": -41}, "range": 2.5}'))
+    assert (sighting.uid, sighting.rssi_dbm, sighting.distance_m) == ("E2", -41, 2.5)
+
+
+@pytest.mark.parametrize(("path", "text"), [("data{}.tags[].uid", '{"tags": [{"uid": "A"}, {"uid": 7}]}'),
+                                            ("data{}[].uid", '[{"uid": "A"}, {"uid": 7}]')])  # fmt: skip
+def test_a_list_in_json_holds_a_reading_each(path: str, text: str) -> None:
+    sightings, _ = read(TagMap(epc=path), message(data=text))
+    assert [sighting.uid for sighting in sightings] == ["A", "7"]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ('{"uid": ', "json"),
+        ("not JSON", "json"),
+        (7, "json"),
+        ("[" * 100_000, "json"),
+        ('{"uid": NaN}', "json"),
+        ('"' + "x" * (256 * 1024) + '"', "json"),
+        ('{"id": "A"}', "field"),
+        ('{"uid": {}}', "field"),
+        ('{"uid": true}', "field"),
+        ('["uid"]', "field"),
+    ],
+)
+def test_what_is_no_json_or_has_no_such_field_is_refused_by_reason(text: Any, reason: str) -> None:
+    made = TagMap(epc="data{}.uid")
+    try:
+        sightings, reasons = read(made, message(data=text))
+    except BlockRobotError as error:
+        sightings, reasons = [], [error.context["reason"]]
+    assert (sightings, reasons) == ([], [reason])
+
+
+@pytest.mark.parametrize("text", ['{"uid": "E2000017"}', '  [{"uid": "E2000017"}]'])
+def test_json_where_a_uid_is_expected_is_refused_by_its_name(text: str) -> None:
+    assert read(TagMap(epc="data"), message(data=text)) == ([], ["json"])
+
+
 def test_units_are_turned_into_metres_dbm_and_milliseconds() -> None:
     made = TagMap(
         epc="id",
@@ -95,6 +142,12 @@ def test_nanoseconds_lose_nothing() -> None:
 def test_a_distance_that_is_none_is_unknown(distance: float) -> None:
     made = TagMap(epc="id", distance="range", distance_sigma=0.3)
     assert one(made, message(id="A", range=distance)).distance_m is None
+
+
+def test_a_distance_whose_own_error_is_larger_than_a_room_is_unknown() -> None:
+    made = TagMap(epc="id", distance="range", distance_sigma="sigma", distance_unit="cm")
+    assert one(made, message(id="A", range=250.0, sigma=200.0)).distance_m == pytest.approx(2.5)
+    assert one(made, message(id="A", range=250.0, sigma=200.1)).distance_m is None
 
 
 @pytest.mark.parametrize(

@@ -156,3 +156,20 @@ def test_a_distance_waits_for_how_far_off_it_is(tmp_path: Path) -> None:
     assert "carries" not in said
     assert '# distance = "hits[].distance"  # only with distance_sigma' in draft
     assert parse_topics(draft).tags[0].map.epc == "hits[].epc"
+
+
+def test_a_draft_finds_fields_in_json_text_and_shows_no_other_name(tmp_path: Path) -> None:
+    text = json.dumps({EPC: 1, "tags": [{"uid": EPC, "range": 2.5, "dbs": -40, "patient": "Ann"}]})
+    found = [
+        Topic("/depth", "sensor_msgs/msg/Image", [(0, image(DEPTH))]),
+        Topic("/reader", "std_msgs/msg/String", [(0, {"data": text})]),
+    ]
+    opened = Recording(record(tmp_path / "bag", FORMATS[0], found, TYPES))
+    listed = list_topics(opened)
+    assert [item.could_be for item in listed] == [("depth",), ("tags",)]
+    draft = draft_topics(opened, listed)
+    assert EPC not in draft
+    assert "patient" not in draft
+    drafted = parse_topics(draft).tags[0].map
+    assert (drafted.epc, drafted.rssi) == ("data{}.tags[].uid", "data{}.tags[].dbs")
+    assert '# distance = "data{}.tags[].range"' in draft

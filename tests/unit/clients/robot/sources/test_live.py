@@ -148,14 +148,14 @@ async def test_what_the_robot_is_too_slow_for_is_dropped_oldest_first_and_what_w
 
 async def test_messages_that_are_of_another_type_or_of_none_that_is_known_are_refused_one_by_one() -> None:
     feed = FeedByHand()
-    topics = parse_topics("[[tags]]\ntopic = '/rfid/sightings'\nepc = 'data'")
+    topics = parse_topics("[[tags]]\ntopic = '/rfid/sightings'\nepc = 'epc'")
     with LiveSource([feed], topics) as source:
         played = await playing(source)
         feed.do("deliver", Message(DEPTH, "std_msgs/msg/String", 0, b""))
         feed.do("deliver", Message(TAGS, "ward_msgs/msg/Secret", 0, b"\0"))
         feed.do("learn", "ward_msgs/msg/Secret", "%%%")
         feed.do("deliver", Message(TAGS, "ward_msgs/msg/Secret", 0, b"\0"))
-        feed.do("learn", "ward_msgs/msg/Secret", "string data")
+        feed.do("learn", "ward_msgs/msg/Secret", "string epc")
         feed.do("deliver", Message(TAGS, "ward_msgs/msg/Secret", 0, b"\0\1\0\0\3\0\0\0E1\0"))
         feed.do("deliver", Message(DEPTH, IMAGE_TYPE, 0, b"rubbish"))
         feed.do("refuse", Refused(0, "sighting", "reader"))

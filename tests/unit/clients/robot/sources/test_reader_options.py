@@ -116,8 +116,8 @@ def test_what_is_no_domain_is_refused(domain: str) -> None:
 @pytest.mark.parametrize(
     ("library", "use", "installs"),
     [
-        ("zenoh", lambda: zenoh.ZenohFeed().topics(), "blockrobot[zenoh]"),
-        ("llrpkit.reader", lambda: llrp.LlrpFeed([LlrpReader("10.0.0.7")]).open({}, Silence()), "blockrobot[llrp]"),
+        ("zenoh", lambda: zenoh.ZenohFeed().topics(), "make install-zenoh"),
+        ("llrpkit.reader", lambda: llrp.LlrpFeed([LlrpReader("10.0.0.7")]).open({}, Silence()), "make install-llrp"),
     ],
 )
 def test_where_a_library_is_missing_the_command_that_installs_it_is_named(

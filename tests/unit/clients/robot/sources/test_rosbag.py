@@ -184,6 +184,49 @@ def test_a_topic_of_another_type_is_refused_before_anything_is_read(tmp_path: Pa
         BagSource(path, topics=parse_topics(text))
 
 
+@pytest.mark.parametrize(
+    ("table", "named"),
+    [
+        ('epc = "epc"\nantenna = "antena"', 'tags[0].antenna = "antena" is no field of rfid_reader/msg/RfidTag'),
+        ('epc = "epc"\nrssi = "rssi"', 'tags[0].rssi = "rssi"'),
+        ('epc = "epc"\nfacing = "forward"', 'it is neither "front" nor "back"'),
+        ('epc = "epc[]"', "tags[0].epc"),
+        ('epc = "epc"\nfirst_seen = "first_seen.sec.x"', "tags[0].first_seen"),
+        ('epc = "data{}.epc"', "tags[0].epc"),
+    ],
+)
+def test_a_field_that_the_type_has_not_is_refused_at_the_start_with_those_it_has(
+    tmp_path: Path, table: str, named: str
+) -> None:
+    path = make(tmp_path, [(50, KNOWN[5][1])], tag_type="rfid_reader/msg/RfidTag")
+    with pytest.raises(BlockRobotError, match="TOPICS_INVALID") as refused:
+        BagSource(path, topics=topics_of(table))
+    assert named in refused.value.detail
+    assert "epc, pc, rssi_dbm, antenna_id" in refused.value.detail
+
+
+@pytest.mark.parametrize("table", ["[labels]\ntopic = '/odom'\ntext = 'word'", "[audio]\ntopic = '/odom'"])
+def test_a_field_of_another_sense_that_the_type_has_not_is_refused_too(tmp_path: Path, table: str) -> None:
+    path = make(tmp_path, more=[Topic("/odom", "geometry_msgs/msg/Pose2D", [(1, {})])])
+    with pytest.raises(BlockRobotError, match="TOPICS_INVALID") as refused:
+        BagSource(path, topics=topics_of(more=table))
+    assert "It has x, y, theta." in refused.value.detail
+
+
+def test_what_only_messages_tell_is_refused_with_its_reason_in_a_sentence(tmp_path: Path) -> None:
+    path = make(tmp_path, [(50, {"data": '{"id": "A"}'})])
+    (refused,) = [e for e in BagSource(path, topics=topics_of('epc = "data{}.uid"')).events() if isinstance(e, Refused)]
+    assert (refused.reason, refused.detail) == ("field", "The message has no field data{}.uid.")
+
+
+def test_antennas_that_the_file_does_not_name_are_counted_where_it_names_others(tmp_path: Path) -> None:
+    path = make(tmp_path, [(50, KNOWN[5][1])] * 3, tag_type="rfid_reader/msg/RfidTag")
+    for front, expected in (("[1]", {"/tags": {"2": 3}}), ("[2]", {})):
+        source = BagSource(path, topics=topics_of(f'epc = "epc"\nantenna = "antenna_id"\nfront = {front}'))
+        list(source.events())
+        assert source.antennas_unnamed == expected
+
+
 def test_empty_scenes_come_from_a_topic_a_stretch_or_another_recording(tmp_path: Path) -> None:
     empty = [Topic(EMPTY_TOPIC, IMAGE, [(0, image(DEPTH + 1)), (1, image(DEPTH[:2])), (2, image(DEPTH, "rgb8"))])]
     (tmp_path / "a").mkdir()

@@ -1,0 +1,137 @@
+"""Why a tag was not bound to anybody in view, in numbers, and what would help. Pure.
+
+Distances in metres, log-odds natural. A tag is bound at log-odds of `BIND_LOG_ODDS`, never with fewer than
+`READINGS_MIN_COUNT` distances, nor unless these alone speak for it by `DISTANCE_LOG_ODDS_MIN`. Must never name a tag or a
+person: numbers only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+BIND_LOG_ODDS = 9.2
+READINGS_MIN_COUNT = 4
+# The distances by themselves must fit a person three times as well as a bearer who is not in the picture. Without that
+# antennas alone would bind, and that a tag is before the robot is also true of whoever stands beside the picture.
+DISTANCE_LOG_ODDS_MIN = 1.1
+_RIVAL_WITHIN = 5.0  # log-odds: a rival this close to the best is what stands in the way
+_CONTRADICTS_BELOW = -2.3  # log-odds of the distances: an absent bearer explains them ten times as well
+_SPREAD_SIGMAS = 3.0
+_UNIT_MIN_DECADES = 0.8
+_OFF_MIN_M = 0.3  # what the matcher takes for the reader's constant error without objection
+
+
+class Obstacle(StrEnum):
+    """What stood in the way of binding a tag to somebody in view."""
+
+    FEW_DISTANCES = "few-distances"
+    BEHIND = "behind"
+    UNIT = "unit"
+    DELAYED = "delayed"
+    OFF = "off"
+    VAGUE = "vague"
+    RIVAL = "rival"
+    NO_FACING = "no-facing"
+    UNDECIDED = "undecided"
+
+
+HELP = {
+    Obstacle.FEW_DISTANCES: "too few readings had a distance; read the tag at least every half second",
+    Obstacle.BEHIND: "it was heard mostly by antennas that look away from the camera: the bearer was taken to be behind "
+    "the robot. If that is wrong, exchange `front` and `back`",
+    Obstacle.UNIT: "the distances are of another size than the camera's: distance_unit must be the one that the reader "
+    "uses, m, cm or mm",
+    Obstacle.DELAYED: "readings follow the person's distance with that delay: the reader's clock, or the stamp of its "
+    "messages, is wrong",
+    Obstacle.OFF: "the distances contradict the camera's: check distance_unit, from where the reader measures, and both "
+    "clocks",
+    Obstacle.VAGUE: "the distances say too little of who it was, for their stated error; a more exact reader helps, or one "
+    "that reads more often",
+    Obstacle.RIVAL: "somebody else in view was about as far away. Antennas that look different ways, and a smaller error "
+    "of the distances, tell people apart",
+    Obstacle.NO_FACING: "no reading said which way its antenna looks, so somebody out of view, as far away, could not be "
+    "excluded while the person in view kept one distance. If the reader looks as the camera does, write "
+    '`facing = "front"` into its [[tags]] table, in place of `front` and `back`; else have these name the antennas heard',
+    Obstacle.UNDECIDED: "the evidence was not enough; more readings, or more exact ones, help",
+}
+"""What each obstacle means, as the end of a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class MatchEvidence:
+    """How one tag stood with the person in view whom it fitted best.
+
+    `distances` is how many distances were compared, `gap_m` the mean of distance minus camera range, `sigma_m` the
+    mean stated standard deviation, `distance_log_odds` what distances alone say against a bearer who is absent;
+    `front` and `back` count readings by the way their antenna looks, `people` those in view. `spread_m` is the
+    standard deviation of distance minus camera range, `range_m` the mean camera range, `delay_ms` how much later than
+    the person the distances are, if a shift in time makes them fit.
+    """
+
+    log_odds: float
+    rival_log_odds: float | None
+    distances: int
+    gap_m: float
+    sigma_m: float
+    front: int
+    back: int
+    people: int
+    distance_log_odds: float = 0.0
+    spread_m: float = 0.0
+    range_m: float = 0.0
+    delay_ms: int | None = None
+
+    @property
+    def nearness(self) -> tuple[int, float, int]:
+        """How near the tag was to being bound, to be compared: distances count up to as many as are needed."""
+        return min(self.distances, READINGS_MIN_COUNT), self.log_odds, self.distances
+
+    @property
+    def is_wrong_unit(self) -> bool:
+        """Whether the distances are, on average, the camera's in another unit: ten times as large or small, or more."""
+        mean_m = self.gap_m + self.range_m
+        return self.range_m > 0 and mean_m > 0 and abs(math.log10(mean_m / self.range_m)) > _UNIT_MIN_DECADES
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the distances disagree with the camera's, on average or one by one, by more than their error allows."""
+        return abs(self.gap_m) > max(_OFF_MIN_M, self.sigma_m) or self.spread_m > _SPREAD_SIGMAS * max(
+            _OFF_MIN_M / _SPREAD_SIGMAS, self.sigma_m
+        )
+
+    @property
+    def obstacle(self) -> Obstacle:
+        """What mainly stood in the way: the first of these that holds."""
+        rival = self.rival_log_odds
+        found = (
+            (self.distances < READINGS_MIN_COUNT, Obstacle.FEW_DISTANCES),
+            (self.back > self.front, Obstacle.BEHIND),
+            (self.is_wrong_unit, Obstacle.UNIT),
+            (self.delay_ms is not None, Obstacle.DELAYED),
+            (self.is_off or self.distance_log_odds < _CONTRADICTS_BELOW, Obstacle.OFF),
+            (self.log_odds >= BIND_LOG_ODDS and self.distance_log_odds < DISTANCE_LOG_ODDS_MIN, Obstacle.VAGUE),
+            (rival is not None and self.log_odds - rival < _RIVAL_WITHIN, Obstacle.RIVAL),
+            (self.front > 0, Obstacle.UNDECIDED),
+        )
+        return next((obstacle for holds, obstacle in found if holds), Obstacle.NO_FACING)
+
+    def as_json(self) -> dict[str, str | int | float]:
+        """Return the numbers for the event log and `--json`."""
+        rival = {} if self.rival_log_odds is None else {"rival_log_odds": round(self.rival_log_odds, 1)}
+        return {
+            "obstacle": str(self.obstacle),
+            "log_odds": round(self.log_odds, 1),
+            "needed": BIND_LOG_ODDS,
+            "distance_log_odds": round(self.distance_log_odds, 1),
+            **rival,
+            "distances": self.distances,
+            "gap_m": round(self.gap_m, 2),
+            "spread_m": round(self.spread_m, 2),
+            "sigma_m": round(self.sigma_m, 2),
+            "front": self.front,
+            "back": self.back,
+            "people": self.people,
+            **({} if self.delay_ms is None else {"delay_ms": self.delay_ms}),
+        }

@@ -1,0 +1,58 @@
+"""Why a silhouette was taken for two people, in numbers. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class MergedBy(StrEnum):
+    """The rule by which a silhouette was taken for two people."""
+
+    AREA = "area"
+    BREADTH = "breadth"
+    SHAPE = "shape"
+    BEFORE = "before"
+
+
+HELP = {
+    MergedBy.AREA: "larger than one person is",
+    MergedBy.BREADTH: "broader than one person is, at that distance",
+    MergedBy.SHAPE: "the model takes the shape for two people: arms held out, a long stride, something broad",
+    MergedBy.BEFORE: "one person in this frame, two in those of the last second",
+}
+"""What each rule means, as the end of a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class MergedEvidence:
+    """One silhouette's size and the rule that was asked, with the `limit` above which it says two people.
+
+    `area_m2` and `limit` of `AREA` are in square metres, `breadth_m` (about half a metre below the top of the head) and
+    `limit` of `BREADTH` in metres, `log_odds` and all other limits are natural log-odds of two people.
+    """
+
+    by: MergedBy
+    limit: float
+    log_odds: float
+    area_m2: float
+    breadth_m: float
+    range_m: float
+
+    @property
+    def excess(self) -> float:
+        """By how much its limit is exceeded, as a share of it (log-odds: as it is): the least is nearest to one person."""
+        if self.by is MergedBy.AREA:
+            return self.area_m2 / self.limit - 1
+        return self.breadth_m / self.limit - 1 if self.by is MergedBy.BREADTH else self.log_odds - self.limit
+
+    def as_json(self) -> dict[str, str | float]:
+        """Return the numbers for the event log and `--json`."""
+        return {
+            "by": str(self.by),
+            "limit": round(self.limit, 2),
+            "log_odds": round(self.log_odds, 2),
+            "area_m2": round(self.area_m2, 2),
+            "breadth_m": round(self.breadth_m, 2),
+            "range_m": round(self.range_m, 2),
+        }

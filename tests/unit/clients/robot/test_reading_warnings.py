@@ -1,0 +1,68 @@
+"""What a run says of its readings before it begins, and the how-to's table of what decides: both from the matcher."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from clients.robot.events import Facing
+from clients.robot.hiding.forecast import time_to_bind_s
+from clients.robot.reading_warnings import READ_EVERY_MS, warn_of_readings
+from clients.robot.sources.topics import Topics, parse_topics
+
+TAGS = '[[tags]]\ntopic = "/rfid"\nepc = "data{}.uid"\n'
+DISTANCE = 'distance = "data{}.range"\ndistance_sigma = 0.15\ndistance_unit = "m"\n'
+HOW_TO = Path(__file__).parents[4] / "docs" / "how-to" / "your-robot.md"
+
+
+def warned(text: str) -> list[str]:
+    return list(warn_of_readings(parse_topics(text)))
+
+
+def test_readings_without_a_distance_are_said_to_keep_nothing() -> None:
+    (warning,) = warned(TAGS)
+    assert "/rfid" in warning
+    assert "no-distance" in warning
+
+
+def test_readers_that_are_asked_themselves_have_no_distance_either() -> None:
+    (warning,) = warned('[[llrp]]\nhost = "10.0.0.7"\n')
+    assert "no-distance" in warning
+
+
+def test_distances_alone_are_said_to_keep_only_people_who_walk() -> None:
+    (warning,) = warned(TAGS + DISTANCE)
+    assert 'facing = "front"' in warning
+    assert "stand still" in warning
+    assert "after about 4 s" in warning
+
+
+@pytest.mark.parametrize("facing", ['facing = "front"', 'antenna = "data{}.antenna"\nfront = [1]'])
+def test_who_says_which_way_the_antenna_looks_is_warned_of_nothing(facing: str) -> None:
+    assert warned(TAGS + DISTANCE + facing) == []
+
+
+def test_the_robots_own_type_of_reading_is_warned_of_nothing() -> None:
+    assert list(warn_of_readings(Topics())) == []
+
+
+def decided_rows() -> list[tuple[str, str, str, str]]:
+    rows = re.findall(r"^\| (\d+\.\d+) m \| (.+) \| (.+) \| (.+) \|$", HOW_TO.read_text(), re.MULTILINE)
+    assert rows
+    return [tuple(cell.strip() for cell in row) for row in rows]  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("row", decided_rows())
+def test_the_table_of_what_decides_says_what_the_matcher_does(row: tuple[str, str, str, str]) -> None:
+    sigma, faced, stands, walks = row
+    cases = ((faced, Facing.FRONT, False), (stands, Facing.UNKNOWN, False), (walks, Facing.UNKNOWN, True))
+    for cell, facing, walking in cases:
+        found = [time_to_bind_s(float(sigma), facing, READ_EVERY_MS, walks=walking, seed=seed) for seed in range(1, 6)]
+        if cell == "never":
+            assert found == [None] * 5
+        else:
+            first, _, last = cell.removesuffix(" s").partition(" to ")
+            known = [one for one in found if one is not None]
+            assert (min(known), max(known), len(known)) == (float(first), float(last or first), 5)
