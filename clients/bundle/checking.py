@@ -37,6 +37,7 @@ from consensus.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.primitives.keys import recover
 from consensus.records.consent_receipts import REFUSED, WITHDRAWN
 from consensus.records.consents import GIVEN
+from consensus.visible_text import escape_controls
 
 VISITS_MAX_COUNT = 9_999
 TEXT_MAX_CHARS = 500
@@ -105,7 +106,7 @@ def verify_bundle(path: Path, expected: Genesis | bytes | None = None, heard: He
 
 def printable(text: str) -> str:
     """Return a text of a stranger's file as a terminal may show it: no control characters, and not without end."""
-    return "".join(sign if sign.isprintable() else "?" for sign in text[:TEXT_MAX_CHARS])
+    return escape_controls(text[:TEXT_MAX_CHARS], "")[:TEXT_MAX_CHARS]
 
 
 def name_visits(numbers: Sequence[int]) -> str:
@@ -339,6 +340,12 @@ def unproved(verdict: Verdict) -> list[str]:
     if miscounted:
         records = counted(miscounted, "record")
         lines.append(f"which pictures {records} should hold: the robot counted others than it committed to")
+    unnamed = sum(
+        record.metadata_proved and record.status == "active" and record.frame_count > 0 and not record.frames
+        for record in verdict.records
+    )
+    if unnamed:
+        lines.append(f"anything of the pictures of {counted(unnamed, 'record')}, which the bundle does not name")
     for status, of_one, of_many in _GONE:
         count = sum(frame.status == status for frame in verdict.frames)
         if count:

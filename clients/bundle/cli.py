@@ -5,7 +5,6 @@ Must never need a node, a wallet or a network.
 
 from __future__ import annotations
 
-import datetime
 import re
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from clients.sdk.counting import counted
 from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
+from pages.moments import show_moment
 
 _HASH = re.compile(r"[0-9a-fA-F]{64}", re.ASCII)
 
@@ -37,10 +37,6 @@ def read_genesis(text: str | None) -> Genesis | bytes | None:
 def _plain(text: str) -> str:
     """Return a text of the file so that it can neither colour nor move anything on the terminal."""
     return escape(printable(text))
-
-
-def _moment(time_ms: int) -> str:
-    return datetime.datetime.fromtimestamp(time_ms / 1000, datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def _told(path: Path, verdict: Verdict) -> dict[str, Any]:
@@ -126,7 +122,7 @@ def _lines(verdict: Verdict) -> list[str]:
         f"Against which network: {_plain(manifest.network)} ({anchor})",
         f"  chain id      {manifest.chain_id}",
         f"  genesis hash  {manifest.genesis_id}",
-        f"Up to which block: {verdict.as_of_height}, of {_moment(verdict.as_of_ms)}"
+        f"Up to which block: {verdict.as_of_height}, of {show_moment(verdict.as_of_ms)}"
         f" (the newest proof is of block {verdict.newest_height}; {counted(verdict.epochs, 'epoch')} followed)",
         *_as_of(verdict),
         "Proved:",
@@ -178,7 +174,7 @@ def _signed_lines(rows: list[dict[str, Any]]) -> list[str]:
 def _receipt_line(row: dict[str, Any]) -> str:
     what, sensors = ", ".join(row["purposes"]) or "everything", ", ".join(row["sensors"]) or "every sensor"
     notice = "no notice" if row["notice_version"] is None else f"notice {row['notice_version']}"
-    return f"{_moment(row['time_ms'])}  {row['status']}: {what} by {sensors} (block {row['height']}, {notice})"
+    return f"{show_moment(row['time_ms'])}  {row['status']}: {what} by {sensors} (block {row['height']}, {notice})"
 
 
 def _receipt_json(receipt: CheckedReceipt) -> dict[str, Any]:

@@ -361,13 +361,17 @@ class RightsDocument(Document, frozen=True):
 
 
 class ConsentStepDocument(Document, frozen=True):
-    """From a height on a status (`given`, `refused`, `withdrawn`, `objected`) holds; 0 is no bound of the period."""
+    """From a height on a status (`given`, `refused`, `withdrawn`, `objected`) holds; 0 is no bound of the period.
+
+    `mandate` is the id of the mandate under which another person said it for her, empty if she said it herself.
+    """
 
     from_height: int
     status: str
     since_ms: int
     period_from_ms: int
     period_until_ms: int
+    mandate: str
 
 
 class ConsentDocument(Document, frozen=True):

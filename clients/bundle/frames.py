@@ -17,16 +17,15 @@ import numpy.typing as npt
 
 from clients.bundle.documents import FrameDocument, RecordOpening, read_bytes
 from clients.bundle.layout import RECORD_OPENINGS, background_name, rendition_name, shown_name
+from clients.sdk.depth_colours import Depth, colour_pixels
 from clients.sdk.picture import (
-    PNG_SIGNATURE,
-    Depth,
-    colour_pixels,
     compose_on,
     decode_colour_png,
     decode_depth_png,
     encode_colour_png,
     encode_depth_png,
 )
+from clients.sdk.picture_guard import PNG_SIGNATURE
 from clients.sdk.rendition_files import own_depth, sense_file
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_FRAMES_MAX_COUNT

@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 import time
 
-import click
-
 from clients.bundle.proving import Heard, never_heard
+from clients.sdk.safe_output import overwrite_line
 
 
 def show_progress(*, quiet: bool) -> Heard:
@@ -21,8 +20,8 @@ def show_progress(*, quiet: bool) -> Heard:
         now = time.monotonic()
         if done < of and now - last > 0.25:
             last = now
-            click.echo(f"\r{what}: {100 * done // of} %\x1b[K", nl=False, err=True)
+            overwrite_line(f"{what}: {100 * done // of} %")
         elif done == of:
-            click.echo("\r\x1b[K", nl=False, err=True)
+            overwrite_line()
 
     return hear

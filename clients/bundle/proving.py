@@ -138,27 +138,21 @@ def walk_visits(
 
 def tell_all(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[str, bytes]]:
     """Return the documents that follow from the proofs, by name, in the order of the bundle."""
-    pictures = [
-        [
-            (name, frame.captured_at_ms)
-            for record in visit.records
-            for frame in record.frames
-            for name in frame.files
-            if name.startswith("pictures/")
-        ]
-        for visit in visits
-    ]
+    erasures = telling.tell_erasures(proven.visits)
     parts: list[tuple[str, doc.Document]] = [
         (layout.VISITS, doc.VisitsDocument(list(visits))),
         (layout.AUDIT, telling.tell_trail(proven.visits)),
         (layout.ACCESS, telling.tell_accesses(proven.visits)),
-        (layout.ERASURES, telling.tell_erasures(proven.visits)),
+        (layout.ERASURES, erasures),
         (layout.RIGHTS, telling.tell_rights(proven.visits, proven.texts)),
         (layout.CONSENTS, proven.consents),
     ]
     if proven.told_receipts is not None:
         parts.append((layout.TOLD_RECEIPTS, proven.told_receipts))
-    return [(layout.PLAYER, player_page(pictures)), *((name, doc.write_document(part)) for name, part in parts)]
+    return [
+        (layout.PLAYER, player_page(visits, erasures.erasures)),
+        *((name, doc.write_document(part)) for name, part in parts),
+    ]
 
 
 def proof_files(proofs: Proofs) -> list[tuple[str, bytes]]:

@@ -11,7 +11,7 @@ from clients.bundle.layout import RECORD_OPENINGS
 from clients.bundle.visits import RecordFacts, VisitFacts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
-from consensus.records.consents import read_choices
+from consensus.records.consents import Step, read_choices
 from consensus.records.metadata import find_chain_gaps
 from consensus.records.rights import Correction, commit_correction
 
@@ -235,12 +235,17 @@ def tell_consents(
             doc.ConsentDocument(
                 purpose,
                 sensor,
-                [doc.ConsentStepDocument(s.height, s.status, s.since_ms, s.from_ms, s.until_ms) for s in steps],
+                [_tell_step(step) for step in steps],
             )
             for (purpose, sensor), steps in sorted(choices.items())
         ],
         history=[_tell_word(former | {member}, receipt) for receipt in _in_order(receipts)],
     )
+
+
+def _tell_step(step: Step) -> doc.ConsentStepDocument:
+    period = (step.from_ms, step.until_ms)
+    return doc.ConsentStepDocument(step.height, step.status, step.since_ms, *period, step.mandate.hex())
 
 
 def _in_order(receipts: Sequence[ProvedReceipt]) -> Sequence[ProvedReceipt]:
@@ -257,7 +262,7 @@ def _tell_word(members: Set[bytes], proof: ProvedReceipt) -> doc.ConsentWordDocu
         for event in proof.receipt.events
         if event.contract == CONSENT and event.name in WORDS
     ]
-    if len(told) != 1 or told[0][1]["member"] not in members or not proof.receipt.ok:
+    if len(told) != 1 or told[0][1]["member"] not in members or told[0][1]["mandate"] or not proof.receipt.ok:
         raise BlockRobotError("BUNDLE_UNPROVEN", "A receipt is no word of this person on consent.")
     ((kind, data),) = told
     return doc.ConsentWordDocument(

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from typing import Any
+
+from clients.bundle import documents as doc
+from clients.sdk.depth_colours import scale_css
 
 README_TEXT = """\
 What is in here
@@ -11,9 +15,10 @@ What is in here
 
 This is what a robot's network holds of one person, exported by that person (GDPR, Articles 15 and 20).
 
-  play.html        plays the pictures in any browser, once this file is unpacked; it asks nobody for anything
+  play.html        plays the pictures in any browser, once this file is unpacked, and tells which were erased and who
+                   confirmed that; it asks nobody for anything
   pictures/        what was recorded, in order: one folder a visit. Only the person; everything else is the empty room.
-                   Colours are distances: blue near (0.4 m), red far (8 m), dark grey not measured.
+                   Colours are distances: bright near (0.4 m), dark far (8 m), grey not measured.
   depth/           the same as 16-bit PNG in millimetres, the person alone, 0 elsewhere
   sounds/ labels/  other senses, where there are any
   data/            everything about it as JSON: visits and records, the audit trail, who asked for access, what was
@@ -50,11 +55,13 @@ _PAGE = """\
 style-src 'unsafe-inline'; script-src 'unsafe-inline'">
 <title>What was recorded of me</title>
 <style>
+[hidden] { display: none !important; }
+#gone { border: 2px dashed; padding: 4rem 1rem; text-align: center; }
 body { font: 16px/1.5 sans-serif; margin: 2rem auto; max-width: 56rem; padding: 0 1rem; }
-img { background: #303030; display: block; image-rendering: pixelated; width: 100%; }
+img { background: #484848; display: block; image-rendering: pixelated; width: 100%; }
 button, select { font: inherit; padding: .3rem .8rem; }
 input[type=range] { width: 100%; }
-.scale { background: linear-gradient(90deg, #30123b, #28bceb, #a4fc3c, #fb7e21, #7a0403); height: .8rem; }
+.scale { background: %colours; height: .8rem; }
 .ends { display: flex; justify-content: space-between; }
 </style>
 </head>
@@ -64,22 +71,55 @@ input[type=range] { width: 100%; }
 <button id="play" type="button">Play</button> <span id="place" aria-live="polite"></span></p>
 <p><label>Picture <input id="slide" type="range" min="0" value="0"></label></p>
 <img id="picture" alt="The picture at this place of the visit">
+<p id="gone" hidden></p>
 <div class="scale"></div>
-<div class="ends"><span>near: 0.4 m</span><span>dark grey: not measured</span><span>far: 8 m</span></div>
-<noscript><p>The pictures are in the folder pictures, in order.</p></noscript>
+<div class="ends"><span>near: 0.4 m</span><span>grey: not measured</span><span>far: 8 m</span></div>
+<section id="erasures" hidden>
+<h2>What was erased</h2>
+<ul id="erased"></ul>
+</section>
+<noscript><p>The pictures are in the folder pictures, in order. What was erased: data/erasures.json.</p></noscript>
 <script>
 "use strict";
 const visits = %s;
 const by = id => document.getElementById(id);
 let frames = [], place = 0, timer = 0;
-visits.forEach((visit, number) => by("visit").add(new Option(`${number + 1} (${visit.length} pictures)`, number)));
+const two = (value) => String(value).padStart(2, "0");
+function zoneOffset(time) {
+  const minutes = -new Date(time).getTimezoneOffset(), size = Math.abs(minutes);
+  return minutes ? `UTC${minutes < 0 ? "-" : "+"}${two(Math.floor(size / 60))}:${two(size % 60)}` : "UTC";
+}
+const shown = new Intl.DateTimeFormat("en-GB", {dateStyle: "medium", timeStyle: "medium", hourCycle: "h23"});
+const moment = (time) => `${shown.format(new Date(time))} ${zoneOffset(time)}`;
+const short = (hex) => hex.slice(0, 12);
+visits.forEach((visit, number) => by("visit").add(new Option(`${number + 1} (${visit.pictures.length} pictures)`, number)));
+function item(text, children = []) {
+  const made = document.createElement("li");
+  made.textContent = text;
+  if (children.length) made.append(document.createElement("ul"));
+  for (const child of children) made.lastChild.append(child);
+  return made;
+}
+function tellErasure(erasure) {
+  const places = erasure.frames.map(frame => frame + 1).join(", ");
+  const what = places ? `pictures ${places} of the record` : "whole records:";
+  const waits = erasure.custodians.filter(key => !erasure.receipts.some(one => one.custodian === key));
+  const receipts = erasure.receipts.map(one => item(
+    `Custodian ${short(one.custodian)} confirmed on ${moment(one.time_ms)}: `
+      + `the keys of ${one.destroyed_frames} pictures are destroyed.`));
+  receipts.push(...waits.map(key => item(`Custodian ${short(key)} had not confirmed.`)));
+  return item(`Asked on ${moment(erasure.time_ms)} to erase ${what} ${erasure.records.map(short).join(", ")}`, receipts);
+}
 function show(next) {
   if (!frames.length) { by("place").textContent = "There are no pictures."; return; }
   place = Math.max(0, Math.min(next, frames.length - 1));
-  const [name, time] = frames[place];
-  by("picture").src = name;
+  const [name, time, record, index] = frames[place];
+  by("picture").hidden = !name;
+  by("gone").hidden = Boolean(name);
+  if (name) by("picture").src = name;
+  else by("gone").textContent = `${index < 0 ? "Record" : `Picture ${index + 1} of record`} ${short(record)} was erased.`;
   by("slide").value = place;
-  by("place").textContent = `${place + 1} of ${frames.length}, ${new Date(time).toLocaleString()}`;
+  by("place").textContent = `${place + 1} of ${frames.length}` + (time ? `, ${moment(time)}` : "");
 }
 function stop() { clearTimeout(timer); timer = 0; by("play").textContent = "Play"; }
 function step() {
@@ -87,7 +127,15 @@ function step() {
   const wait = Math.max(20, Math.min(2000, frames[place + 1][1] - frames[place][1]));
   timer = setTimeout(() => { show(place + 1); step(); }, wait);
 }
-function choose(number) { stop(); frames = visits[number] || []; by("slide").max = frames.length - 1; show(0); }
+function choose(number) {
+  const visit = visits[number] || {pictures: [], erasures: []};
+  stop();
+  frames = visit.pictures;
+  by("erasures").hidden = !visit.erasures.length;
+  by("erased").replaceChildren(...visit.erasures.map(tellErasure));
+  by("slide").max = frames.length - 1;
+  show(0);
+}
 by("visit").onchange = event => choose(event.target.value);
 by("slide").oninput = event => { stop(); show(Number(event.target.value)); };
 by("play").onclick = () => {
@@ -103,7 +151,35 @@ choose(0);
 """
 
 
-def player_page(visits: Sequence[Sequence[tuple[str, int]]]) -> bytes:
-    """Return the page that plays pictures: for each visit names and times in ms. Names are a layout's, so need no care."""
-    listed = json.dumps([[[name, time_ms] for name, time_ms in visit] for visit in visits], separators=(",", ":"))
-    return _PAGE.replace("%s", listed).encode()
+def player_page(visits: Sequence[doc.VisitDocument], erasures: Sequence[doc.ErasureDocument]) -> bytes:
+    """Return the page that plays the pictures of each visit, and tells which were erased, and who confirmed it."""
+    played = [
+        {
+            "pictures": [picture for record in visit.records for picture in _pictures_of(record)],
+            "erasures": [_erasure(each) for each in erasures if each.owner == visit.owner],
+        }
+        for visit in visits
+    ]
+    # What stands in a script ends where its tag does: no text may say so.
+    listed = json.dumps(played, separators=(",", ":")).replace("<", "\\u003c")
+    return _PAGE.replace("%colours", scale_css()).replace("%s", listed).encode()
+
+
+def _pictures_of(record: doc.RecordDocument) -> list[tuple[str, int, str, int]]:
+    """Return name, time in ms, record and index of each picture; no name for what was erased, -1 for a whole record."""
+    if not record.frames and record.status != "active":
+        return [("", 0, record.record_id, -1)]
+    found = []
+    for frame in record.frames:
+        names = [""] if frame.status == "erased" else [name for name in frame.files if name.startswith("pictures/")]
+        found += [(name, frame.captured_at_ms, record.record_id, frame.index) for name in names]
+    return found
+
+
+def _erasure(erasure: doc.ErasureDocument) -> dict[str, Any]:
+    told = {name: getattr(erasure, name) for name in ("records", "frames", "time_ms", "custodians")}
+    receipts = [
+        {"custodian": one.custodian, "destroyed_frames": one.destroyed_frames, "time_ms": one.time_ms}
+        for one in erasure.receipts
+    ]
+    return told | {"receipts": receipts}

@@ -9,9 +9,11 @@ from typing import Any
 
 import click
 
+from clients.registrar.card_sheet import SUFFIXES, describe_card, new_card_file, qr_text
 from clients.registrar.desk import Desk
+from clients.sdk.qr_codes import qr_columns, qr_lines
 from clients.sdk.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
-from consensus.records.vouchers import ROLES
+from consensus.records.vouchers import ROLES, decode_card_code
 
 
 def _desk_options(command: Any) -> Any:
@@ -47,24 +49,163 @@ def card() -> None:
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="A file with the tag's UID (asked for at a terminal otherwise).",
 )
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the card: FILE.html to print, FILE.svg with the QR code alone, FILE.txt with the code.",
+)
 @json_option
 @plain_errors
-def issue(desk: Path | None, genesis: Path | None, role: str, uid_file: Path | None, as_json: bool) -> None:
-    """Issue a card for a tag and print its enrolment code once.
+def issue(
+    desk: Path | None, genesis: Path | None, role: str, uid_file: Path | None, out: Path | None, as_json: bool
+) -> None:
+    """Issue a card for a tag and print its enrolment code once: as a QR code on a terminal, and in letters.
 
-    Example: blockrobot card issue --role subject --uid-file tag.uid
+    With --out the code is in the file alone.
+
+    Example: blockrobot card issue --role subject --uid-file tag.uid --out card.html
     """
+    if out is not None and (out.suffix not in SUFFIXES or out.exists()):
+        raise click.UsageError(f"--out takes a new file that ends with {', '.join(SUFFIXES)}.")
     if uid_file:
         uid = uid_file.read_text(encoding="utf-8")
     elif sys.stdin.isatty():
         uid = click.prompt("Hold the tag to the reader (or type its UID)", hide_input=True)
     else:
         raise click.UsageError("There is no terminal to ask for the tag: give --uid-file.")
-    code = _open(desk, genesis).issue(uid, role)
-    if as_json:
-        print_json({"ok": True, "role": role, "code": code})
+    opened = _open(desk, genesis)
+    replaced = opened.has_card(uid)
+    if out is None:
+        code = opened.issue(uid, role)
     else:
-        console.print(f"Hand this code over with the card; it registers one {role}, once:\n\n{code}")
+        with new_card_file(out) as file:  # first: a code is shown once, and the tag's former card ends with it
+            code = opened.issue(uid, role)
+            until_ms = decode_card_code(code).not_after_ms
+            file.write(describe_card(out.suffix, code, role=role, organisation=opened.organisation, until_ms=until_ms))
+    if as_json:
+        where = {"code": "" if out else code, "out": "" if out is None else str(out)}
+        print_json({"ok": True, "role": role, **where, "replaced": replaced})
+    elif out is not None:
+        console.print(
+            f"The card is {out}: it registers one member ({role}), once. Destroy the file afterwards.", markup=False
+        )
+    else:
+        console.print(f"Hand this code over with the card; it registers one member ({role}), once:\n\n{code}")
+        if console.is_terminal and console.width >= qr_columns(qr_text(code)):
+            console.print(qr_lines(qr_text(code)))
+    if replaced and not as_json:
+        click.echo(
+            "This tag had a card before. Whoever registered with that one is on no roster from now on, and is not recorded "
+            "until they register with the new code.",
+            err=True,
+        )
+
+
+@card.command()
+@_desk_options
+@click.option("--member", metavar="KEY", help="The member key, in hexadecimal.")
+@click.option(
+    "--uid-file",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Instead of --member: a file with the UID of the tag, or of the robot, that the card was issued for.",
+)
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@plain_errors
+def revoke(
+    desk: Path | None, genesis: Path | None, member: str | None, uid_file: Path | None, yes: bool, as_json: bool
+) -> None:
+    """End a membership of this organisation: a robot that was stolen, somebody's lost key.
+
+    Robots stop at the block that says so, and its consents end. What was recorded stays its owners'. It cannot be undone:
+    whoever comes back gets a new card.
+
+    Example: blockrobot card revoke --member 02ab...
+    """
+    if (member is None) == (uid_file is None):
+        raise click.UsageError("Give --member KEY or --uid-file FILE.")
+    opened = _open(desk, genesis)
+    key = asyncio.run(opened.find_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(member, "--member")
+    if not yes:
+        role = asyncio.run(opened.find_role(key))
+        if as_json or not sys.stdin.isatty():
+            raise click.UsageError("Nobody can be asked here: add --yes.")
+        click.confirm(f"End the membership of this {role} for good?", abort=True)
+    done = asyncio.run(opened.revoke(key))
+    if as_json:
+        print_json({"ok": True, "txid": done.txid.hex(), "role": done.role})
+    else:
+        console.print(f"The {done.role}'s membership is over, and the card is off the list.")
+
+
+@card.command("name")
+@_desk_options
+@click.argument("name")
+@click.option("--place", default="", help="Where it is: a ward, a room, a floor.")
+@click.option("--robot", metavar="KEY", help="The robot's member key, in hexadecimal.")
+@click.option(
+    "--uid-file",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Instead of --robot: the file that its card was issued with.",
+)
+@json_option
+@plain_errors
+def name_robot(
+    desk: Path | None,
+    genesis: Path | None,
+    name: str,
+    place: str,
+    robot: str | None,
+    uid_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Give a robot of this organisation a name and a place: patients read them instead of its key.
+
+    Both are public and stay on the chain: they are of Latin letters, digits and signs, a name of 32 characters at most, a
+    place of 48. Say no person's name. Said again, they take the place of what was said before.
+
+    Example: blockrobot card name "Robbie" --place "Ward 4" --robot 02ab...
+    """
+    if (robot is None) == (uid_file is None):
+        raise click.UsageError("Give --robot KEY or --uid-file FILE.")
+    opened = _open(desk, genesis)
+    key = asyncio.run(opened.find_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(robot, "--robot")
+    txid = asyncio.run(opened.name_robot(key, name, place))
+    if as_json:
+        print_json({"ok": True, "txid": txid.hex(), "robot": key.hex(), "name": name, "place": place})
+    else:
+        console.print(f"Everybody can read it now: {name}{', ' if place else ''}{place}.", markup=False)
+
+
+@card.command()
+@_desk_options
+@click.option(
+    "--uid-file",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Forget this tag alone, whoever has it.",
+)
+@json_option
+@plain_errors
+def forget(desk: Path | None, genesis: Path | None, uid_file: Path | None, as_json: bool) -> None:
+    """Take tags off the desk's list: of those who left or were revoked, and of codes that expired unused.
+
+    Making a roster does the same. Rosters that robots have keep a tag until they expire, within a day.
+
+    Example: blockrobot card forget
+    """
+    opened = _open(desk, genesis)
+    count = opened.forget(uid_file.read_text("utf-8")) if uid_file else asyncio.run(opened.forget_former())
+    if as_json:
+        print_json({"ok": True, "forgotten": count})
+    else:
+        console.print(f"{count} {'card is' if count == 1 else 'cards are'} off the list.")
+
+
+def _member_key(text: str | None, option: str) -> bytes:
+    try:
+        return bytes.fromhex(text or "")
+    except ValueError:
+        raise click.UsageError(f"{option} takes hexadecimal digits.") from None
 
 
 @click.group()
@@ -86,10 +227,7 @@ def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json
 
     Example: blockrobot roster make --robot 02ab... --out roster.sealed
     """
-    try:
-        member = bytes.fromhex(robot)
-    except ValueError:
-        raise click.UsageError("--robot takes hexadecimal digits.") from None
+    member = _member_key(robot, "--robot")
     sealed, rows = asyncio.run(_open(desk, genesis).make_roster(member))
     out.write_bytes(sealed)
     if as_json:

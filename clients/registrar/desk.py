@@ -40,10 +40,19 @@ _RECORDED_ROLES = ("subject", "staff")
 
 @dataclass(frozen=True, slots=True)
 class CardEntry:
-    """One card of the list: the tag's UID, the handle it was given (hex), and the role."""
+    """One card of the list: the tag's UID, the handle it was given (hex), the role, and until when its code registers."""
 
     uid: str
     handle: str
+    role: str
+    not_after_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class Revoked:
+    """A membership that was ended at the desk: the transaction, and the member's role."""
+
+    txid: bytes
     role: str
 
 
@@ -63,6 +72,12 @@ class Desk:
         if self.key.public_key not in registrars:
             raise BlockRobotError("DATA_DIRECTORY_INVALID", "The key is not one of this network's registrars.")
 
+    @property
+    def organisation(self) -> str:
+        """The organisation whose registrar sits here."""
+        own = self.key.public_key
+        return next(each.name for each in self._genesis.organisations if own in each.registrars)
+
     def cards(self) -> list[CardEntry]:
         """Return all cards that were issued here. Raises DATA_DIRECTORY_INVALID if the list is damaged."""
         path = self._folder / _CARDS_FILE
@@ -80,17 +95,90 @@ class Desk:
         normal = uid.strip().upper()
         if not normal:
             raise BlockRobotError("REQUEST_INVALID", "The tag's UID is empty.")
+        not_after_ms = self._clock.now_ms() + lifetime_ms
         card = issue_card(
             self.key,
             chain_id=self._genesis.chain_id,
             handle=secrets.token_bytes(32),
             card_secret=secrets.token_bytes(32),
             role=role,
-            not_after_ms=self._clock.now_ms() + lifetime_ms,
+            not_after_ms=not_after_ms,
         )
         kept = [entry for entry in self.cards() if entry.uid != normal]
-        self._save([*kept, CardEntry(uid=normal, handle=card.handle.hex(), role=role)])
+        self._save([*kept, CardEntry(normal, card.handle.hex(), role, not_after_ms)])
         return encode_card_code(card)
+
+    def has_card(self, uid: str) -> bool:
+        """Tell whether the tag has a card: with a new one its bearer by the old is on no roster any more."""
+        return any(entry.uid == uid.strip().upper() for entry in self.cards())
+
+    def forget(self, uid: str) -> int:
+        """Take a tag off the list, so that no roster names it any more; return how many cards went."""
+        normal = uid.strip().upper()
+        cards = self.cards()
+        kept = [entry for entry in cards if entry.uid != normal]
+        if len(kept) < len(cards):
+            self._save(kept)
+        return len(cards) - len(kept)
+
+    async def forget_former(self) -> int:
+        """Take off the list whose membership is over, and codes that expired unused; return how many cards went."""
+        async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
+            return self._keep(await self._states(client))
+
+    def _keep(self, states: list[tuple[CardEntry, dict[str, Any] | None]]) -> int:
+        """Keep cards of active members, and those whose code can still register; return how many went."""
+        now = self._clock.now_ms()
+        gone = {
+            card.handle
+            for card, state in states
+            if (card.not_after_ms < now if state is None else state["status"] != "active")
+        }
+        if gone:
+            self._save([card for card in self.cards() if card.handle not in gone])
+        return len(gone)
+
+    async def find_member(self, uid: str) -> bytes:
+        """Return the member key that a tag's card registered. Raises NOT_FOUND."""
+        normal = uid.strip().upper()
+        handle = next((card.handle for card in self.cards() if card.uid == normal), None)
+        async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
+            found = handle and await client.state_value("identity", b"handle/" + bytes.fromhex(handle), self.key)
+        if not found:
+            raise BlockRobotError("NOT_FOUND", "No card of this tag registered anybody.")
+        return bytes(found)
+
+    async def find_role(self, member: bytes) -> str:
+        """Return the role of an active member, as the chain proves it. Raises NOT_FOUND."""
+        async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
+            return str((await self._active(client, member))["role"])
+
+    async def revoke(self, member: bytes) -> Revoked:
+        """End a membership of this organisation: a stolen robot, a lost key. Its card is taken off the list.
+
+        Raises NOT_FOUND without an active member of this key, CALL_REFUSED if the chain refuses.
+        """
+        async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
+            state = await self._active(client, member)
+            receipt = await client.call(self.key, "identity", "revoke", [state["handle"]])
+        self._save([card for card in self.cards() if card.handle != state["handle"].hex()])
+        return Revoked(receipt.txid, str(state["role"]))
+
+    async def name_robot(self, robot: bytes, name: str, place: str) -> bytes:
+        """Put a robot's name and place on the chain, for everybody to read; return the txid.
+
+        Raises NOT_FOUND without an active member of this key, CALL_REFUSED if the chain refuses.
+        """
+        async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
+            state = await self._active(client, robot)
+            receipt = await client.call(self.key, "identity", "name_robot", [state["handle"], name, place])
+        return receipt.txid
+
+    async def _active(self, client: NetworkClient, member: bytes) -> dict[str, Any]:
+        state = await client.state_value("identity", b"member/" + member, self.key)
+        if state is None or state["status"] != "active":
+            raise BlockRobotError("NOT_FOUND", "There is no active member with this key.")
+        return dict(state)
 
     def _save(self, cards: list[CardEntry]) -> None:
         temporary = self._folder / f".{_CARDS_FILE}.tmp"
@@ -103,16 +191,22 @@ class Desk:
         temporary.replace(self._folder / _CARDS_FILE)
 
     async def make_roster(self, robot: bytes) -> tuple[bytes, int]:
-        """Return a robot's sealed roster of everyone registered here, and how many rows it has.
+        """Return a robot's sealed roster of everyone registered here, and how many rows it has; forget who is not any more.
 
         `robot` is its member key M. What stands in the rows is proven against a finalized header. Raises NOT_FOUND if
         the robot is not registered.
         """
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
-            members = await self._registered(client)
+            states = await self._states(client)
             robot_state = await client.state_value("identity", b"member/" + robot, self.key)
         if robot_state is None or robot_state["role"] != "robot" or robot_state["status"] != "active":
             raise BlockRobotError("NOT_FOUND", "There is no active robot with this key.")
+        self._keep(states)
+        members = [
+            (card, state)
+            for card, state in states
+            if state is not None and state["status"] == "active" and card.role in _RECORDED_ROLES
+        ]
         key = secrets.token_bytes(ROSTER_KEY_BYTES)
         now = self._clock.now_ms()
         roster = Roster(
@@ -126,17 +220,13 @@ class Desk:
         )
         return seal_roster(roster, self.key, robot_state["sealing"]), len(roster.rows)
 
-    async def _registered(self, client: NetworkClient) -> list[tuple[CardEntry, dict[str, Any]]]:
+    async def _states(self, client: NetworkClient) -> list[tuple[CardEntry, dict[str, Any] | None]]:
+        """Return each card with its member's proved state; None if its code was not used yet."""
         found = []
         for card in self.cards():
-            if card.role not in _RECORDED_ROLES:
-                continue
             member = await client.state_value("identity", b"handle/" + bytes.fromhex(card.handle), self.key)
-            if member is None:
-                continue
-            state = await client.state_value("identity", b"member/" + member, self.key)
-            if state is not None and state["status"] == "active":
-                found.append((card, state))
+            state = None if member is None else await client.state_value("identity", b"member/" + member, self.key)
+            found.append((card, state))
         return found
 
     @staticmethod

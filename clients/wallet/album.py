@@ -5,7 +5,6 @@ Must never hold a picture that its viewer did not ask for, nor write one that ot
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,9 +23,10 @@ from clients.wallet.contact_sheet import (
     draw_strip,
 )
 from clients.wallet.language import text
-from clients.wallet.opening import show_moment
 from clients.wallet.pictures import Seen, write_private
 from clients.wallet.wallet import RecordEntry
+from consensus.errors import BlockRobotError
+from pages.moments import show_clock, show_moment
 
 SHEET_NAME = "contact-sheet.png"
 ANIMATION_NAME = "animation.gif"
@@ -42,8 +42,7 @@ def visit_prefix(owner: bytes) -> str:
 
 
 def _caption(tile: Tile) -> str:
-    moment = datetime.datetime.fromtimestamp(tile.captured_at_ms / 1000).astimezone()
-    return f"{tile.label}  " + moment.strftime("%H:%M:%S.") + f"{tile.captured_at_ms % 1000 // 100}"
+    return f"{tile.label}  {show_clock(tile.captured_at_ms)}"
 
 
 @dataclass
@@ -54,6 +53,8 @@ class Album:
     records: dict[bytes, Collection] = field(default_factory=dict)
     visits: dict[bytes, Collection] = field(default_factory=dict)
     visit_records: dict[bytes, int] = field(default_factory=dict)
+    missing_rooms: dict[bytes, BlockRobotError] = field(default_factory=dict)
+    """Empty frames that nobody had, by their hash, and why."""
     written: set[Path] = field(default_factory=set)
     """All files of this look: its sheets and animations, and the pictures that its user says here."""
 
@@ -63,9 +64,9 @@ class Album:
         whole = self.visits.setdefault(entry.visit.owner, Collection())
         self.visit_records[entry.visit.owner] = self.visit_records.get(entry.visit.owner, 0) + 1
 
-        def seen(number: int, captured_at_ms: int, make: Callable[[], Image.Image]) -> None:
-            own.take(str(number), captured_at_ms, make)
-            whole.take(f"{number} ({entry.record_id.hex()[:_NAME_CHARS]})", captured_at_ms, make)
+        def seen(number: int, captured_at_ms: int, make: Callable[[], Image.Image], is_depth: bool) -> None:
+            own.take(str(number), captured_at_ms, make, is_depth=is_depth)
+            whole.take(f"{number} ({entry.record_id.hex()[:_NAME_CHARS]})", captured_at_ms, make, is_depth=is_depth)
 
         return seen
 

@@ -11,6 +11,9 @@ from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey
 
 RECORDED_KIND = "recorded"
+VERDICT_KIND = "verdict"
+Finding = tuple[bytes, str, list[int]]
+"""What a verdict says of one record: its id, `verified` or `corrupted`, and the indexes of corrupted frames."""
 _PAGE_COUNT = 100
 
 
@@ -50,6 +53,21 @@ class AuditEntry:
     time_ms: int
     height: int
     data: dict[str, Any]
+
+
+def findings_of(entry: AuditEntry) -> list[Finding]:
+    """Return what a verdict in the trail says of each record; nothing of another entry."""
+    if entry.kind != VERDICT_KIND:
+        return []
+    return [(record_id, verdict, list(frames)) for record_id, verdict, frames in entry.data["findings"]]
+
+
+def records_of(entry: AuditEntry) -> list[bytes]:
+    """Return the records that an entry names."""
+    named = entry.data.get("records")
+    if isinstance(named, list):
+        return named
+    return [finding[0] for finding in findings_of(entry)] or [entry.record_id][: len(entry.record_id)]
 
 
 def count_place(visit: KnownVisit) -> bytes:

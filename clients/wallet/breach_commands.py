@@ -14,9 +14,11 @@ from clients.sdk.counting import counted
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.breaches import Breach, Breaches, breach_json
 from clients.wallet.lost_keys_commands import lost_keys
-from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
+from clients.wallet.officer_mandates_commands import mandates
+from clients.wallet.opening import place_wallet, reads_only, run_opened, wallet_options
 from clients.wallet.rights import read_correction, write_correction
 from consensus.records.rights import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
+from pages.moments import show_moment
 
 T = TypeVar("T")
 _HOUR_MS = 3_600_000
@@ -26,7 +28,7 @@ _HOUR_MS = 3_600_000
 @wallet_options
 @click.pass_context
 def officer(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: Path | None) -> None:
-    """Handle visits that were denied, and lost keys (data protection officers, with a wallet of their own).
+    """Handle visits that were denied, lost keys and mandates (data protection officers, with a wallet of their own).
 
     Register it once: blockrobot card issue --role officer, then blockrobot wallet --profile officer register CODE.
 
@@ -36,6 +38,7 @@ def officer(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: 
 
 
 officer.add_command(lost_keys)
+officer.add_command(mandates)
 
 
 def _reasons(codes: tuple[str, ...] | None = None) -> Any:

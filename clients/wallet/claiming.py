@@ -7,7 +7,6 @@ who holds it and since when, for whoever has to wait. Must never keep anybody wa
 from __future__ import annotations
 
 import contextlib
-import datetime
 import fcntl
 import os
 import time
@@ -20,6 +19,7 @@ import msgspec
 from clients.wallet.calling import as_called
 from clients.wallet.language import refusal
 from consensus.errors import BlockRobotError
+from pages.moments import show_moment
 
 WAIT_MAX_S = 5.0
 """A command that runs at the same time is over soon; a page stays."""
@@ -111,10 +111,9 @@ def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
     holder = _read_holder(path)
     if holder is None:
         raise refusal("WALLET_BUSY", "wallet_busy", path=str(path))
-    since = datetime.datetime.fromtimestamp(holder.since_ms / 1000).astimezone()
     # It has the very wallet that is wanted here, so it is called as this one is.
     who = as_called(holder.command[:1].upper() + holder.command[1:])
-    moment = f"{since:%Y-%m-%d %H:%M:%S}"
+    moment = show_moment(holder.since_ms)
     raise refusal("WALLET_BUSY", "wallet_busy_with", who=who, process=holder.process, path=str(path), since=moment)
 
 

@@ -11,7 +11,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
-from clients.wallet.auditing import AuditEntry, audit_all
+from clients.wallet.auditing import AuditEntry, audit_all, records_of
 from clients.wallet.consent_commands import consent
 from clients.wallet.erase_command import erase
 from clients.wallet.erasure_status import custodian_names, erasures
@@ -21,9 +21,11 @@ from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
 from clients.wallet.keyring_command import keyring
 from clients.wallet.language import DEFAULT_LANGUAGE, language_in_use, text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
+from clients.wallet.mandates_commands import mandates
 from clients.wallet.notice_commands import notice, register
-from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
+from clients.wallet.opening import place_wallet, reads_only, run_opened, wallet_options
 from clients.wallet.page.story import event_sentence
+from clients.wallet.receipts_command import receipts as kept_receipts
 from clients.wallet.records_command import records
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
@@ -35,6 +37,7 @@ from clients.wallet.viewing_commands import COMMANDS as VIEWING_COMMANDS
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from pages.moments import show_moment
 
 
 @click.group(cls=SpokenGroup)
@@ -54,6 +57,7 @@ for command in (
     records,
     *VIEWING_COMMANDS,
     consent,
+    mandates,
     notice,
     *RIGHTS_COMMANDS,
     *SHARING_COMMANDS,
@@ -62,6 +66,7 @@ for command in (
     export,
     erase,
     erasures,
+    kept_receipts,
     guardians,
     keyring,
     serve,
@@ -93,6 +98,7 @@ def audit(ctx: click.Context, as_json: bool) -> None:
                 "kind": entry.kind,
                 "time_ms": entry.time_ms,
                 "height": entry.height,
+                "records": [record_id.hex() for record_id in records_of(entry)],
                 "detail": describe_event(entry.kind, entry.data, DEFAULT_LANGUAGE),
             }
             for entry in entries

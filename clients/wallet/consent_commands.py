@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 import re
 import time
@@ -19,13 +18,16 @@ from clients.wallet.calling import verify_command
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import DEPTH, Choice, Choices, Consenting, Word, choice_json, round_period
 from clients.wallet.language import WrongUsage, code_text, describe_error, purposes_text, refusal, text
-from clients.wallet.notice_commands import require_said, take_receipt, tell_first
+from clients.wallet.notice_commands import Receipted, require_said, take_receipt, tell_first
 from clients.wallet.notices import Notices
-from clients.wallet.opening import reads_only, run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened
+from clients.wallet.speaking_for import FOR_ONESELF, Represented, find_represented, for_option, handle_of
 from clients.wallet.wallet import Wallet
 from consensus.records.consents import GIVEN
+from consensus.records.handles import encode_short
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
+from pages.moments import read_moment, show_moment
 
 _SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
 _SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
@@ -42,8 +44,8 @@ def read_time(written: str | None, now_ms: int) -> int:
     if span:
         return now_ms + int(span[1]) * _SPAN_MS[span[2]]
     try:
-        return round(datetime.datetime.fromisoformat(written.strip()).astimezone().timestamp() * 1000)
-    except (ValueError, OverflowError, OSError):
+        return read_moment(written)
+    except ValueError:
         raise WrongUsage("no_time_ahead", given=written) from None
 
 
@@ -64,14 +66,31 @@ def consent() -> None:
     """
 
 
-async def _tell(opened: Wallet, word: Word, line: str, next_step: str, *, as_json: bool, more: dict[str, Any]) -> None:
-    """Print what counts, and only then fetch the receipt and print what became of it. A program has both in one."""
+async def _tell(
+    opened: Wallet,
+    word: Word,
+    line: str,
+    next_step: str,
+    *,
+    person: Represented | None,
+    as_json: bool,
+    more: dict[str, Any],
+) -> None:
+    """Print what counts, and only then fetch the receipt and print what became of it. A program has both in one.
+
+    Of a word for another person (`person`) there is no receipt, which says whose key a person has: there is the trail.
+    """
     if not as_json:
+        if person is not None:
+            console.print(text("mandates.said_for", name=encode_short(person.handle)))
         console.print(f"{line}\n  {text('consent.holds_from', height=word.from_height)} {next_step}")
-    receipted = await take_receipt(opened, word.txid)
+    receipted = Receipted(None, None) if person is not None else await take_receipt(opened, word.txid)
     if as_json:
         place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height, "count": word.count}
-        print_json({"ok": True, **place, **more, **receipted.as_json()})
+        spoken_for = FOR_ONESELF if person is None else person.as_json()
+        print_json({"ok": True, **place, **more, **spoken_for, **receipted.as_json()})
+    elif person is not None:
+        console.print("  " + text("mandates.in_trail"))
     else:
         console.print(f"  {escape(receipted.line())}")
 
@@ -87,6 +106,7 @@ def _named(codes: tuple[str, ...], kind: str, known: Mapping[str, str], none: st
 @click.option("--until", "ends", help="Until when, written as for --from; until you take it back otherwise.")
 @click.option("--height", type=click.IntRange(min=0), default=0, help="From this block on (default: the next one).")
 @click.option("--yes", is_flag=True, help="Do not ask, if there is a notice that was not shown yet.")
+@for_option
 @json_option
 @click.pass_context
 @plain_errors
@@ -98,6 +118,7 @@ def give(
     ends: str | None,
     height: int,
     yes: bool,
+    whom: str | None,
     as_json: bool,
 ) -> None:
     """Consent to purposes, by the depth camera unless you name other sensors.
@@ -105,6 +126,9 @@ def give(
     If your organisation tells you something that this wallet never showed, it shows that first, and asks. What its
     notice does not name is refused: a purpose, a sensor for it, or consent where it rests on another ground. The
     receipt, signed by your organisation and by you, lands in the wallet.
+
+    For somebody else, by a mandate, it shows what that person's organisation tells, asks each time, and lasts until the
+    mandate ends unless you name an earlier end.
 
     Example: blockrobot wallet consent give --purpose care --sensor depth --until +30d
     """
@@ -116,39 +140,50 @@ def give(
     if ends is not None and until_ms <= max(from_ms, now_ms):
         raise WrongUsage("until_over")
 
-    period = " " + text("consent.from", moment=show_moment(from_ms)) if from_ms else ""
-    period += " " + text("consent.until", moment=show_moment(until_ms)) if until_ms else text("consent.open_end")
-    named = {
-        "purposes": _named(purposes, "purpose", PURPOSES, ""),
-        "sensors": _named(chosen, "sensor", SENSORS, ""),
-    }
-    line = text("consent.given", **named) + period
-    if DEPTH not in chosen:
-        line += "\n  " + text("consent.needs_depth", purpose=" --purpose ".join(purposes))
-    more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(chosen)}
-    more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
-
     async def action(opened: Wallet) -> None:
-        notices = Notices(opened)
-        told = await notices.current()
-        notice = told.as_json() if notices.is_new(told) else None
+        notices, person = Notices(opened), await find_represented(opened, whom)
+        told = await (notices.current() if person is None else notices.of_organisation(person.organisation))
+        notice = told.as_json() if person is not None or notices.is_new(told) else None
         told.require_named(purposes, chosen)
         if notice is not None:
             require_said(yes=yes)
             question = text("consent.ask", purposes=", ".join(purposes), sensors=", ".join(chosen))
-            tell_first(notices, told, question, yes=yes, as_json=as_json)
-        word = await Consenting(opened).give(
+            tell_first(notices if person is None else None, told, question, yes=yes, as_json=as_json)
+        last_ms = until_ms if person is None else until_ms or person.until_ms
+        word = await Consenting(opened, handle_of(person)).give(
             list(purposes),
             list(chosen),
             from_ms=from_ms,
-            until_ms=until_ms,
+            until_ms=last_ms,
             height=height,
             seen_height=told.height,
         )
-        await _tell(opened, word, line, text("consent.take_back"), as_json=as_json, more=more | {"notice": notice})
-        notices.note_consented(told)
+        line, more = _given(purposes, chosen, from_ms, last_ms)
+        next_step = text("consent.take_back") if person is None else ""
+        more |= {"notice": notice}
+        await _tell(opened, word, line, next_step, person=person, as_json=as_json, more=more)
+        if person is None:
+            notices.note_consented(told)
 
     run_opened(ctx, action)
+
+
+def _given(
+    purposes: tuple[str, ...], sensors: tuple[str, ...], from_ms: int, until_ms: int
+) -> tuple[str, dict[str, Any]]:
+    """Return what was consented to, in words and for a program."""
+    period = " " + text("consent.from", moment=show_moment(from_ms)) if from_ms else ""
+    period += " " + text("consent.until", moment=show_moment(until_ms)) if until_ms else text("consent.open_end")
+    named = {
+        "purposes": _named(purposes, "purpose", PURPOSES, ""),
+        "sensors": _named(sensors, "sensor", SENSORS, ""),
+    }
+    line = text("consent.given", **named) + period
+    if DEPTH not in sensors:
+        line += "\n  " + text("consent.needs_depth", purpose=" --purpose ".join(purposes))
+    more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(sensors)}
+    more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
+    return line, more
 
 
 def _say_no(
@@ -159,6 +194,7 @@ def _say_no(
     purposes: tuple[str, ...],
     sensors: tuple[str, ...],
     *,
+    whom: str | None,
     as_json: bool,
 ) -> None:
 
@@ -167,55 +203,68 @@ def _say_no(
     what = text(key, purposes=named, sensors=_named(sensors, "sensor", SENSORS, text("consent.every_sensor")))
 
     async def action(opened: Wallet) -> None:
-        word: Word = await act(Consenting(opened))(list(purposes), list(sensors))
+        person = await find_represented(opened, whom)
+        word: Word = await act(Consenting(opened, handle_of(person)))(list(purposes), list(sensors))
         line = what if word.count else text("consent.nothing_given")
-        await _tell(opened, word, line, text("consent.after_no"), as_json=as_json, more=more)
+        next_step = text("consent.after_no") if person is None else ""
+        await _tell(opened, word, line, next_step, person=person, as_json=as_json, more=more)
 
     run_opened(ctx, action)
 
 
 @consent.command()
 @_codes
+@for_option
 @json_option
 @click.pass_context
 @plain_errors
-def refuse(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], as_json: bool) -> None:
+def refuse(
+    ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
+) -> None:
     """Say no to purposes, by every sensor unless you name some, whatever you said before.
 
     Example: blockrobot wallet consent refuse --purpose research
     """
     if not purposes:
         raise WrongUsage("refuse_what", known=", ".join(PURPOSES))
-    _say_no(ctx, lambda say: say.refuse, "refused", "consent.refused", purposes, sensors, as_json=as_json)
+    _say_no(ctx, lambda say: say.refuse, "refused", "consent.refused", purposes, sensors, whom=whom, as_json=as_json)
 
 
 @consent.command()
 @_codes
+@for_option
 @json_option
 @click.pass_context
 @plain_errors
-def withdraw(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], as_json: bool) -> None:
+def withdraw(
+    ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
+) -> None:
     """Take back what you gave: everything, unless you name purposes or sensors.
 
     Example: blockrobot wallet consent withdraw
     """
-    _say_no(ctx, lambda say: say.withdraw, "withdrawn", "consent.withdrawn", purposes, sensors, as_json=as_json)
+    key = "consent.withdrawn"
+    _say_no(ctx, lambda say: say.withdraw, "withdrawn", key, purposes, sensors, whom=whom, as_json=as_json)
 
 
 @consent.command("list")
 @_codes
+@for_option
 @json_option
 @click.pass_context
 @plain_errors
 @reads_only
-def list_choices(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], as_json: bool) -> None:
+def list_choices(
+    ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
+) -> None:
     """Show what you said about being recorded, proven against the chain.
 
     Example: blockrobot wallet consent list --json
     """
 
     async def action(opened: Wallet) -> Choices:
-        consenting = Consenting(opened)
+        person = await find_represented(opened, whom)
+        consenting = Consenting(opened, handle_of(person))
         consenting.require_known(list(purposes), list(sensors))
         return await consenting.choices()
 
@@ -259,6 +308,8 @@ def _line(row: Choice, height: int) -> str:
         line += ", " + text("consent.from", moment=show_moment(last.from_ms))
     if last.until_ms:
         line += ", " + text("consent.until", moment=show_moment(last.until_ms))
+    if last.mandate:
+        line += ", " + text("mandates.by", name=last.mandate.hex()[:12])
     return f"{mark} {line}"
 
 

@@ -19,7 +19,8 @@ from clients.bundle.documents import ReceiptEntry
 from clients.sdk.answers import Answer, read_answer, read_hex
 from clients.sdk.connections import NodeAddress
 from clients.sdk.contract_events import Place, read_events
-from clients.wallet.proof_collecting import StateCollector, receipt_proof
+from clients.wallet.kept_proofs import receipt_proof
+from clients.wallet.proof_collecting import StateCollector
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
@@ -203,7 +204,7 @@ class ConsentReceipts:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "A kept receipt was written by another version.") from None
 
     async def find_words(self) -> list[bytes]:
-        """Return the transactions in which this wallet's member key registered or spoke of consent, oldest first.
+        """Return the transactions in which this wallet's member key registered or spoke of her consent, oldest first.
 
         Who registered without consenting said nothing of it: the node tells, and it is no longer due.
         """
@@ -215,7 +216,7 @@ class ConsentReceipts:
                 page = await read_events(self._wallet.network, member, place, contract=contract)
                 for event in page.events:
                     own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
-                    if own and event.name in names:
+                    if own and event.name in names and not event.data.get("mandate"):
                         found[event.txid] = event.place.height
                 if not page.events:
                     break

@@ -1,7 +1,7 @@
 """A person's say in what is recorded of her: give, refuse, withdraw, and read it back. Must never show what is not proven.
 
 Whoever can give can take back, with fewer words. A word is signed with the member key, since it is about the person and
-no visit; the chain keeps it under her handle.
+no visit; the chain keeps it under her handle. Who acts for her by a mandate signs with the own member key.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from clients.wallet.kept_proofs import keep_receipt
 from clients.wallet.wallet import Wallet
 from consensus.limits import TIME_BUCKET_MS
 from consensus.records.consents import GIVEN, Step, find_consent, read_choices, row_key
@@ -70,10 +71,15 @@ def round_period(from_ms: int, until_ms: int) -> tuple[int, int]:
 
 
 class Consenting:
-    """The consents of one wallet's person."""
+    """The consents of one wallet's person, or of somebody (`represented`, a handle) for whom she acts by a mandate."""
 
-    def __init__(self, wallet: Wallet) -> None:
+    def __init__(self, wallet: Wallet, represented: bytes | None = None) -> None:
         self._wallet = wallet
+        self._represented = represented
+
+    @property
+    def _handle(self) -> bytes:
+        return self._represented or self._wallet.store.content.handle
 
     async def give(
         self,
@@ -111,10 +117,11 @@ class Consenting:
     async def _say(self, entry: str, event: str, purposes: list[str], sensors: list[str], *more: int) -> Word:
         self.require_known(purposes, sensors)
         await self._wallet.require_registered()
-        handle = self._wallet.store.content.handle
         receipt = await self._wallet.network.call(
-            self._wallet.keys.identity, "consent", entry, [handle, purposes, sensors, *more]
+            self._wallet.keys.identity, "consent", entry, [self._handle, purposes, sensors, *more]
         )
+        if self._represented is None:  # an export tells of kept receipts as of own words
+            keep_receipt(self._wallet.store.content, receipt)
         (data,) = receipt.event_data("consent", event)
         count = data.get("count", len(purposes) * len(sensors or SENSORS))
         return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
@@ -128,7 +135,7 @@ class Consenting:
     async def choices(self) -> Choices:
         """Return all choices, proven. Raises NOT_REGISTERED, PROOF_*."""
         await self._wallet.require_registered()
-        place = row_key(self._wallet.store.content.handle)
+        place = row_key(self._handle)
         state = await self._wallet.network.state_values([place], self._wallet.keys.identity)
         rows = [
             _choice(purpose, sensor, steps, state.height, state.timestamp_ms)
@@ -155,4 +162,5 @@ def choice_json(choice: Choice) -> dict[str, Any]:
         "since_ms": last.since_ms,
         "period_from_ms": last.from_ms or None,
         "period_until_ms": last.until_ms or None,
+        "mandate_id": last.mandate.hex() or None,
     }

@@ -12,8 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 
+import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from clients.sdk.depth_colours import draw_legend
 from clients.sdk.plain_letters import to_plain
 
 TILES_MAX_COUNT = 48
@@ -31,11 +33,15 @@ _GROUND, _INK, _SOFT = (250, 250, 248), (28, 32, 36), (90, 96, 102)
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One picture (RGB, as wide as a tile), how it is called, and when it was taken (the robot's clock, ms)."""
+    """One picture (RGB, as wide as a tile), how it is called, and when it was taken (the robot's clock, ms).
+
+    `is_depth` says that its colours are distances: then the scale stands below.
+    """
 
     label: str
     captured_at_ms: int
     picture: Image.Image
+    is_depth: bool = False
 
 
 class Collection:
@@ -51,13 +57,13 @@ class Collection:
         self.count = 0
         """How many were taken in."""
 
-    def take(self, label: str, captured_at_ms: int, make: Callable[[], Image.Image]) -> None:
+    def take(self, label: str, captured_at_ms: int, make: Callable[[], Image.Image], *, is_depth: bool = False) -> None:
         """Take the next picture in; it is made only if it is kept."""
         wanted = self.count % self._step == 0
         self.count += 1
         if not wanted:
             return
-        self._kept.append(Tile(label, captured_at_ms, fit(make())))
+        self._kept.append(Tile(label, captured_at_ms, fit(make()), is_depth))
         if len(self._kept) >= 2 * self._wanted:
             self._kept = self._kept[::2]
             self._step *= 2
@@ -97,7 +103,11 @@ def draw_sheet(tiles: Sequence[Tile], title: str, captions: Sequence[str]) -> by
     rows = math.ceil(len(tiles) / columns)
     height = max(tile.picture.height for tile in tiles) + CAPTION_HEIGHT_PX
     width_px = max(columns * (TILE_WIDTH_PX + GAP_PX) + GAP_PX, 2 * (TILE_WIDTH_PX + GAP_PX) + GAP_PX)
-    sheet = Image.new("RGB", (width_px, HEADER_HEIGHT_PX + rows * (height + GAP_PX) + GAP_PX), _GROUND)
+    legend = _legend(tiles, 2 * TILE_WIDTH_PX)
+    bottom = HEADER_HEIGHT_PX + rows * (height + GAP_PX) + GAP_PX
+    sheet = Image.new("RGB", (width_px, bottom + (legend.height if legend else 0)), _GROUND)
+    if legend:
+        sheet.paste(legend, (GAP_PX, bottom))
     pen = ImageDraw.Draw(sheet)
     pen.text((GAP_PX + 2, 8), to_plain(title), fill=_INK, font=ImageFont.load_default(14))
     font = ImageFont.load_default(12)
@@ -113,11 +123,13 @@ def draw_sheet(tiles: Sequence[Tile], title: str, captions: Sequence[str]) -> by
 
 def draw_animation(tiles: Sequence[Tile]) -> bytes:
     """Return a GIF that plays pictures over and over, at the pace at which they were taken."""
-    size = (TILE_WIDTH_PX, max(tile.picture.height for tile in tiles))
+    height, legend = max(tile.picture.height for tile in tiles), _legend(tiles, TILE_WIDTH_PX)
     frames = []
     for tile in tiles:
-        frame = Image.new("RGB", size, _GROUND)
+        frame = Image.new("RGB", (TILE_WIDTH_PX, height + (legend.height if legend else 0)), _GROUND)
         frame.paste(tile.picture, (0, 0))
+        if legend:
+            frame.paste(legend, (0, height))
         frames.append(frame)
     gaps = [later.captured_at_ms - tile.captured_at_ms for tile, later in itertools.pairwise(tiles)]
     pauses = [min(FRAME_MAX_MS, max(FRAME_MIN_MS, gap)) for gap in gaps] + [FRAME_MAX_MS]
@@ -126,10 +138,20 @@ def draw_animation(tiles: Sequence[Tile]) -> bytes:
     return packed.getvalue()
 
 
+def _legend(tiles: Sequence[Tile], width: int) -> Image.Image | None:
+    """Return the scale of distances, if any picture has its colours from it."""
+    if not any(tile.is_depth for tile in tiles):
+        return None
+    return Image.fromarray(np.ascontiguousarray(draw_legend(width)[..., ::-1]))
+
+
 def draw_strip(tiles: Sequence[Tile]) -> Image.Image:
     """Return pictures side by side, as a terminal shows them. There must be one at least."""
     height = max(tile.picture.height for tile in tiles)
-    strip = Image.new("RGB", (len(tiles) * (TILE_WIDTH_PX + GAP_PX) - GAP_PX, height), (0, 0, 0))
+    width, legend = len(tiles) * (TILE_WIDTH_PX + GAP_PX) - GAP_PX, _legend(tiles, TILE_WIDTH_PX)
+    strip = Image.new("RGB", (width, height + (legend.height if legend else 0)), (0, 0, 0))
     for number, tile in enumerate(tiles):
         strip.paste(tile.picture, (number * (TILE_WIDTH_PX + GAP_PX), 0))
+    if legend:
+        strip.paste(legend, (0, height))
     return strip

@@ -19,7 +19,7 @@ from clients.wallet.choosing import choose_records, tell_visits_linked
 from clients.wallet.completing import complete_records
 from clients.wallet.erasing import Erasing, ErasureReport, missing_pictures
 from clients.wallet.language import WrongUsage, text
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import run_opened
 from clients.wallet.records_command import picture_count
 from clients.wallet.sharing import Share, Sharing
 from clients.wallet.sharing_commands import share_json, tell_copies, tell_recipients
@@ -27,6 +27,7 @@ from clients.wallet.viewing import name_places
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import exit_code_of
+from pages.moments import show_moment
 
 ERASE_WAIT_S = 60.0
 _NUMBER = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
@@ -73,6 +74,8 @@ async def _select_pictures(erasing: Erasing, entry: RecordEntry, wish: _Wish) ->
     """
     count = await erasing.count_pictures(entry, wish.frames)
     missing = missing_pictures(wish.frames, count)
+    if not count:
+        raise WrongUsage("no_picture_at_all")
     if missing:
         raise WrongUsage("no_picture", missing=name_places(missing), count=count)
     left, gone = await erasing.split_erased(entry, wish.frames)

@@ -9,12 +9,14 @@ from typing import Any
 
 from clients.sdk.counting import counted
 from clients.wallet.auditing import AuditEntry, audit_visit
+from clients.wallet.kept_proofs import ERASURE_KEY, keep_erasure
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
 from clients.wallet.viewing import Viewing
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
+from consensus.records.metadata import NOTICE_SENSOR
 
 RECORDS_A_REQUEST_MAX_COUNT = 64
 _POLL_S = 0.1
@@ -27,6 +29,7 @@ class ErasureReport:
 
     erasure_id: bytes
     visit: KnownVisit
+    records: tuple[bytes, ...]
     status: str
     custodians: tuple[bytes, ...]
     receipts: dict[str, Any]
@@ -66,6 +69,8 @@ class Erasing:
         The robot's own count is no bound where it committed to more. So only if a picture is named beyond it, the record
         is asked for, which stands in its trail as any look does. Raises as `Viewing.view` then.
         """
+        if entry.metadata.sensor == NOTICE_SENSOR:
+            return 0
         count = entry.metadata.frame_count
         if frames and count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
             viewing = Viewing(self._wallet)
@@ -102,15 +107,18 @@ class Erasing:
         return asked
 
     async def report(self, visit: KnownVisit, erasure_id: bytes) -> ErasureReport:
-        """Return one request's state, proven against a finalized header."""
-        state_key = b"erasure\x00erasure/" + erasure_id
-        values = await self._wallet.values([state_key], self._wallet.owner_key(visit))
-        state = values[state_key]
+        """Return one request's state, proven against a finalized header. Once it is complete the proof is kept."""
+        state_key = ERASURE_KEY + erasure_id
+        proved = await self._wallet.network.state_values([state_key], self._wallet.owner_key(visit))
+        state = proved.values[state_key]
         if state is None:
             raise refusal("NOT_FOUND", "erase_unknown")
+        if state["status"] == "complete":
+            keep_erasure(self._wallet.store.content, erasure_id, proved)
         return ErasureReport(
             erasure_id=erasure_id,
             visit=visit,
+            records=tuple(state["records"]),
             status=state["status"],
             custodians=tuple(state["custodians"]),
             receipts={custodian.hex(): receipt for custodian, receipt in state["receipts"].items()},

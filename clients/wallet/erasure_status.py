@@ -19,9 +19,10 @@ from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import DEFAULT_LANGUAGE, language_in_use, text
-from clients.wallet.opening import reads_only, run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.wallet import Wallet
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
+from pages.moments import show_moment
 
 REMAINS_NOTHING = "nothing"
 _REMAINS = {"commitment-leaves": "erasures.leaves"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import re
 import sys
 import time
@@ -21,11 +20,12 @@ from clients.sdk.terminal import ask, console, json_option, plain_errors, print_
 from clients.wallet.calling import verify_command
 from clients.wallet.exporting import Exporting, Plan, Wanted
 from clients.wallet.language import WrongUsage, describe_error, language_in_use, section, text
-from clients.wallet.opening import run_opened
+from clients.wallet.opening import run_opened, tell_if_stopped
 from clients.wallet.wallet import Wallet
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.records.purposes import require_purpose
+from pages.moments import read_moment
 
 _AGO = re.compile(r"-(\d{1,6})([hd])", re.ASCII)
 _AGO_MS = {"h": 3_600_000, "d": 24 * 3_600_000}
@@ -39,8 +39,8 @@ def read_past(written: str | None, now_ms: int) -> int:
     try:
         if ago:
             return max(1, now_ms - int(ago[1]) * _AGO_MS[ago[2]])
-        return max(1, round(datetime.datetime.fromisoformat(written.strip()).astimezone().timestamp() * 1000))
-    except (ValueError, OverflowError, OSError):
+        return max(1, read_moment(written))
+    except ValueError:
         raise WrongUsage("no_time", given=written) from None
 
 
@@ -128,13 +128,18 @@ def export(
     wanted = Wanted(_read_ids(records), from_ms, until_ms, pictures, identity, purpose)
     hear = _say_progress(show_progress(quiet=as_json))
 
+    begun = False
+
     async def action(opened: Wallet) -> Verdict:
+        nonlocal begun
         exporting = Exporting(opened, hear, at_once=now)
         plan = await exporting.plan(wanted)
         _confirm(plan, now=now, yes=yes, as_json=as_json)
+        begun = True
         return write_bundle(out, await exporting.collect(plan, now_ms), replace=force, heard=hear)
 
-    verdict = run_opened(ctx, action)
+    with tell_if_stopped(ctx, lambda: text("export.stopped", out=out) if begun else ""):
+        verdict = run_opened(ctx, action)
     if as_json:
         print_json(bundle_json(out, verdict))
     else:

@@ -30,7 +30,6 @@ from consensus.records.disclosure import derive_box_key
 from consensus.records.renditions import ENCODING_PNG16, encode_rendition
 from consensus.records.rights import commit_correction
 
-RECORDS_A_REQUEST_MAX_COUNT = 64
 SPREAD_MAX_MS = 4_000
 HELD_MAX_BYTES = 1 << 30
 
@@ -220,8 +219,7 @@ class Exporting:
             if number and not self._at_once:
                 await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
             active = [entry for entry in chosen.entries if entry.state["status"] == "active"]
-            for start in range(0, len(active), RECORDS_A_REQUEST_MAX_COUNT):
-                part = active[start : start + RECORDS_A_REQUEST_MAX_COUNT]
+            for part in await self._viewing.split_requests(active):
                 for entry, access_id in await self._request(part, plan.wanted.purpose):
                     await self._fetch(entry, access_id)
                     done += 1
@@ -265,14 +263,13 @@ class Exporting:
                 self._held.rooms[room] = await self._fetch_room(entry, frame.rendition)
 
     async def _fetch_room(self, entry: RecordEntry, rendition: Any) -> bytes | None:
-        try:
-            return self._held.add(await self._viewing.background(rendition, entry))
-        except BlockRobotError as error:
-            if error.code == "EXPORT_TOO_LARGE":
-                raise
-            sentence = f"The empty room could not be had ({error.detail}): its pictures are there without it."
-            self._note(b"", error.code, sentence)
-            return None
+        found = await self._viewing.background(rendition, entry)
+        if found is not None:
+            return self._held.add(found)
+        error = self._viewing.missing_rooms[rendition.background_id]
+        sentence = f"The empty room could not be had ({error.detail}): its pictures are there without it."
+        self._note(b"", error.code, sentence)
+        return None
 
     # Opening
 

@@ -11,6 +11,7 @@ from clients.wallet.language import WrongUsage
 from clients.wallet.wallet import RecordEntry, VisitReport
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.sensors import require_sensor
+from pages.moments import local_time
 
 PARTS_OF_DAY = {"night": (0, 6), "morning": (6, 12), "afternoon": (12, 18), "evening": (18, 24)}
 """Hours of this machine's time zone: from the first on, up to the second."""
@@ -37,7 +38,7 @@ class Filter:
 
     def takes(self, entry: RecordEntry) -> bool:
         """Tell whether a record is asked for, by when it began."""
-        began = datetime.datetime.fromtimestamp(entry.metadata.started_at_ms / 1000).astimezone()
+        began = local_time(entry.metadata.started_at_ms)
         if self.days is not None and not self.days[0] <= began.date() <= self.days[1]:
             return False
         if self.minutes is not None:

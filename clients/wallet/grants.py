@@ -166,13 +166,5 @@ def cut_since(grant: Grant, trail: Sequence[AuditEntry]) -> set[bytes]:
 
     The record itself tells it only once every custodian has confirmed; those that work destroy their parts at once.
     """
-    return {entry.record_id for entry in _erasures_since(grant, trail) if entry.data.get("frames")}
-
-
-def erased_since(grant: Grant, trail: Sequence[AuditEntry]) -> set[bytes]:
-    """Return the records that were asked to be erased as a whole after the grant, by the visit's trail."""
-    return {entry.record_id for entry in _erasures_since(grant, trail) if not entry.data.get("frames")}
-
-
-def _erasures_since(grant: Grant, trail: Sequence[AuditEntry]) -> list[AuditEntry]:
-    return [entry for entry in trail if entry.kind == "erasure_requested" and entry.time_ms >= grant.time_ms]
+    asked = (entry for entry in trail if entry.kind == "erasure_requested" and entry.data["frames"])
+    return {entry.record_id for entry in asked if entry.time_ms >= grant.time_ms}

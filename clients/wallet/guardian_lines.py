@@ -7,8 +7,8 @@ from typing import Any
 from clients.wallet.guardians import GuardianSet
 from clients.wallet.keystore import WalletContent
 from clients.wallet.language import text
-from clients.wallet.opening import show_moment
 from clients.wallet.shares import show_identifier
+from pages.moments import show_moment
 
 
 def guardian_lines(content: WalletContent, language: str | None = None) -> list[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import datetime
 import hashlib
 import html
 import os
@@ -21,6 +20,7 @@ from clients.wallet.calling import WALLET_COMMAND
 from clients.wallet.guardians import GuardianSet
 from clients.wallet.language import language_in_use, refusal, text
 from clients.wallet.shares import show_identifier
+from pages.moments import show_day
 from pages.serving import PAGES_ASSETS
 
 SHEET_MAX_BYTES = 256 * 1024
@@ -36,7 +36,7 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
     style = (PAGES_ASSETS / "design.css").read_text(encoding="utf-8") + _STYLE_FILE.read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
-    made = datetime.datetime.fromtimestamp(one.made_at_ms / 1000).astimezone().strftime("%Y-%m-%d")
+    made = show_day(one.made_at_ms)
     values: dict[str, Any] = {"count": len(one.guardians), "threshold": one.threshold, "name": one.guardians[place]}
     # A guardian is told no profile and no folder: these are the owner's.
     values |= {

@@ -15,11 +15,11 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
-from clients.wallet.auditing import AuditEntry, audit_visit
+from clients.wallet.auditing import AuditEntry, Finding, audit_visit, findings_of
 from clients.wallet.earlier_looks import find_earlier_of, tell_earlier
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import code_text, describe_error, refusal, text
-from clients.wallet.opening import reads_only, run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
     KIND_ERASED,
@@ -34,10 +34,12 @@ from clients.wallet.rotating_commands import unreadable_words
 from clients.wallet.sharing_commands import confirm
 from clients.wallet.sharing_memory import ReceivedGrant
 from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, name_places
+from clients.wallet.viewing_commands import missing_rooms_json, tell_missing_rooms
 from clients.wallet.visits import find_record
 from clients.wallet.wallet import VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.purposes import PURPOSES
+from pages.moments import show_moment
 
 LOOKS_SHOWN = 20
 _GONE = frozenset({KIND_ERASED, KIND_FRAMES_ERASED})
@@ -56,7 +58,7 @@ class Inbox:
     reads_new: bool
     faded: tuple[ReceivedGrant, ...] = ()
     looks: tuple[AuditEntry, ...] = ()
-    changed: tuple[AuditEntry, ...] = ()
+    changed: tuple[tuple[AuditEntry, Finding], ...] = ()
     unread: tuple[Unread, ...] = ()
 
 
@@ -82,7 +84,7 @@ async def read_inbox(opened: Wallet) -> Inbox:
         receiving.reads_new,
         tuple(receiving.faded),
         tuple(entry for entry in events if entry.kind == "access_requested" and "grant" in entry.data),
-        tuple(entry for entry in events if entry.kind == "verdict" and entry.data["verdict"] == "corrupted"),
+        tuple((entry, finding) for entry in events for finding in findings_of(entry) if finding[1] == "corrupted"),
         tuple(receiving.unread),
     )
 
@@ -193,7 +195,7 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
                 "alarms": alarms,
                 "reads_new": found.reads_new,
                 "looks": [_look_json(entry) for entry in found.looks],
-                "changed_records": [entry.record_id.hex() for entry in found.changed],
+                "changed_records": [record_id.hex() for _, (record_id, _, _) in found.changed],
             }
         )
         return
@@ -211,14 +213,15 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
     for path in [Path(copy.folder) / copy.record_id.hex() for each in found.faded for copy in each.copies]:
         console.print("  " + text("inbox.faded_copy", place=path))
     _print_alarms(found.alarms)
-    for entry in found.changed:
-        console.print(f"[red]{_changed_line(entry)}[/red]")
+    for entry, finding in found.changed:
+        console.print(f"[red]{_changed_line(entry, finding)}[/red]")
     _print_looks(found.looks)
 
 
-def _changed_line(entry: AuditEntry) -> str:
+def _changed_line(entry: AuditEntry, finding: Finding) -> str:
     """Say what she found: of which pictures, if of any. A verdict on the robot's count alone is of none."""
-    frames, name, moment = entry.data["frames"], entry.record_id.hex(), show_moment(entry.time_ms)
+    record_id, _, frames = finding
+    name, moment = record_id.hex(), show_moment(entry.time_ms)
     if not frames:
         return text("inbox.failed", name=name, moment=moment)
     return text("inbox.changed", name=name, count=len(frames), frames=name_places(frames), moment=moment)
@@ -272,12 +275,12 @@ def _require_shown(receipt: Receipt, wanted: Sequence[bytes]) -> None:
 
 async def look_at(
     opened: Wallet, start: str, record_ids: Sequence[str], out: Path
-) -> tuple[list[SharedView], list[bytes], list[Path]]:
+) -> tuple[list[SharedView], list[bytes], list[Path], dict[bytes, BlockRobotError]]:
     """Ask for the records of a grant on the chain, fetch, check and write them below `out`, an absolute folder.
 
     Returns also the records that are left out because their owner restricted them, and the files of earlier looks that
-    are not of this one. A restricted record bars the others only if it was named. Raises GRANT_ENDED and the like,
-    CALL_REFUSED if all are restricted.
+    are not of this one, and why empty rooms are missing. A restricted record bars the others only if it was named.
+    Raises GRANT_ENDED and the like, CALL_REFUSED if all are restricted.
     """
     receiving, receipt = await _find(opened, start)
     if not receipt.is_open:
@@ -297,7 +300,7 @@ async def look_at(
         written.update(await write_frames(fetch, record_id, view.frames, out))
         views.append(view)
     earlier = find_earlier_of(out, written, chosen if record_ids else receipt.grant.records)
-    return views, left_out, earlier
+    return views, left_out, earlier, receiving.missing_rooms
 
 
 @click.command()
@@ -316,11 +319,11 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     """
     folder = out.absolute()
 
-    async def action(opened: Wallet) -> tuple[list[SharedView], list[bytes], list[Path]]:
+    async def action(opened: Wallet) -> tuple[list[SharedView], list[bytes], list[Path], dict[bytes, BlockRobotError]]:
         with status_line(text("look.asking"), as_json=as_json):
             return await look_at(opened, grant, record_ids, folder)
 
-    views, left_out, earlier = run_opened(ctx, action)
+    views, left_out, earlier, missing = run_opened(ctx, action)
     if as_json:
         rows = [
             {
@@ -332,7 +335,7 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
         ]
         barred = [record_id.hex() for record_id in left_out]
         files = {"out": str(out), "earlier": [str(path) for path in earlier]}
-        print_json({"ok": True, "records": rows, "restricted": barred, **files})
+        print_json({"ok": True, "records": rows, "restricted": barred, **files, **missing_rooms_json(missing)})
         return
     for view in views:
         shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
@@ -344,6 +347,7 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     for record_id in left_out:
         console.print(text("look.left_out", name=record_id.hex()))
     console.print(text("look.written", out=out))
+    tell_missing_rooms(missing)
     tell_earlier(earlier)
 
 

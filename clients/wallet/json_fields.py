@@ -6,6 +6,7 @@ Sharing and guardians: `clients.wallet.sharing_json_fields`. Must never name a f
 from __future__ import annotations
 
 from clients.sdk.json_fields import CommandAnswer, Field, Kind
+from clients.wallet.mandate_json_fields import SPOKEN_FOR
 
 VISIT = Field("visit", Kind.HEX, "the visit's name: its first owner key")
 TXID = Field("txid", Kind.HEX, "the transaction")
@@ -47,6 +48,16 @@ _VIEWED = Field(
         Field("frames_committed", Kind.COUNT, "how many it committed to on the chain"),
         Field("custodians", Kind.TEXTS, "names of the custodians that released it"),
         _FRAMES,
+    ),
+)
+
+MISSING_ROOMS = Field(
+    "missing_rooms",
+    Kind.ROWS,
+    "each empty frame that nobody had; its pictures show the person alone",
+    fields=(
+        Field("sha256", Kind.HEX, "the frame"),
+        Field("code", Kind.TEXT, "why: `EMPTY_FRAME_WITHDRAWN` if the chain proves it, else what a custodian refused"),
     ),
 )
 
@@ -150,6 +161,7 @@ _CONSENT_WORD = (
     Field("status", Kind.TEXT, "`given`, `refused` or `withdrawn`"),
     Field("purposes", Kind.TEXTS, "purposes' codes; none in a no: all"),
     Field("sensors", Kind.TEXTS, "sensors' codes; none in a no: all"),
+    *SPOKEN_FOR,
 )
 
 _MADE = (
@@ -253,6 +265,7 @@ _CONSENT = (
                     Field("since_ms", Kind.TIME_MS, "when it was said"),
                     Field("period_from_ms", Kind.TIME_MS, "not before", null="if there is no beginning"),
                     Field("period_until_ms", Kind.TIME_MS, "not after", null="if there is no end"),
+                    Field("mandate_id", Kind.HEX, "under which mandate it was said", null="if she said it herself"),
                 ),
             ),
         ),
@@ -282,6 +295,7 @@ _READING = (
         ("wallet records",),
         (
             Field("notice_changed_to", Kind.COUNT, "a notice's version that came since she consented", null="if none"),
+            Field("mandate_id", Kind.HEX, "the mandate by which somebody acts for her, or is to", null="if none"),
             Field(
                 "visits",
                 Kind.ROWS,
@@ -289,6 +303,8 @@ _READING = (
                 fields=(
                     VISIT,
                     Field("robot", Kind.HEX, "the robot's key"),
+                    Field("robot_name", Kind.TEXT, "what its organisation calls it; empty if it has no name"),
+                    Field("robot_place", Kind.TEXT, "where it is; empty if that was not said"),
                     Field("closed", Kind.BOOL, "whether the robot closed it"),
                     Field("missing_records", Kind.COUNT, "how many records the robot took and never brought"),
                     Field("erased_records", Kind.HEXES, "ids of records that are erased"),
@@ -312,6 +328,7 @@ _READING = (
             Field("out", Kind.TEXT, "the folder of the pictures"),
             Field("sheets", Kind.TEXTS, "contact sheets and animations that were written"),
             Field("earlier", Kind.TEXTS, "files of earlier looks that are still there, and not of this one"),
+            MISSING_ROOMS,
         ),
     ),
     CommandAnswer(
@@ -328,7 +345,8 @@ _READING = (
                 fields=(
                     VISIT,
                     Field("index", Kind.COUNT, "its number in the visit's audit, from 0"),
-                    Field("record_id", Kind.HEX, "the record; empty if it is about the visit"),
+                    Field("record_id", Kind.HEX, "the record; empty if it is about several, or the visit"),
+                    Field("records", Kind.HEXES, "ids of all records that it names"),
                     Field("kind", Kind.TEXT, "what happened, a code"),
                     TIME,
                     HEIGHT,
@@ -385,6 +403,7 @@ _RIGHTS = (
             Field("purposes", Kind.TEXTS, "purposes' codes"),
             Field("from_height", Kind.HEIGHT, "from which block on nothing is recorded for them"),
             Field("visits", Kind.ROWS, "each past visit that was told", fields=_SAID),
+            *SPOKEN_FOR,
         ),
     ),
     CommandAnswer(
@@ -403,6 +422,44 @@ _RIGHTS = (
             Field("breach_id", Kind.HEX, "the breach that officers find"),
             Field("organisation", Kind.TEXT, "whose robot it was"),
             Field("due_ms", Kind.TIME_MS, "when the 72 hours are over"),
+        ),
+    ),
+    CommandAnswer(
+        ("wallet receipts",),
+        (
+            Field(
+                "receipts",
+                Kind.ROWS,
+                "each receipt whose proof the wallet keeps and that holds, oldest first; no node was asked",
+                fields=(
+                    Field("txid", Kind.HEX, "the transaction; of an erasure its id"),
+                    Field(
+                        "kind",
+                        Kind.TEXT,
+                        "`erasure`, `registration`, `rotation`, `given`, `refused`, `withdrawn` or `other`",
+                    ),
+                    Field("height", Kind.HEIGHT, "its block"),
+                    Field("time_ms", Kind.TIME_MS, "the block's time"),
+                    Field("proved_height", Kind.HEIGHT, "the block that its last part was proved by"),
+                    Field(
+                        "confirmed",
+                        Kind.ROWS,
+                        "what custodians said of a complete erasure",
+                        fields=(
+                            Field("custodian", Kind.HEX, "its key"),
+                            Field("destroyed_frames", Kind.COUNT, "how many pictures it destroyed"),
+                            Field("time_ms", Kind.TIME_MS, "when"),
+                        ),
+                    ),
+                ),
+            ),
+            Field(
+                "problems",
+                Kind.ROWS,
+                "proofs that do not hold",
+                fields=(Field("code", Kind.TEXT, "the error's code"), Field("detail", Kind.TEXT, "why")),
+            ),
+            Field("dropped", Kind.COUNT, "older proofs that were dropped: the file is bounded"),
         ),
     ),
     CommandAnswer(

@@ -9,13 +9,13 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass
 
-from bip32 import BIP32
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 from mnemonic import Mnemonic
 from nacl.public import PrivateKey as SealingPrivateKey
+from slip10 import SLIP10
 
-from consensus.errors import BlockRobotError
+from clients.wallet.language import refusal
 from consensus.primitives.keys import PrivateKey
 
 WORDS_COUNT = 24
@@ -49,12 +49,18 @@ def draw_words() -> str:
 
 
 def derive_keys(words: str) -> WalletKeys:
-    """Derive the four keys from 24 words. Raises WORDS_INVALID if a word or the checksum is wrong."""
+    """Derive the four keys from 24 words. Raises WORDS_INVALID; it names wrong words by their numbers alone."""
     normal = " ".join(words.lower().split())
     language = Mnemonic("english")
-    if len(normal.split()) != WORDS_COUNT or not language.check(normal):
-        raise BlockRobotError("WORDS_INVALID")
-    root = BIP32.from_seed(language.to_seed(normal))
+    each = normal.split()
+    if len(each) != WORDS_COUNT:
+        raise refusal("WORDS_INVALID", "words_count", count=len(each))
+    unknown = [str(number) for number, word in enumerate(each, start=1) if word not in language.wordlist]
+    if unknown:
+        raise refusal("WORDS_INVALID", "words_unknown", numbers=", ".join(unknown))
+    if not language.check(normal):
+        raise refusal("WORDS_INVALID", "words_checksum")
+    root = SLIP10.from_seed(language.to_seed(normal), curve_name="secp256k1")
     secrets_by_branch = [root.get_privkey_from_path(_PATH.format(branch=branch)) for branch in range(4)]
     sealing = HKDF(algorithm=hashes.SHA256(), length=32, salt=None, info=_SEALING_INFO).derive(secrets_by_branch[3])
     return WalletKeys(

@@ -1,57 +1,38 @@
 """The wallet on disk: one encrypted file, written whole or not at all. Must never write a secret in the clear.
 
-Argon2id turns the passphrase into a key; XChaCha20-Poly1305 seals the content, which is everything: the words, what the
-wallet knows of its visits (itself sensitive: it says where somebody was), and the newest verified header. A checksum of
-the sealed bytes tells a damaged file from a wrong passphrase.
+Sealed under the passphrase (`clients.sdk.passphrase`) is everything: the words, what the wallet knows of its visits
+(itself sensitive: it says where somebody was), and the newest verified header.
 """
 
 from __future__ import annotations
 
-import contextlib
-import hmac
 import logging
 import os
-import secrets
 import tempfile
-import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
-from nacl import pwhash
-from nacl.bindings import (
-    crypto_aead_xchacha20poly1305_ietf_decrypt,
-    crypto_aead_xchacha20poly1305_ietf_encrypt,
-)
-from nacl.exceptions import CryptoError
 
+from clients.sdk.passphrase import (
+    PassphraseCost,
+    PassphraseError,
+    SealedFileError,
+    SealFormat,
+    SealingKey,
+    new_sealing_key,
+    open_sealed,
+)
 from clients.wallet.guardians import GuardianSet
 from clients.wallet.language import refusal
 from clients.wallet.sharing_memory import GivenGrant, ReceivedGrant
 from consensus.errors import BlockRobotError
-from consensus.primitives.hashing import tagged_hash
 from consensus.records.rights import Correction
 
 _log = logging.getLogger(__name__)
 
-_MAGIC = b"BRWALLET1"
-_SALT_BYTES = pwhash.argon2id.SALTBYTES
-_NONCE_BYTES = 24
-_KEY_BYTES = 32
-_CHECKSUM_TAG = "blockrobot/wallet-file"
-# No wallet of ours asks for more; a forged file must not make the machine work for hours or run out of memory.
-OPERATIONS_MAX_COUNT = 16
-MEMORY_MAX_BYTES = pwhash.argon2id.MEMLIMIT_SENSITIVE
+_FORMAT = SealFormat(b"BRWALLET1", "blockrobot/wallet-file")
 WALLET_FILE_MAX_BYTES = 64 * 1024 * 1024
-
-
-@dataclass(frozen=True, slots=True)
-class PassphraseCost:
-    """How dear one guess of the passphrase is (Argon2id, RFC 9106). Both values are stored in the file."""
-
-    operations_count: int = pwhash.argon2id.OPSLIMIT_MODERATE
-    memory_bytes: int = pwhash.argon2id.MEMLIMIT_MODERATE
 
 
 class KnownVisit(msgspec.Struct):
@@ -79,6 +60,7 @@ class WalletContent(msgspec.Struct):
     `former` are words that were replaced, oldest first: what was sealed to their keys opens with nothing else.
     `next_words` are to replace the present ones; they are kept here before anything is signed with them. `leaving` are the
     transactions by which she meant to leave; that she `left` is noted once one of them is proven to have succeeded.
+    `proofs` are those of her own transactions, by txid (`clients.wallet.kept_proofs`).
     """
 
     words: str
@@ -103,36 +85,11 @@ class WalletContent(msgspec.Struct):
     left: bool = False
     leaving: list[bytes] = msgspec.field(default_factory=list)
     guardian_sets: list[GuardianSet] = msgspec.field(default_factory=list)
+    proofs: dict[bytes, bytes] = msgspec.field(default_factory=dict)
+    proofs_dropped_count: int = 0
 
     def __repr__(self) -> str:
         return f"WalletContent({len(self.visits)} visits)"
-
-
-def _encode(passphrase: str) -> list[bytes]:
-    """Return what a key may come from: the passphrase with its accents in one form, then as typed if that is another.
-
-    Keyboards and systems encode one letter in several ways (NIST SP 800-63B-4, 3.1.1.2). Files that were made before this
-    was seen to have their key from the bytes that were typed.
-    """
-    normal = unicodedata.normalize("NFC", passphrase).encode()
-    typed = passphrase.encode()
-    return [normal] if typed == normal else [normal, typed]
-
-
-def _derive_key(encoded: bytes, salt: bytes, cost: PassphraseCost) -> bytes:
-    return bytes(
-        pwhash.argon2id.kdf(_KEY_BYTES, encoded, salt, opslimit=cost.operations_count, memlimit=cost.memory_bytes)
-    )
-
-
-def _unseal(parts: tuple[bytes, bytes, bytes, PassphraseCost, bytes], passphrase: str) -> tuple[bytes, bytes]:
-    """Return the content and the key that opened it. Raises WALLET_PASSPHRASE_WRONG."""
-    header, nonce, sealed, cost, salt = parts
-    for encoded in _encode(passphrase):
-        key = _derive_key(encoded, salt, cost)
-        with contextlib.suppress(CryptoError, ValueError, TypeError):
-            return crypto_aead_xchacha20poly1305_ietf_decrypt(sealed, header, nonce, key), key
-    raise BlockRobotError("WALLET_PASSPHRASE_WRONG")
 
 
 def _write_whole(path: Path, data: bytes) -> None:
@@ -155,31 +112,21 @@ def _write_whole(path: Path, data: bytes) -> None:
         os.close(folder)
 
 
-def _read_parts(path: Path, data: bytes) -> tuple[bytes, bytes, bytes, PassphraseCost, bytes]:
-    """Return header, nonce, sealed content, cost and salt. Raises WALLET_DAMAGED."""
-    try:
-        header, nonce, sealed, checksum = msgspec.msgpack.decode(data, type=tuple[bytes, bytes, bytes, bytes])
-        if not header.startswith(_MAGIC) or tagged_hash(_CHECKSUM_TAG, header, nonce, sealed) != checksum:
-            raise refusal("WALLET_DAMAGED", "wallet_changed", path=str(path))
-        salt, operations, memory = msgspec.msgpack.decode(header[len(_MAGIC) :], type=tuple[bytes, int, int])
-    except msgspec.MsgspecError:
-        raise refusal("WALLET_DAMAGED", "wallet_no_file", path=str(path)) from None
-    if (
-        len(salt) != _SALT_BYTES
-        or not pwhash.argon2id.OPSLIMIT_MIN <= operations <= OPERATIONS_MAX_COUNT
-        or not pwhash.argon2id.MEMLIMIT_MIN <= memory <= MEMORY_MAX_BYTES
-    ):
-        raise refusal("WALLET_DAMAGED", "wallet_work", path=str(path))
-    return header, nonce, sealed, PassphraseCost(operations, memory), salt
+def _damaged(error: SealedFileError, path: Path) -> BlockRobotError:
+    """Return why a file is no wallet's."""
+    if str(error) == "changed":
+        return refusal("WALLET_DAMAGED", "wallet_changed", path=str(path))
+    if str(error) == "work":
+        return refusal("WALLET_DAMAGED", "wallet_work", path=str(path))
+    return refusal("WALLET_DAMAGED", "wallet_no_file", path=str(path))
 
 
 class Keystore:
     """An open wallet file. `save` seals with a fresh nonce under the key that opened it."""
 
-    def __init__(self, path: Path, key: bytes, header: bytes, content: WalletContent) -> None:
+    def __init__(self, path: Path, key: SealingKey, content: WalletContent) -> None:
         self._path = path
         self._key = key
-        self._header = header
         self._is_read_only = False
         self.content = content
 
@@ -197,11 +144,7 @@ class Keystore:
         if path.exists():
             raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        cost = cost or PassphraseCost()
-        salt = secrets.token_bytes(_SALT_BYTES)
-        header = _MAGIC + msgspec.msgpack.encode([salt, cost.operations_count, cost.memory_bytes])
-        key = _derive_key(_encode(passphrase)[0], salt, cost)
-        store = cls(path, key, header, WalletContent(words=words, former=list(former)))
+        store = cls(path, new_sealing_key(passphrase, _FORMAT, cost), WalletContent(words=words, former=list(former)))
         store.save()
         return store
 
@@ -214,19 +157,21 @@ class Keystore:
             raise refusal("WALLET_NOT_FOUND", "wallet_not_found", path=str(path)) from None
         if len(data) > WALLET_FILE_MAX_BYTES:
             raise refusal("WALLET_DAMAGED", "wallet_large", path=str(path))
-        parts = _read_parts(path, data)
-        plain, key = _unseal(parts, passphrase)
+        try:
+            plain, key = open_sealed(data, passphrase, _FORMAT)
+        except SealedFileError as error:
+            raise _damaged(error, path) from None
+        except PassphraseError:
+            raise BlockRobotError("WALLET_PASSPHRASE_WRONG") from None
         try:
             content = msgspec.msgpack.decode(plain, type=WalletContent)
         except msgspec.MsgspecError:
             raise refusal("WALLET_DAMAGED", "wallet_version", path=str(path)) from None
-        return cls(path, key, parts[0], content)
+        return cls(path, key, content)
 
     def opens_with(self, passphrase: str) -> bool:
         """Tell whether this passphrase opens the file. As dear as opening it."""
-        salt, operations, memory = msgspec.msgpack.decode(self._header[len(_MAGIC) :], type=tuple[bytes, int, int])
-        cost = PassphraseCost(operations, memory)
-        return any(hmac.compare_digest(_derive_key(one, salt, cost), self._key) for one in _encode(passphrase))
+        return self._key.is_from(passphrase)
 
     def read_only(self) -> None:
         """Write nothing from now on: another program has the file, and what it notes would be lost."""
@@ -237,8 +182,4 @@ class Keystore:
         if self._is_read_only:
             _log.info("The wallet is read beside another program: what was to be noted in it is dropped.")
             return
-        nonce = secrets.token_bytes(_NONCE_BYTES)
-        plain = msgspec.msgpack.encode(self.content)
-        sealed = crypto_aead_xchacha20poly1305_ietf_encrypt(plain, self._header, nonce, self._key)
-        checksum = tagged_hash(_CHECKSUM_TAG, self._header, nonce, sealed)
-        _write_whole(self._path, msgspec.msgpack.encode((self._header, nonce, sealed, checksum)))
+        _write_whole(self._path, self._key.seal(msgspec.msgpack.encode(self.content)))

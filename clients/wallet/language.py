@@ -181,13 +181,18 @@ def describe_error(error: BlockRobotError, language: str | None = None) -> tuple
         detail = told
     elif isinstance(meaning, str):
         meaning = as_called(meaning)
-        detail = meaning if error.detail == error.entry.meaning else f"{meaning} ({error.detail})"
+        detail = meaning if error.detail == error.entry.meaning else _with_particulars(meaning, error.detail, language)
     elif error.detail == error.entry.meaning:
         detail = as_called(error.detail)
     if error.next_step != error.entry.next_step:  # that of a contract's own code says more
         refused = refusal_code(str(error.context.get("contract_code", "")), error.detail)
         next_step = texts.get(f"refusals.{refused}")
     return detail, as_called(next_step if isinstance(next_step, str) else error.next_step)
+
+
+def _with_particulars(meaning: str, detail: str, language: str) -> str:
+    """Return a meaning with the particulars of the case, which are in English: elsewhere they are said to be."""
+    return text("ask.particulars", language=language, meaning=meaning, detail=detail)
 
 
 def _because(error: BlockRobotError, language: str) -> str:

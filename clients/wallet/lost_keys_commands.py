@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import sys
 from typing import Any
 
@@ -11,9 +10,10 @@ import click
 from clients.sdk.counting import counted
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.lost_keys import LostKeys, Ordered, Preview, Proposal
-from clients.wallet.opening import reads_only, run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened
 from consensus.errors import BlockRobotError
 from consensus.records.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, VISITS_MAX_COUNT
+from pages.moments import read_moment, show_moment
 
 _DAY_MS = 24 * 3600 * 1000
 
@@ -33,8 +33,8 @@ def lost_keys() -> None:
 def _moment(_: click.Context, __: click.Parameter, text: str) -> int:
     """Read a date and a time, of this machine's time zone unless it names one."""
     try:
-        return int(datetime.datetime.fromisoformat(text).astimezone().timestamp() * 1000)
-    except (ValueError, OverflowError, OSError):
+        return read_moment(text)
+    except ValueError:
         raise click.BadParameter('Give a date and a time, as "2026-03-01 09:30".') from None
 
 

@@ -13,14 +13,18 @@ from pathlib import Path
 import click
 from nacl import pwhash
 
+from clients.sdk.passphrase import PassphraseCost
 from clients.sdk.terminal import console, is_at_terminal, json_option, plain_errors, print_json
 from clients.wallet.claiming import claim_place
 from clients.wallet.handing_over import print_words, show_and_check, write_words
 from clients.wallet.keys import derive_keys, draw_words
-from clients.wallet.keystore import Keystore, PassphraseCost
-from clients.wallet.language import WrongUsage, text
+from clients.wallet.keystore import Keystore
+from clients.wallet.language import WrongUsage, say_error, text
 from clients.wallet.opening import read_new_passphrase, tell_if_stopped
 from clients.wallet.restoring import read_words, require_distinct, restore_wallet
+from consensus.errors import BlockRobotError
+
+WORDS_TRIES_MAX_COUNT = 5
 
 
 @contextlib.contextmanager
@@ -123,10 +127,7 @@ def restore(
     if words_file is None and not sys.stdin.isatty():
         raise WrongUsage("no_terminal_words")
     with _place(ctx, path):
-        if words_file:
-            words = words_file.read_text(encoding="utf-8")
-        else:
-            words = click.prompt(text("restore.words"), hide_input=True)
+        words = words_file.read_text(encoding="utf-8") if words_file else _ask_for_words()
         keys = derive_keys(words)
         replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
         require_distinct(read_words(words), replaced)
@@ -141,6 +142,19 @@ def restore(
         console.print(text("restore.former"))
     elif not known:
         console.print(text("restore.unchecked"))
+
+
+def _ask_for_words() -> str:
+    """Ask at the terminal until the words are right, telling each time what is not. Raises WORDS_INVALID in the end."""
+    for left in reversed(range(WORDS_TRIES_MAX_COUNT)):
+        words: str = click.prompt(text("restore.words"), hide_input=True)
+        try:
+            return read_words(words)
+        except BlockRobotError as error:
+            if not left:
+                raise
+            console.print(say_error(error), markup=False)
+    raise AssertionError("the last try returns or raises")
 
 
 COMMANDS = (new, restore)

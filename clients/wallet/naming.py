@@ -1,4 +1,4 @@
-"""Finds the one thing that the beginning of an id means: a record, a visit, a grant, a breach, a proposal.
+"""Finds the one thing that the beginning of an id means: a record, a visit, a grant, a breach, a proposal, a mandate.
 
 Must never choose one of several. Each thing that is not found has its own code, so that the next step names the list.
 """
@@ -25,6 +25,7 @@ VISIT = Thing("visit", "VISIT_NOT_FOUND")
 GRANT = Thing("share", "GRANT_NOT_FOUND")
 BREACH = Thing("breach", "BREACH_NOT_FOUND")
 PROPOSAL = Thing("proposal", "PROPOSAL_NOT_FOUND")
+MANDATE = Thing("mandate", "MANDATE_NOT_FOUND")
 
 
 def find_named(thing: Thing, ids: Sequence[str], start: str) -> int:

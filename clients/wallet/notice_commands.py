@@ -10,14 +10,16 @@ import click
 from rich.markup import escape
 
 from clients.bundle.consent_receipts import CheckedReceipt
+from clients.sdk.qr_codes import read_given
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.language import WrongUsage, describe_error, refusal, text
 from clients.wallet.notices import Notices, Told
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import run_opened
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.consent_receipts import FIRST_SENSORS
+from pages.moments import show_moment
 
 
 def show_told(told: Told, *, err: bool = False) -> None:
@@ -40,9 +42,10 @@ def require_said(*, yes: bool) -> None:
         raise WrongUsage("no_terminal_read")
 
 
-def tell_first(notices: Notices, told: Told, question: str, *, yes: bool, as_json: bool) -> None:
+def tell_first(notices: Notices | None, told: Told, question: str, *, yes: bool, as_json: bool) -> None:
     """Show a notice before anything is signed, and ask at the terminal unless `yes`.
 
+    `notices` None: it is about another person, and nothing is remembered of what was shown.
     A program that said yes has it in its answer: it counts as shown once that is printed (`note_shown`, `note_consented`).
     """
     if as_json and (yes or not is_at_terminal()):
@@ -50,7 +53,8 @@ def tell_first(notices: Notices, told: Told, question: str, *, yes: bool, as_jso
     show_told(told, err=as_json)
     if not yes and is_at_terminal():
         ask(question, err=as_json)
-    notices.note_shown(told)
+    if notices is not None:
+        notices.note_shown(told)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +147,11 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
     consent to nothing, and no robot records you. A purpose that the notice does not name, or not
     by that camera, or that rests on another ground, is refused.
 
+    Instead of the letters: @FILE, a photograph of the card or a file with its code.
+
     Example: blockrobot wallet register BR1-... --purpose demo
     """
+    code = read_given(code)
 
     if purposes:
         require_said(yes=yes)

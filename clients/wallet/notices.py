@@ -126,6 +126,10 @@ class Notices:
         changes = tell_changes(before.notice, told.published.notice)
         return Told(organisation, told.published, told.height, before.row, tuple(changes))
 
+    async def of_organisation(self, organisation: str) -> Told:
+        """Return what an organisation tells its people now, whoever reads it. Raises NOTICE_INVALID, PROOF_*."""
+        return await self._read(organisation, registered=True)
+
     async def changed_since_consent(self) -> NoticeRow | None:
         """Return the version in force if it came after the one under which she consented; None otherwise."""
         consented = self._wallet.store.content.notice_consented_version

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import datetime
 import os
 import sys
 from collections.abc import Awaitable, Callable, Iterator, Mapping
@@ -16,7 +15,15 @@ from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.terminal import EXIT_FAILED, Answers, home_folder, let_answer, load_genesis, say_errors
+from clients.sdk.terminal import (
+    EXIT_FAILED,
+    Answers,
+    error_console,
+    home_folder,
+    let_answer,
+    load_genesis,
+    say_errors,
+)
 from clients.wallet.calling import DEFAULT_PROFILE, genesis_place
 from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.completing import complete_profiles
@@ -106,11 +113,13 @@ def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) ->
 
 @contextlib.contextmanager
 def tell_if_stopped(ctx: click.Context, say: Callable[[], str]) -> Iterator[None]:
-    """Let a Ctrl-C, or a no, end the command with a word on what was done and what not."""
+    """Let a Ctrl-C, or a no, end the command with a word on what was done and what not; none: as any other ends."""
     try:
         yield
     except (click.Abort, KeyboardInterrupt):
-        click.echo("\n" + say(), err=True)
+        if not (said := say()):
+            raise
+        click.echo("\n" + said, err=True)
         ctx.exit(EXIT_FAILED)
 
 
@@ -218,7 +227,7 @@ def tell_liars(troubles: Mapping[str, BlockRobotError]) -> None:
 def tell_member_gone(opened: Wallet) -> None:
     """Say, if so, that somebody else may be the member now, what this wallet still can do, and what to do next."""
     for line in member_gone_line(opened):
-        click.secho(text("former.warning", line=line), fg="red", bold=True, err=True)
+        error_console.print(text("former.warning", line=line), style="bold red", markup=False)
 
 
 def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:
@@ -230,8 +239,3 @@ def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:
         told.append(text("former.lost", language=language, count=lost))
     next_key = "former.finish" if opened.store.content.next_words else "former.to_desk"
     return [" ".join([*told, text(next_key, language=language, page=STOLEN_PAGE)])]
-
-
-def show_moment(time_ms: int) -> str:
-    """Return a time for people, in their own time zone."""
-    return datetime.datetime.fromtimestamp(time_ms / 1000).astimezone().strftime("%Y-%m-%d %H:%M:%S")

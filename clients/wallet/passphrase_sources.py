@@ -27,7 +27,7 @@ def load_keyring() -> Any:
         package = importlib.import_module("keyring")
     except ImportError:
         raise BlockRobotError(
-            "EXTRA_MISSING", "The keyring needs the package keyring: `pip install 'blockrobot[keyring]'`."
+            "EXTRA_MISSING", "The keyring needs the package keyring: `make install-keyring` in your clone."
         ) from None
     named = os.environ.get(_NAMED_BACKEND)
     if named is not None:

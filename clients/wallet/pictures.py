@@ -11,15 +11,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from clients.sdk.picture import Depth, colour_pixels, colourise, compose
+from clients.sdk.depth_colours import Depth, colour_pixels
+from clients.sdk.picture import colourise, compose
 from clients.sdk.picture_names import is_picture_name, name_picture
-from clients.sdk.rendition_files import own_pixels, sense_file
+from clients.sdk.rendition_files import own_depth, own_pixels, sense_file
 from clients.wallet.viewing import FrameView, RecordView, Viewing
 from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG16, ENCODING_PNG_RGBA, Rendition
 
 _PRIVATE_FILE, _PRIVATE_FOLDER = 0o600, 0o700
-FindBackground = Callable[[Rendition], Awaitable[bytes]]
-Seen = Callable[[int, int, Callable[[], Image.Image]], None]
+FindBackground = Callable[[Rendition], Awaitable[bytes | None]]
+Seen = Callable[[int, int, Callable[[], Image.Image], bool], None]
 
 
 async def write_pictures(viewing: Viewing, view: RecordView, out: Path, seen: Seen | None = None) -> list[Path]:
@@ -41,16 +42,18 @@ async def write_frames(
     out: Path,
     seen: Seen | None = None,
 ) -> list[Path]:
-    """Write the whole frames of any record, as `write_pictures` does; `background` fetches a recorded empty frame.
+    """Write the whole frames of any record, as `write_pictures` does; `background` fetches an empty frame.
+    Where there is none, the owner's pixels are shown without it.
 
-    `seen` is told of each picture: its number from 1, when it was taken (ms), and how to make it.
+    `seen` is told of each picture: its number from 1, when it was taken (ms), how to make it, whether its colours are
+    distances.
 
     Only the user of this machine reads them: they are pictures of a person.
     """
     folder = out / record_id.hex()
     folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
     written = []
-    backgrounds: dict[bytes, bytes] = {}
+    backgrounds: dict[bytes, bytes | None] = {}
     for frame in frames:
         rendition = frame.rendition
         if rendition is None or not rendition.pixels:
@@ -61,24 +64,24 @@ async def write_frames(
             write_private(other, data)
             written.append(other)
             if seen is not None and rendition.encoding in {ENCODING_JPEG, ENCODING_PNG_RGBA}:
-                seen(frame.index + 1, rendition.captured_at_ms, partial(_open, data))
+                seen(frame.index + 1, rendition.captured_at_ms, partial(_open, data), False)
             continue
         if rendition.background_id not in backgrounds:
             backgrounds[rendition.background_id] = await background(rendition)
-        depth = compose(
-            backgrounds[rendition.background_id],
-            rendition.x,
-            rendition.y,
-            rendition.box_width,
-            rendition.box_height,
-            rendition.pixels,
-        )
+        depth = _compose(backgrounds[rendition.background_id], rendition)
         for suffix, data in (("png", colourise(depth)), ("depth.png", own_pixels(rendition))):
             written.append(folder / name_picture(frame.index, rendition.sequence, suffix))
             write_private(written[-1], data)
         if seen is not None:
-            seen(frame.index + 1, rendition.captured_at_ms, partial(_paint, depth))
+            seen(frame.index + 1, rendition.captured_at_ms, partial(_paint, depth), True)
     return written
+
+
+def _compose(background: bytes | None, rendition: Rendition) -> Depth:
+    if background is None:
+        return own_depth(rendition)
+    box = (rendition.x, rendition.y, rendition.box_width, rendition.box_height)
+    return compose(background, *box, rendition.pixels)
 
 
 def _open(data: bytes) -> Image.Image:

@@ -5,26 +5,29 @@ Each visit is read in the session of its own owner key; what concerns the person
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import asyncio
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle import telling, visits
+from clients.bundle.chain_proofs import ProvedChain
 from clients.bundle.consent_receipts import CheckedReceipt
 from clients.bundle.key_history import CONTRACT, REGISTERED, ROTATED, own_steps, read_step
 from clients.bundle.signed_receipts import is_registering
-from clients.sdk.answers import EvidenceDocument, FinalityDocument, read_finality, read_hex
+from clients.sdk.answers import read_hex
 from clients.sdk.blocks import read_transaction
 from clients.sdk.contract_events import Place, read_events
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT
-from clients.sdk.receipts import FinalReceipt
+from clients.wallet.kept_proofs import KeptProof, finality_bytes, kept_of, receipt_proof
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.wallet import Wallet
 from consensus.block import FinalityProof, Header
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
+from consensus.transaction import Transaction, decode_transaction
 
 Signed = Sequence[tuple[CheckedReceipt, doc.ReceiptEntry]]
 """Consent receipts that were checked, each with what proves it."""
@@ -47,7 +50,7 @@ class StateCollector:
             state = await self.wallet.network.state_values(part, self.key)
             if state.answer is None or state.answer.finality is None:
                 raise BlockRobotError("PROOF_INVALID", "The node proved this by genesis alone.")
-            finality = _finality_bytes(state.answer.finality)
+            finality = finality_bytes(state.answer.finality)
             for key, proof in zip(part, state.answer.proofs, strict=True):
                 value = None if proof.value is None else read_hex(proof.value).hex()
                 self._found[key] = (finality, doc.KeyProof(key.hex(), value, read_hex(proof.proof).hex()))
@@ -65,10 +68,6 @@ class StateCollector:
             by_block.setdefault(finality, []).append(proof)
         ordered = sorted(by_block.items(), key=lambda pair: (_height_of(pair[0]), pair[0]))
         return doc.StateProofs([doc.Snapshot(finality.hex(), proofs) for finality, proofs in ordered])
-
-
-def _finality_bytes(document: FinalityDocument) -> bytes:
-    return encode(read_finality(document))
 
 
 def _height_of(finality: bytes) -> int:
@@ -139,18 +138,53 @@ async def _collect_keys(wallet: Wallet, present: bytes) -> tuple[list[bytes], do
     steps: list[doc.KeyChange] = []
     sealing: list[bytes] = []
     problems: list[doc.Problem] = []
+    kept = await _kept_of(wallet, CONTRACT)
     try:
-        for txid in reversed(own_steps(await _identity_events(wallet, member), member.public_key)):
-            receipt = await wallet.network.wait_final(txid, lane=member.public_key)
-            if receipt.evidence is None:
-                raise BlockRobotError("PROOF_INVALID", "The node proved nothing of it.")
-            transaction = await read_transaction(wallet.network, member, receipt.height, txid)
-            sealing.insert(0, read_step(transaction).sealing)
-            steps.insert(0, doc.KeyChange(transaction.wire.hex(), receipt_proof(receipt, receipt.evidence)))
+        events = [*map(_event_of_step, kept.items()), *await _identity_events(wallet, member)]
+        for txid in reversed(own_steps(events, member.public_key)):
+            step = await _key_change(wallet, member, txid, kept)
+            sealing.insert(0, read_step(_transaction_of(step)).sealing)
+            steps.insert(0, step)
     except BlockRobotError as error:
         sentence = f"How you came to your former keys could not be read whole, so some is your own word: {error.detail}"
         problems.append(doc.Problem("", error.code, sentence))
     return sealing or [present], doc.KeyHistory(steps) if steps else None, problems
+
+
+async def _key_change(
+    wallet: Wallet, member: PrivateKey, txid: bytes, kept: Mapping[bytes, KeptProof]
+) -> doc.KeyChange:
+    """Return a step of a person's keys with its proof: the kept one, or what a node proves."""
+    if txid in kept:
+        return doc.KeyChange(kept[txid].transaction, kept[txid].proof)
+    receipt = await wallet.network.wait_final(txid, lane=member.public_key)
+    if receipt.evidence is None:
+        raise BlockRobotError("PROOF_INVALID", "The node proved nothing of it.")
+    transaction = await read_transaction(wallet.network, member, receipt.height, txid)
+    return doc.KeyChange(transaction.wire.hex(), receipt_proof(receipt, receipt.evidence))
+
+
+def _transaction_of(step: doc.KeyChange | KeptProof) -> Transaction:
+    return decode_transaction(doc.read_bytes("a kept proof", step.transaction))
+
+
+def _event_of_step(kept: tuple[bytes, KeptProof]) -> tuple[bytes, str, dict[str, Any]]:
+    """Return what the event of a kept step says, whose block nodes may have dropped."""
+    step = read_step(_transaction_of(kept[1]))
+    if not step.before:
+        return kept[0], REGISTERED, {"member": step.member}
+    return kept[0], ROTATED, {"member": step.before, "new_member": step.member}
+
+
+async def _kept_of(wallet: Wallet, contract: str) -> dict[bytes, KeptProof]:
+    """Return the wallet's own proofs, checked beside the event loop, of calls of a contract."""
+    epochs, proofs = list(wallet.network.light_client.epochs), dict(wallet.store.content.proofs)
+
+    def check() -> dict[bytes, KeptProof]:
+        chain = ProvedChain(wallet.genesis, [encode(proof).hex() for proof in epochs])
+        return dict(kept_of(proofs, chain, wallet.genesis.chain_id, contract))
+
+    return await asyncio.to_thread(check)
 
 
 async def _identity_events(wallet: Wallet, member: PrivateKey) -> list[tuple[bytes, str, dict[str, Any]]]:
@@ -171,8 +205,8 @@ async def _collect_words(
 ) -> tuple[list[doc.ReceiptProof], list[doc.Problem]]:
     """Find what the member said on consent among what all said, and fetch the proof of each word.
 
-    Words with a signed receipt are proved as that proves them: a node may have forgotten them, or know only what was
-    said by her present key.
+    Words with a signed receipt are proved as that proves them, others as the wallet kept their proof: a node may have
+    forgotten them, or know only what was said by her present key.
     """
     words: dict[bytes, int] = {}
     place: Place | None = None
@@ -182,6 +216,7 @@ async def _collect_words(
             page = await read_events(wallet.network, member, place, contract=telling.CONSENT)
             for event in page.events:
                 own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
+                own = own and not event.data.get("mandate")  # said for another person
                 if own and event.name in telling.WORDS:
                     words[event.txid] = event.place.height
             if not page.events:
@@ -193,6 +228,10 @@ async def _collect_words(
         (each.word.height, each.word.index, entry.proof) for each, entry in signed if not is_registering(entry)
     ]
     held = {each.word.txid for each, _ in signed}
+    for txid, kept in (await _kept_of(wallet, telling.CONSENT)).items():
+        if txid not in held and _transaction_of(kept).body.sender == member.public_key:
+            held.add(txid)
+            found.append((decode(bytes.fromhex(kept.proof.headers[0]), Header).height, kept.proof.index, kept.proof))
     for txid, height in words.items():
         if txid in held:
             continue
@@ -206,16 +245,3 @@ async def _collect_words(
             found.append((receipt.height, receipt.index, receipt_proof(receipt, receipt.evidence)))
     found.sort(key=lambda each: each[:2])
     return [proof for _, _, proof in found], problems
-
-
-def receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.ReceiptProof:
-    """Return what proves a receipt, as it is handed on."""
-    return doc.ReceiptProof(
-        headers=[read_hex(header).hex() for header in evidence.headers],
-        finality=_finality_bytes(evidence.finality).hex(),
-        receipt=read_hex(evidence.receipt).hex(),
-        index=receipt.index,
-        count=evidence.count,
-        receipt_path=[read_hex(node).hex() for node in evidence.receipt_path],
-        transaction_path=[read_hex(node).hex() for node in evidence.transaction_path],
-    )

@@ -131,6 +131,8 @@ class Receiving:
         self.reads_new = True
         self.faded: list[ReceivedGrant] = []
         self.unread: list[Unread] = []
+        self.missing_rooms: dict[bytes, BlockRobotError] = {}
+        """Empty frames that were asked for in vain, by their hash, and why."""
 
     async def inbox(self) -> list[Receipt]:
         """Return all that was shared with this person, the oldest first, each asked for in its own session.
@@ -281,10 +283,11 @@ class Receiving:
             await self._sleep(_FOLLOW_PAUSE_S)
             waited_ms += _FOLLOW_PAUSE_S * 1000
 
-    async def background(self, receipt: Receipt, rendition: Rendition) -> bytes:
-        """Return the PNG of the recorded empty frame that a rendition stands on, checked against its hash."""
+    async def background(self, receipt: Receipt, rendition: Rendition) -> bytes | None:
+        """Return the PNG of the empty frame behind a rendition, checked against its hash, or None (`missing_rooms`)."""
         key = grantee_key(receipt.received, self._wallet)
-        return await self._wallet.network.custody.get_background(rendition.background_id, key)
+        custody = self._wallet.network.custody
+        return await custody.find_background(rendition.background_id, key, self.missing_rooms)
 
     def remember_copy(self, receipt: Receipt, record_id: bytes, folder: str) -> None:
         """Remember where pictures were written, so that they are not forgotten when they have to go."""

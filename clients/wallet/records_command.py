@@ -12,13 +12,16 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json,
 from clients.wallet.filtering import Filter, Page, Shown, read_filter, select
 from clients.wallet.keystore import WalletContent
 from clients.wallet.language import code_text, text, withheld_text
+from clients.wallet.mandates import Mandates
 from clients.wallet.notices import Notices
-from clients.wallet.opening import reads_only, run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened
+from clients.wallet.robot_names import RobotNames, read_robot_names, tell_robot
 from clients.wallet.rotating_commands import print_words, unreadable_words, words_json
 from clients.wallet.standing_words import print_standing, standing_json
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.notices import NoticeRow
+from pages.moments import show_moment
 
 PAGE_RECORDS = 50
 NARROW_COLUMNS = 60
@@ -47,11 +50,14 @@ def _entry_json(entry: RecordEntry) -> dict[str, Any]:
     }
 
 
-def _report_json(shown: Shown) -> dict[str, Any]:
+def _report_json(shown: Shown, names: RobotNames) -> dict[str, Any]:
     report = shown.report
+    named = names.get(report.visit.robot)
     return {
         "visit": report.visit.owner.hex(),
         "robot": report.visit.robot.hex(),
+        "robot_name": "" if named is None else named.name,
+        "robot_place": "" if named is None else named.place,
         "closed": report.closed,
         "missing_records": report.missing_count,
         "erased_records": [record_id.hex() for record_id in report.erased_ids],
@@ -77,10 +83,8 @@ def _line(entry: RecordEntry) -> str:
     meta = entry.metadata
     name = entry.record_id.hex()[: 12 if console.is_terminal and console.width < NARROW_COLUMNS else None]
     things = text(_THINGS.get(meta.sensor, "records.pictures"), count=picture_count(entry))
-    parts = [
-        show_moment(meta.started_at_ms),
-        text("records.by_sensor", things=things, sensor=code_text("sensor", meta.sensor)),
-    ]
+    held = text("records.by_sensor", things=things, sensor=code_text("sensor", meta.sensor))
+    parts = [show_moment(meta.started_at_ms), text("records.note") if meta.sensor == NOTICE_SENSOR else held]
     if meta.withheld:
         parts.append(escape(withheld_text(meta.withheld)))
     if entry.state["erased_frames"]:
@@ -88,14 +92,14 @@ def _line(entry: RecordEntry) -> str:
     return f"  {name}  {', '.join(parts)}"
 
 
-def _print_visit(shown: Shown) -> None:
+def _print_visit(shown: Shown, names: RobotNames) -> None:
     report = shown.report
     console.print(
         text(
             "records.visit",
             number=shown.number,
             name=report.visit.owner.hex()[:12],
-            robot=report.visit.robot.hex()[:10],
+            robot=escape(tell_robot(report.visit.robot, names)),
             state=text("records.ended" if report.closed else "records.open"),
             count=sum(picture_count(entry) for entry in report.records),
         )
@@ -111,13 +115,13 @@ def _print_visit(shown: Shown) -> None:
         console.print(f"  [red]{text('records.missing', count=report.missing_count)}[/red]")
 
 
-def _print_page(page: Page, wanted: Filter) -> None:
+def _print_page(page: Page, wanted: Filter, names: RobotNames) -> None:
     if not page.records_count and not page.visits:
         console.print(text("records.none"))
     elif wanted.narrows and not page.matching_count:
         console.print(text("records.no_match", count=page.records_count))
     for shown in page.visits:
-        _print_visit(shown)
+        _print_visit(shown, names)
     if page.number < page.pages_count:
         console.print(text("records.page", page=page.number, pages=page.pages_count, next=page.number + 1))
     elif page.pages_count > 1:
@@ -166,21 +170,28 @@ def records(
     if per_page is None:
         per_page = PAGE_RECORDS if console.is_terminal and not as_json else 0
 
-    async def action(opened: Wallet) -> tuple[list[VisitReport], NoticeRow | None, WalletContent]:
+    async def action(
+        opened: Wallet,
+    ) -> tuple[list[VisitReport], NoticeRow | None, bytes | None, WalletContent, RobotNames]:
         with status_line(text("records.reading"), as_json=as_json):
             reports, content = await opened.records(), opened.store.content
             is_member = not content.left and not opened.member_gone
-            return reports, await Notices(opened).changed_since_consent() if is_member else None, content
+            changed = await Notices(opened).changed_since_consent() if is_member else None
+            mandate_id = await Mandates(opened).over_own() if is_member else None
+            names = await read_robot_names(opened, (each.visit for each in reports))
+            return reports, changed, mandate_id, content, names
 
-    reports, changed, content = run_opened(ctx, action)
+    reports, changed, mandate_id, content, names = run_opened(ctx, action)
     page = select(reports, wanted, number, per_page)
     if as_json:
         version = None if changed is None else changed.version
-        visits = [_report_json(shown) for shown in page.visits]
+        visits = [_report_json(shown, names) for shown in page.visits]
         told = {"notice_changed_to": version, "visits": visits, **words_json(content), **_page_json(page)}
-        print_json({"ok": True, **told})
+        print_json({"ok": True, "mandate_id": mandate_id.hex() if mandate_id else None, **told})
         return
     print_words(content)
     if changed is not None:
         console.print(text("records.notice_changed", organisation=escape(changed.organisation)))
-    _print_page(page, wanted)
+    if mandate_id is not None:
+        console.print(text("records.mandate"))
+    _print_page(page, wanted, names)

@@ -10,8 +10,9 @@ import asyncio
 from collections.abc import Sequence
 from pathlib import Path
 
+from clients.sdk.passphrase import PassphraseCost
 from clients.wallet.keys import derive_keys
-from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.keystore import Keystore
 from clients.wallet.language import refusal
 from clients.wallet.opening import run_made
 from clients.wallet.wallet import Wallet

@@ -138,11 +138,14 @@ class Rights:
                 store.save()
             raise
 
-    async def object_to_recording(self, purposes: list[str]) -> int:
-        """Object to being recorded for purposes; return the height from which it counts. Raises VALUE_INVALID."""
+    async def object_to_recording(self, purposes: list[str], represented: bytes | None = None) -> int:
+        """Object to being recorded for purposes; return the height from which it counts. Raises VALUE_INVALID.
+
+        `represented` is the handle of somebody for whom she acts by a mandate.
+        """
         self._check(purposes)
         await self._wallet.require_registered()
-        arguments = [self._wallet.store.content.handle, purposes]
+        arguments = [represented or self._wallet.store.content.handle, purposes]
         receipt = await self._wallet.network.call(self._wallet.keys.identity, "rights", "object_to", arguments)
         (data,) = receipt.event_data("consent", "objected")
         height: int = data["height"]

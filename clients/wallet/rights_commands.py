@@ -13,12 +13,15 @@ import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.language import WrongUsage, purposes_text, text
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import run_opened
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
+from clients.wallet.speaking_for import FOR_ONESELF, Represented, find_represented, for_option, handle_of
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.records.handles import encode_short
 from consensus.records.purposes import PURPOSES
 from consensus.records.rights import CORRECTIONS, GROUNDS, KEEPING_GROUNDS, Correction
+from pages.moments import show_moment
 
 Spoken = tuple[list[Said], BlockRobotError | None]
 
@@ -142,11 +145,16 @@ def _tell_progress(number: int, count: int) -> None:
 @click.option(
     "--recording-only", is_flag=True, help="Object to new recordings only, and leave past visits as they are."
 )
+@for_option
 @json_option
 @click.pass_context
 @plain_errors
-def object_to(ctx: click.Context, purposes: tuple[str, ...], now: bool, recording_only: bool, as_json: bool) -> None:
+def object_to(
+    ctx: click.Context, purposes: tuple[str, ...], now: bool, recording_only: bool, whom: str | None, as_json: bool
+) -> None:
     """Object to a purpose: nothing more is recorded of you for it, and nothing that was is released for it.
+
+    For somebody else, by a mandate, it is about new recordings only: past visits are told by the person's own wallet.
 
     Example: blockrobot wallet object --purpose research
     """
@@ -155,18 +163,21 @@ def object_to(ctx: click.Context, purposes: tuple[str, ...], now: bool, recordin
     if now and not as_json:
         click.echo(text("rights.linked"), err=True)
 
-    async def action(opened: Wallet) -> tuple[int, list[Said]]:
-        rights = Rights(opened)
-        height = await rights.object_to_recording(list(purposes))
-        if recording_only:
-            return height, []
-        return height, await rights.object_to_release(list(purposes), at_once=now, tell=_tell_progress)
+    async def action(opened: Wallet) -> tuple[int, list[Said], Represented | None]:
+        rights, person = Rights(opened), await find_represented(opened, whom)
+        height = await rights.object_to_recording(list(purposes), handle_of(person))
+        if recording_only or person is not None:
+            return height, [], person
+        return height, await rights.object_to_release(list(purposes), at_once=now, tell=_tell_progress), None
 
-    height, words = run_opened(ctx, action)
+    height, words, person = run_opened(ctx, action)
     if as_json:
         rows = [said_json(said) for said in words]
-        print_json({"ok": True, "purposes": list(purposes), "from_height": height, "visits": rows})
+        spoken_for = FOR_ONESELF if person is None else person.as_json()
+        print_json({"ok": True, "purposes": list(purposes), "from_height": height, "visits": rows, **spoken_for})
         return
+    if person is not None:
+        console.print(text("mandates.said_for", name=encode_short(person.handle)))
     console.print(text("rights.objected", purposes=purposes_text(purposes), height=height, count=len(words)))
     console.print("  " + text("rights.objected_next"))
 

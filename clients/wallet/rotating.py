@@ -11,6 +11,7 @@ import secrets
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
+from clients.wallet.kept_proofs import keep_receipt
 from clients.wallet.keys import WalletKeys, derive_keys, draw_words
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
@@ -111,7 +112,7 @@ class Rotating:
             sealing=keys[2],
         )
         arguments = [handle, new.identity.public_key, *keys, signature]
-        await wallet.network.call(identity, "identity", "rotate", arguments)
+        keep_receipt(wallet.store.content, await wallet.network.call(identity, "identity", "rotate", arguments))
 
     async def exposed_visits(self) -> list[KnownVisit]:
         """Return the visits of which a key from former words still decides. Raises MEMBER_NO_MORE and the like."""

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.connections import NodeAddress
+from clients.sdk.failover import SURE_REFUSALS
+from clients.sdk.quorum import require_quorum
 from clients.wallet.auditing import AuditEntry, audit_visit
-from clients.wallet.grants import Grant, cut_since, erased_since, read_custodians, read_grants
+from clients.wallet.grants import Grant, cut_since, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal, text
 from clients.wallet.rights import Chosen
@@ -25,6 +27,7 @@ from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.grant_keys import derive_grant_salt
+from consensus.records.handles import decode_short, encode_short, is_short, short_handle_key
 from consensus.records.sharing import (
     GRANT_MAX_MS,
     GRANT_RECORDS_MAX_COUNT,
@@ -57,8 +60,8 @@ _MEMBER = b"identity\x00member/"
 _HANDLE = b"identity\x00handle/"
 _REMOVED = b"identity\x00removed/"
 _ACCESS = b"access\x00access/"
-_SURE_REFUSALS = frozenset({"CALL_REFUSED", "TRANSACTION_EXPIRED", "CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})
-"""After these the grant is not on the chain, and will not be."""
+_RECORD = b"records\x00record/"
+_GONE = ("erasing", "erased")
 Tell = Callable[[str], None]
 Sleep = Callable[[float], Awaitable[None]]
 
@@ -133,7 +136,7 @@ class Share:
         """Return for whom it is, in words, in a language."""
         if self.given is None:
             return text("shares.forgotten", language=language)
-        start, label = self.given.handle.hex()[:12], self.given.label
+        start, label = encode_short(self.given.handle), self.given.label
         if not label:
             return text("shares.member", language=language, handle=start)
         return text("shares.named", language=language, label=label, handle=start)
@@ -200,18 +203,20 @@ class Sharing:
         self._sleep = sleep
 
     async def find_grantee(self, wanted: str, label: str = "") -> Grantee:
-        """Return the member with this handle (64 hexadecimal digits), or of a name under which one was shared before.
+        """Return the member with this handle (short, or 64 hexadecimal digits), or of a name that was given before.
 
-        Asked in the member session: anybody may look up a member. Raises SHARE_WITH_NON_MEMBER unless she is an active
-        member of the staff or an officer, of an organisation that is still there; SHARE_NOT_POSSIBLE for what is no handle,
-        for a name that stands for two, and for a `label` by which another is called already: no name ever moves.
+        Asked in the member session: anybody may look up a member; of a quorum: keys may have been replaced. Raises
+        SHARE_WITH_NON_MEMBER unless she is an active member of the staff or an officer, of an organisation that is still
+        there; SHARE_NOT_POSSIBLE for what is no handle, for a name that stands for two, and for a `label` by which another
+        is called already: no name ever moves; QUORUM_UNHEARD.
         """
-        handle, known = self._read_handle(wanted)
+        handle, known = await self._read_handle(wanted)
         label = label.strip()
         for other in self._called(label) - {handle}:
-            raise refusal("SHARE_NOT_POSSIBLE", "share_named", name=label, handle=other.hex()[:12])
+            raise refusal("SHARE_NOT_POSSIBLE", "share_named", name=label, handle=encode_short(other))
         wallet, session = self._wallet, self._wallet.keys.identity
         await wallet.require_registered()
+        await require_quorum(wallet.network, session)
         if handle == wallet.store.content.handle:
             raise refusal("SHARE_NOT_POSSIBLE", "share_self")
         member = (await wallet.values([_HANDLE + handle], session))[_HANDLE + handle]
@@ -228,22 +233,36 @@ class Sharing:
             handle, label or known, entry["role"], entry["org"], entry["spend"], entry["view"], entry["sealing"]
         )
 
-    def _read_handle(self, wanted: str) -> tuple[bytes, str]:
+    async def _read_handle(self, wanted: str) -> tuple[bytes, str]:
         called = self._called(wanted)
         if len(called) > 1:
-            starts = ", ".join(sorted(handle.hex()[:12] for handle in called))
+            starts = ", ".join(sorted(map(encode_short, called)))
             raise refusal("SHARE_NOT_POSSIBLE", "share_several", name=wanted, handles=starts)
         for given in reversed(self._wallet.store.content.given_grants):
             if given.handle in called and _same_name(given.label, wanted):
                 return given.handle, given.label
         try:
-            handle = bytes.fromhex("".join(wanted.replace("-", "").split()))
+            handle = (
+                await self._of_short(wanted)
+                if is_short(wanted)
+                else bytes.fromhex("".join(wanted.replace("-", "").split()))
+            )
         except ValueError:
             handle = b""
         if len(handle) != HANDLE_BYTES:
             raise refusal("SHARE_NOT_POSSIBLE", "share_handle", given=wanted)
         known = [given.label for given in self._wallet.store.content.given_grants if given.handle == handle]
         return handle, known[-1] if known else ""
+
+    async def _of_short(self, wanted: str) -> bytes:
+        """Return the one handle that begins so, proven. Raises HANDLE_MISTYPED, SHARE_WITH_NON_MEMBER."""
+        short = decode_short(wanted)
+        key, session = short_handle_key(short), self._wallet.keys.identity
+        await self._wallet.require_registered()
+        handle = (await self._wallet.values([key], session))[key]
+        if not isinstance(handle, bytes) or not handle.startswith(short):
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_nobody")
+        return handle
 
     def _called(self, name: str) -> set[bytes]:
         """Return the handles of all whom this wallet's owner ever called so."""
@@ -260,12 +279,12 @@ class Sharing:
         if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
             raise refusal("SHARE_NOT_POSSIBLE", "share_records", most=GRANT_RECORDS_MAX_COUNT)
         visit = entries[0].visit
+        custodians = await self._find_custodians()
         tell(STEP_KEYS)
         data_keys = await self._open_keys(entries)
         records = [entry.record_id for entry in entries if data_keys[entry.record_id]]
         if not records:
             raise refusal("NOTHING_TO_SHARE", "share_unopened")
-        custodians = await self._find_custodians()
         chain_id = self._wallet.genesis.chain_id
         ephemeral = PrivateKey(self._draw(32))
         made = open_grant_keys(ephemeral.secret, grantee.view, grantee.spend, chain_id=chain_id, owner=visit.owner)
@@ -291,7 +310,7 @@ class Sharing:
         try:
             (await network.submit_and_wait(transaction)).require_ok()
         except BlockRobotError as error:
-            if error.code in _SURE_REFUSALS:
+            if error.code in SURE_REFUSALS:
                 self._forget(transaction.txid)
             raise
         left_out = tuple(entry.record_id for entry in entries if entry.record_id not in records)
@@ -308,7 +327,8 @@ class Sharing:
         return found
 
     async def _find_custodians(self) -> dict[bytes, NodeAddress | None]:
-        """Return the custodians by key. Raises SHARE_CUSTODIANS_MISSING if there are none."""
+        """Return the custodians by key. Raises SHARE_CUSTODIANS_MISSING if there are none, QUORUM_UNHEARD."""
+        await require_quorum(self._wallet.network, self._wallet.keys.identity)
         custodians = await read_custodians(self._wallet, self._wallet.keys.identity)
         if not custodians:
             raise BlockRobotError("SHARE_CUSTODIANS_MISSING", "The chain names no custodian.")
@@ -405,12 +425,14 @@ class Sharing:
         key = self._wallet.owner_key(visit)
         grants = await read_grants(self._wallet, ids, key)
         places = [_ACCESS + entry.data["access_id"] for entry in trail if _is_look(entry)]
-        asked = await self._wallet.values(places, key) if places else {}
+        shared = {record_id for grant in grants for record_id in grant.records}
+        states = await self._wallet.values([*places, *(_RECORD + record_id for record_id in sorted(shared))], key)
+        gone = frozenset(record_id for record_id in shared if states[_RECORD + record_id]["status"] in _GONE)
         found = []
         for grant in grants:
-            erased = frozenset(erased_since(grant, trail)).intersection(grant.records)
+            erased = gone.intersection(grant.records)
             cut = frozenset(cut_since(grant, trail)).intersection(grant.records) - erased
-            looks, confirmed = find_looks(trail, grant.grant_id), find_confirmed(trail, grant.grant_id, asked)
+            looks, confirmed = find_looks(trail, grant.grant_id), find_confirmed(trail, grant.grant_id, states)
             found.append(Share(grant, visit, known.get(grant.grant_id), looks, confirmed, cut, erased))
         return found
 

@@ -15,10 +15,11 @@ from typing import Any
 
 import click
 
+from clients.sdk.qr_codes import read_given
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, code_text, language_in_use, text
-from clients.wallet.opening import reads_only, run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.rights import choose
 from clients.wallet.sharing import (
     STEP_KEYS,
@@ -35,10 +36,12 @@ from clients.wallet.sharing import (
 )
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
+from consensus.records.handles import encode_short
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.purposes import require_purpose
 from consensus.records.sharing import GRANT_RECORDS_MAX_COUNT, GRANTEE_ROLES
 from consensus.records.vouchers import ROLES
+from pages.moments import show_moment
 
 _SPANS_MS = {"m": 60_000, "h": 3_600_000, "d": 86_400_000, "w": 7 * 86_400_000}
 _SPAN = re.compile(r"([0-9]{1,6})\s*([mhdw])")
@@ -72,7 +75,7 @@ def name_grantee(grantee: Grantee) -> str:
         name=grantee.label or text("share.nobody"),
         role=say_role(grantee.role),
         organisation=grantee.organisation,
-        handle=grantee.handle.hex()[:12],
+        handle=encode_short(grantee.handle),
     )
 
 
@@ -184,7 +187,9 @@ def _print_shared(shared: Shared, grantee: Grantee) -> None:
 @click.command()
 @click.argument("record_ids", nargs=-1)
 @click.option("--visit", "visits", multiple=True, help="A whole visit, by the beginning of its name.")
-@click.option("--with", "wanted", required=True, help="The other's handle, or a name under which you shared before.")
+@click.option(
+    "--with", "wanted", required=True, help="The other's handle (or @FILE), or a name under which you shared before."
+)
 @click.option("--as", "label", default="", help="What you call the other; it stays in your wallet.")
 @click.option("--purpose", required=True, help="What for: a purpose's code.")
 @click.option("--for", "span", help="For how long: 90m, 12h, 7d, 2w.")
@@ -218,7 +223,7 @@ def share(
     async def action(opened: Wallet) -> tuple[Grantee, list[Shared]]:
         require_purpose_to_share(purpose, opened.genesis.purposes)
         sharing = Sharing(opened)
-        grantee = await sharing.find_grantee(wanted, label)
+        grantee = await sharing.find_grantee(read_given(wanted), label)
         reports = await opened.records()
         entries = select_shareable(reports, choose(reports, record_ids, visits), purpose)
         confirm(explain(entries, grantee, purpose, until_ms), text("share.ask"), yes=yes)
@@ -391,10 +396,11 @@ def handle(ctx: click.Context, as_json: bool) -> None:
 
     own, role = run_opened(ctx, action)
     if as_json:
-        print_json({"ok": True, "handle": own.hex(), "role": role})
+        print_json({"ok": True, "handle": own.hex(), "short": encode_short(own), "role": role})
         return
     digits = own.hex()
-    console.print(" ".join(digits[start : start + 8] for start in range(0, len(digits), 8)))
+    console.print(encode_short(own))
+    console.print("  " + " ".join(digits[start : start + 8] for start in range(0, len(digits), 8)))
     if role not in GRANTEE_ROLES:
         console.print("  " + text("handle.not_for", role=say_role(role)))
     else:

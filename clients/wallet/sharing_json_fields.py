@@ -6,7 +6,7 @@ Must never name a field that no command prints.
 from __future__ import annotations
 
 from clients.sdk.json_fields import CommandAnswer, Field, Kind
-from clients.wallet.json_fields import CHECKED, HEIGHT, TIME, VISIT
+from clients.wallet.json_fields import CHECKED, HEIGHT, MISSING_ROOMS, TIME, VISIT
 
 _GRANT = Field("grant_id", Kind.HEX, "the grant")
 _PURPOSE = Field("purpose", Kind.TEXT, "the purpose's code")
@@ -110,7 +110,11 @@ _OWNER = (
     ),
     CommandAnswer(
         ("wallet handle",),
-        (Field("handle", Kind.HEX, "one's own handle"), Field("role", Kind.TEXT, "one's own role")),
+        (
+            Field("handle", Kind.HEX, "one's own handle"),
+            Field("short", Kind.TEXT, "the same in short, with a checksum"),
+            Field("role", Kind.TEXT, "one's own role"),
+        ),
     ),
 )
 
@@ -208,6 +212,7 @@ _GRANTEE = (
             Field("restricted", Kind.HEXES, "ids of records that are left out because their owner restricted them"),
             Field("out", Kind.TEXT, "the folder of the pictures"),
             Field("earlier", Kind.TEXTS, "files of earlier looks that are still there, and not of this one"),
+            MISSING_ROOMS,
         ),
     ),
     CommandAnswer(

@@ -7,9 +7,9 @@ from typing import Any
 
 from clients.sdk.terminal import console
 from clients.wallet.language import code_text, purposes_text, text
-from clients.wallet.opening import show_moment
 from clients.wallet.standing import VisitRights
 from consensus.records.lost_keys import LOST_KEY_REASONS
+from pages.moments import show_moment
 
 
 def standing_json(standing: VisitRights) -> dict[str, Any]:

@@ -7,10 +7,13 @@ others still open. If one custodian's copy is damaged, the next custodian is ask
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass, field
 
 from clients.sdk.connections import NodeAddress
+from clients.wallet.auditing import Finding
+from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
@@ -42,8 +45,11 @@ CUSTODY_CHECKS = frozenset({CHECK_RELEASED, CHECK_CIPHERTEXT})
 
 RECORDS_A_REQUEST_MAX_COUNT = 64
 FOLLOW_MAX_MS = 15_000
+VERDICT_WHEN_CANCELLED_MAX_S = 3.0
 _FOLLOW_PAUSE_S = 0.25
 _NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED"})
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +144,14 @@ def better_frame(known: FrameView | None, found: FrameView) -> FrameView:
     return max(known, found, key=lambda frame: CHECKS.index(frame.failed))
 
 
+def finding_of(view: RecordView) -> Finding:
+    """Return what a verdict says of a record. It names the frames that are there and corrupted.
+
+    None, if only the robot's count is wrong.
+    """
+    return view.entry.record_id, view.verdict, view.corrupted
+
+
 def name_places(indexes: Sequence[int]) -> str:
     """Name frames by their indexes as people count them, from 1."""
     return ", ".join(str(index + 1) for index in indexes)
@@ -150,30 +164,71 @@ class Viewing:
         """`follow_max_ms` is how long a custodian may lag behind what the wallet has proven final."""
         self._wallet = wallet
         self._follow_max_ms = follow_max_ms
+        self.missing_rooms: dict[bytes, BlockRobotError] = {}
+        """Empty frames that were asked for in vain, by their hash, and why."""
 
-    async def request_access(self, entries: list[RecordEntry], purpose: str) -> bytes:
-        """Put an access request of the owner key on the chain and wait until it is final. Returns the access id."""
+    async def request_access(self, entries: Sequence[RecordEntry], purpose: str) -> bytes:
+        """Put one access request of the owner key on the chain and wait until it is final. Returns the access id.
+
+        The records are of one visit; more than 64 are asked for as the whole visit (see `split_requests`).
+        """
         require_published([purpose], self._wallet.genesis.purposes)
-        ids = [entry.record_id for entry in entries]
+        ids = [entry.record_id for entry in entries] if len(entries) <= RECORDS_A_REQUEST_MAX_COUNT else []
         return await self._wallet.sign_and_wait(entries[0].visit, "access", "request", [ids, purpose])
+
+    async def split_requests(self, entries: Sequence[RecordEntry]) -> list[list[RecordEntry]]:
+        """Return the records by access request, as few as the chain takes: one for each visit of which all are wanted.
+
+        Of a larger part of a visit with more than 64 records, each 64 are a request.
+        """
+        requests = []
+        for owner in dict.fromkeys(entry.visit.owner for entry in entries):
+            part = [entry for entry in entries if entry.visit.owner == owner]
+            if len(part) <= RECORDS_A_REQUEST_MAX_COUNT or await self._is_whole_visit(part):
+                requests.append(part)
+                continue
+            starts = range(0, len(part), RECORDS_A_REQUEST_MAX_COUNT)
+            requests += [part[start : start + RECORDS_A_REQUEST_MAX_COUNT] for start in starts]
+        return requests
+
+    async def _is_whole_visit(self, entries: Sequence[RecordEntry]) -> bool:
+        report = await self._wallet.visit_report(entries[0].visit)
+        there = {entry.record_id for entry in report.records if entry.state["status"] == "active"}
+        return there <= {entry.record_id for entry in entries}
 
     async def view_each(
         self, entries: Sequence[RecordEntry], purpose: str, *, verdict: bool = False
     ) -> AsyncGenerator[RecordView, None]:
-        """Ask for records, fetch and check them one after the other; each 64, and each visit, are asked for by themselves.
+        """Ask for records visit by visit (see `split_requests`), fetch and check them one after the other.
 
-        With `verdict` what was found of each is put on the chain. Raises as `request_access`, `view` and `put_verdict`.
+        With `verdict` what was found of a visit is put on the chain, also if one of its records could not be had or the
+        caller stops: close the generator then (`contextlib.aclosing`). Raises as `request_access`, `view`, `put_verdicts`;
+        of two errors the first, and who is cancelled waits for the verdict VERDICT_WHEN_CANCELLED_MAX_S at most.
         """
-        for start in range(0, len(entries), RECORDS_A_REQUEST_MAX_COUNT):
-            asked = entries[start : start + RECORDS_A_REQUEST_MAX_COUNT]
-            for owner in dict.fromkeys(entry.visit.owner for entry in asked):
-                part = [entry for entry in asked if entry.visit.owner == owner]
-                access_id = await self.request_access(part, purpose)
+        for part in await self.split_requests(entries):
+            access_id = await self.request_access(part, purpose)
+            findings: list[Finding] = []
+            try:
                 for entry in part:
                     view = await self.view(entry, access_id)
-                    if verdict:
-                        await self.put_verdict(view)
+                    findings.append(finding_of(view))
                     yield view
+            except BaseException as error:
+                if verdict:
+                    await self._put_after(error, part[0].visit, findings)
+                raise
+            if verdict:
+                await self.put_verdicts(part[0].visit, findings)
+
+    async def _put_after(self, first: BaseException, visit: KnownVisit, findings: list[Finding]) -> None:
+        """Put what was found on the chain after something else ended the look; what fails of it hides nothing."""
+        is_cancelled = isinstance(first, asyncio.CancelledError)
+        try:
+            async with asyncio.timeout(VERDICT_WHEN_CANCELLED_MAX_S if is_cancelled else None):
+                await self.put_verdicts(visit, findings)
+        except (BlockRobotError, TimeoutError) as error:
+            code = error.code if isinstance(error, BlockRobotError) else "TIMEOUT"
+            _log.warning("The verdict on %d records is not on the chain: %s.", len(findings), code)
 
     async def view(self, entry: RecordEntry, access_id: bytes) -> RecordView:
         """Fetch a record's clip, verify and open it. Raises what every custodian refused, if all did."""
@@ -236,15 +291,14 @@ class Viewing:
             return corrupted_frame(index, CHECK_DECRYPTED)
         return judge_frame(data_key, entry.record_id, index, frame.ciphertext, clip.commitment_leaves[index])
 
-    async def put_verdict(self, view: RecordView) -> bytes:
-        """Put what was found on the chain, signed by the owner key. Returns the txid.
+    async def put_verdicts(self, visit: KnownVisit, findings: Sequence[Finding]) -> None:
+        """Put what was found of a visit's records on the chain, signed by the owner key, 64 records to a transaction."""
+        for start in range(0, len(findings), RECORDS_A_REQUEST_MAX_COUNT):
+            said = [list(finding) for finding in findings[start : start + RECORDS_A_REQUEST_MAX_COUNT]]
+            await self._wallet.sign_and_wait(visit, "access", "verdict", [said])
 
-        It names the frames that are there and corrupted: none, if only the robot's count is wrong.
-        """
-        arguments = [view.entry.record_id, view.verdict, view.corrupted]
-        return await self._wallet.sign_and_wait(view.entry.visit, "access", "verdict", arguments)
-
-    async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes:
-        """Return the PNG of the recorded empty frame that a rendition stands on, checked against its hash."""
+    async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes | None:
+        """Return the PNG of the empty frame behind a rendition, checked against its hash, or None (`missing_rooms`)."""
         key = self._wallet.owner_key(entry.visit)
-        return await self._wallet.network.custody.get_background(rendition.background_id, key)
+        custody = self._wallet.network.custody
+        return await custody.find_background(rendition.background_id, key, self.missing_rooms)

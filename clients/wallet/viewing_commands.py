@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import aclosing
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,12 @@ from clients.wallet.album import Album
 from clients.wallet.choosing import choose_records, tell_visits_linked
 from clients.wallet.completing import complete_records
 from clients.wallet.earlier_looks import find_earlier, find_earlier_of, tell_earlier
-from clients.wallet.language import text, withheld_text
-from clients.wallet.opening import reads_only, run_opened
+from clients.wallet.language import describe_error, text, withheld_text
+from clients.wallet.opening import reads_only, run_opened, tell_if_stopped
 from clients.wallet.pictures import write_pictures
 from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, Viewing, name_places
 from clients.wallet.wallet import RecordEntry, Wallet
+from consensus.errors import BlockRobotError
 
 
 async def _view_all(
@@ -33,11 +35,13 @@ async def _view_all(
     viewing = Viewing(opened)
     views: list[RecordView] = []
     tell(text("view.doing", number=1, count=len(entries)))
-    async for view in viewing.view_each(entries, purpose, verdict=verdict):
-        if album is not None:
-            album.written.update(await write_pictures(viewing, view, album.out, album.seen_by(view.entry)))
-        views.append(view)
-        tell(text("view.doing", number=min(len(views) + 1, len(entries)), count=len(entries)))
+    async with aclosing(viewing.view_each(entries, purpose, verdict=verdict)) as each:
+        async for view in each:
+            if album is not None:
+                album.written.update(await write_pictures(viewing, view, album.out, album.seen_by(view.entry)))
+                album.missing_rooms.update(viewing.missing_rooms)
+            views.append(view)
+            tell(text("view.doing", number=min(len(views) + 1, len(entries)), count=len(entries)))
     return views
 
 
@@ -50,6 +54,17 @@ def _view_json(view: RecordView) -> dict[str, Any]:
         "custodians": list(view.custodians),
         "frames": [{"number": frame.index + 1, "status": frame.status} for frame in view.frames],
     }
+
+
+def missing_rooms_json(missing: Mapping[bytes, BlockRobotError]) -> dict[str, Any]:
+    """Return which empty frames nobody had, ready for JSON."""
+    return {"missing_rooms": [{"sha256": digest.hex(), "code": error.code} for digest, error in missing.items()]}
+
+
+def tell_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> None:
+    """Say why pictures are shown without the room, each reason once."""
+    for reason in dict.fromkeys(describe_error(error)[0] for error in missing.values()):
+        console.print(escape(text("view.no_room", reason=reason)))
 
 
 def _print_views(views: list[RecordView]) -> None:
@@ -125,16 +140,18 @@ def view(
                 sheets.extend(album.write_visits())
         return views
 
-    views = run_opened(ctx, action)
+    with tell_if_stopped(ctx, lambda: text("view.stopped", count=len(album.written), out=out)):
+        views = run_opened(ctx, action)
     earlier = _find_earlier(album, views, of_all=not record_ids)
     if as_json:
         rows = [_view_json(view) for view in views]
         files = {"sheets": [str(path) for path in sheets], "earlier": [str(path) for path in earlier]}
-        print_json({"ok": True, "records": rows, "out": str(out), **files})
+        print_json({"ok": True, "records": rows, "out": str(out), **files, **missing_rooms_json(album.missing_rooms)})
         return
     _print_views(views)
     if any(frame.status == STATUS_OK for view in views for frame in view.frames):
         console.print(text("view.written", out=out))
+    tell_missing_rooms(album.missing_rooms)
     for path in [path for path in sheets if path.parent == out] or sheets[:2]:
         console.print(f"  {path}")
     tell_earlier(earlier)

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from clients.sdk.announcements import AnnouncementPage
-from clients.sdk.enrolment import NewMember, Registration, register_member
+from clients.sdk.enrolment import NewMember, Registration, find_registration, register_member
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
 from clients.wallet.auditing import RECORDED_KIND, AuditEntry, audit_visit, count_place
+from clients.wallet.kept_proofs import keep_receipt
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
 from clients.wallet.standing import VisitRights, read_standing
@@ -145,10 +146,6 @@ class Wallet:
         """
         card = decode_card_code(code)
         require_published(purposes, self.genesis.purposes)
-        known = await self.find_registration(self.keys)
-        if known is not None and known["handle"] == card.handle:
-            self._remember_registration(known)
-            return Registration(txid=b"", member=self.keys.identity.public_key)
         keys = self.keys
         member = NewMember(
             identity=keys.identity,
@@ -157,20 +154,14 @@ class Wallet:
             sealing=keys.sealing_public,
         )
         registration = await register_member(self.network, card, member, purposes)
+        if registration.receipt is not None:
+            keep_receipt(self.store.content, registration.receipt)
         self._remember_registration({"handle": card.handle, "role": card.role})
         return registration
 
     async def find_registration(self, keys: WalletKeys) -> dict[str, Any] | None:
         """Return what the chain holds of a member key of this person, proven, or None if it is no active member."""
-        identity = keys.identity
-        try:
-            found = await self.network.state_value("identity", b"member/" + identity.public_key, identity)
-        except BlockRobotError as error:
-            if error.code != "SESSION_REFUSED":
-                raise
-            return None
-        member: dict[str, Any] | None = found if found is not None and found["status"] == "active" else None
-        return member
+        return await find_registration(self.network, keys.identity)
 
     def _remember_registration(self, member: dict[str, Any]) -> None:
         content = self.store.content
@@ -189,9 +180,12 @@ class Wallet:
     async def sign_and_wait(self, visit: KnownVisit, contract: str, entry: str, arguments: list[Any]) -> bytes:
         """Sign a call with the visit's owner key and wait until it is final. Returns the txid.
 
-        Raises CALL_REFUSED with the contract's code if the chain refuses.
+        Of an erasure the proof is kept. Raises CALL_REFUSED with the contract's code if the chain refuses.
         """
-        return (await self.network.call(self.owner_key(visit), contract, entry, arguments)).txid
+        receipt = await self.network.call(self.owner_key(visit), contract, entry, arguments)
+        if contract == "erasure":
+            keep_receipt(self.store.content, receipt)
+        return receipt.txid
 
     async def require_registered(self) -> None:
         """Raise NOT_REGISTERED unless this wallet is registered: by its own memory, or (restored) by the chain's.

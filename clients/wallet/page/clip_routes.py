@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
+from collections.abc import Mapping
 from typing import Any
 
 from aiohttp import web
 
-from clients.sdk.picture import Depth
-from clients.wallet.auditing import audit_visit
+from clients.sdk.depth_colours import Depth
+from clients.wallet.auditing import audit_visit, findings_of
 from clients.wallet.language import refusal
 from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, query_of, route
 from clients.wallet.page.clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, OpenClip, little_endian, size_of
 from clients.wallet.page.jobs import Job
+from clients.wallet.page.looks import LOOK_NAME_MAX_CHARS
 from clients.wallet.page.seals import Seal, seal_json, verified_block
 from clients.wallet.page.session import PageSession
-from clients.wallet.viewing import RecordView, Viewing
+from clients.wallet.viewing import RecordView, Viewing, finding_of
 from clients.wallet.wallet import RecordEntry
+from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_PNG16
 from pages.local_page import LocalRoute
 
+_ACCESS_IS_OVER = frozenset({"ACCESS_ENDED", "ACCESS_NOT_GRANTED"})
 WIDTH_HEADER, HEIGHT_HEADER = "X-BlockRobot-Width", "X-BlockRobot-Height"
 
 
@@ -31,6 +34,7 @@ def routes(session: PageSession) -> list[LocalRoute]:
         route(session, "POST", "/api/clips", _open),
         route(session, "GET", "/api/clips/{clip}", _clip),
         route(session, "DELETE", "/api/clips/{clip}", _forget),
+        route(session, "POST", "/api/clips/{clip}/verdict", _judge),
         route(session, "GET", f"{frame}/depth", _depth),
         route(session, "GET", f"{frame}/file", _file),
         route(session, "GET", f"{frame}/depth.png", _own_png),
@@ -39,11 +43,8 @@ def routes(session: PageSession) -> list[LocalRoute]:
 
 async def _open(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
-    ids, purpose, verify = (
-        asked.ids("records"),
-        asked.text("purpose", "own-access"),
-        asked.flag("verify", default=False),
-    )
+    ids, purpose = asked.ids("records"), asked.text("purpose", "own-access")
+    look, whole = asked.text("look", "", max_chars=LOOK_NAME_MAX_CHARS), asked.flag("meeting", default=False)
     asked.end()
     entries = [session.snapshot.entry(record_id) for record_id in ids]
     if not 1 <= len(entries) <= RECORDS_MAX_COUNT:
@@ -54,66 +55,90 @@ async def _open(session: PageSession, request: web.Request) -> web.Response:
     language = language_of(request)
 
     async def work(job: Job) -> dict[str, Any]:
-        return await open_records(session, job, entries, purpose, verify=verify, language=language)
+        job.tell("asking on the ledger", 0, len(entries))
+        now = await _as_of_now(session, entries)
+        wanted = [entry for entry in now.values() if entry.state["status"] == "active"]
+        wanted = wanted if whole else [now[entry.record_id] for entry in entries]
+        viewing = Viewing(session.wallet)
+        access = await session.looks.request(viewing, look, purpose, wanted)
+        try:
+            return await open_records(session, job, viewing, [now[record_id] for record_id in ids], access, language)
+        except BlockRobotError as error:
+            if error.code in _ACCESS_IS_OVER:
+                session.looks.forget(look)
+            raise
 
-    return accepted(session.jobs.start("verify" if verify else "clip", work, stoppable=not verify))
+    return accepted(session.jobs.start("clip", work, stoppable=True))
 
 
 async def open_records(
-    session: PageSession, job: Job, entries: list[RecordEntry], purpose: str, *, verify: bool, language: str
+    session: PageSession,
+    job: Job,
+    viewing: Viewing,
+    entries: list[RecordEntry],
+    access: Mapping[bytes, bytes],
+    language: str,
 ) -> dict[str, Any]:
-    """Fetch, check and open records of one visit as they are on the chain now; with `verify` write down what was found.
+    """Fetch, check and open records of one visit, by the access ids of `access`.
 
     Large ones are not all opened at once: `records` says of how many, from the first on, the clip is.
     """
-    wallet = session.wallet
-    viewing = Viewing(wallet)
-    job.tell("asking on the ledger", 0, len(entries))
-    entries = await _as_of_now(session, entries)
     views: list[RecordView] = []
     rooms: dict[bytes, bytes] = {}
     held_bytes = 0
-    async with contextlib.aclosing(viewing.view_each(entries, purpose, verdict=verify)) as found:
-        async for view in found:
-            views.append(view)
-            await _add_rooms(viewing, view, rooms)
-            job.tell("fetching and checking", len(views), len(entries))
-            held_bytes += size_of(view)
-            if held_bytes + sum(map(len, rooms.values())) >= CLIP_MAX_BYTES:
-                break
-    written = await _find_written(session, entries) if verify else {}
-    block, now_ms = verified_block(wallet), session.now_ms()
-    seals = [Seal(view, block, now_ms, written.get(view.entry.record_id)) for view in views]
-    clip = session.clips.add(seals, rooms)
+    for entry in entries:
+        view = await viewing.view(entry, access[entry.record_id])
+        views.append(view)
+        await _add_rooms(viewing, view, rooms)
+        job.tell("fetching and checking", len(views), len(entries))
+        held_bytes += size_of(view)
+        if held_bytes + sum(map(len, rooms.values())) >= CLIP_MAX_BYTES:
+            break
+    block, now_ms = verified_block(session.wallet), session.now_ms()
+    seals = [Seal(view, block, now_ms) for view in views]
+    clip = session.clips.add(seals, rooms, viewing.missing_rooms)
     told = [seal_json(seal, language) for seal in seals]
     return {"clip": clip.name, "seals": told, "frames": len(clip.frames), "records": len(views)}
 
 
+async def _judge(session: PageSession, request: web.Request) -> web.Response:
+    """Write down what was found of an open clip. Nothing is asked for or fetched again for that."""
+    clip, language = _clip_of(session, request), language_of(request)
+
+    async def work(job: Job) -> dict[str, Any]:
+        job.tell("asking on the ledger", 0, len(clip.views))
+        visit = clip.views[0].entry.visit
+        await Viewing(session.wallet).put_verdicts(visit, [finding_of(view) for view in clip.views])
+        trail = await audit_visit(session.wallet, visit)
+        heights = {found[0]: entry.height for entry in trail for found in findings_of(entry)}
+        clip.note_verdicts(heights)
+        return {"clip": clip.name, "seals": [seal_json(seal, language) for seal in clip.seals]}
+
+    return accepted(session.jobs.start("verify", work, stoppable=False))
+
+
 async def _add_rooms(viewing: Viewing, view: RecordView, rooms: dict[bytes, bytes]) -> None:
-    """Fetch the empty rooms on which a record's depth pictures stand."""
+    """Fetch the empty rooms on which a record's depth pictures stand, those that there are."""
     for frame in view.frames:
         room = frame.rendition
         if room is None or room.encoding != ENCODING_PNG16 or not room.pixels or room.background_id in rooms:
             continue
-        rooms[room.background_id] = await viewing.background(room, view.entry)
+        found = await viewing.background(room, view.entry)
+        if found is not None:
+            rooms[room.background_id] = found
 
 
-async def _as_of_now(session: PageSession, entries: list[RecordEntry]) -> list[RecordEntry]:
-    """Return the records as the newest block has them. Raises NOT_FOUND for one that is gone since."""
+async def _as_of_now(session: PageSession, entries: list[RecordEntry]) -> dict[bytes, RecordEntry]:
+    """Return all records of these records' visit as the newest block has them. Raises NOT_FOUND if one is gone since."""
     visit = entries[0].visit
     part = session.snapshot.part_of(visit.owner)
-    if await session.wallet.visit_mark(visit) == part.mark:
-        return entries
-    known = {entry.record_id: entry for entry in (await session.wallet.visit_report(visit)).records}
+    report = part.report
+    if await session.wallet.visit_mark(visit) != part.mark:
+        report = await session.wallet.visit_report(visit)
+    known = {entry.record_id: entry for entry in report.records}
     if any(entry.record_id not in known for entry in entries):
         raise refusal("CLIP_ERASED", "erased_now")
-    return [known[entry.record_id] for entry in entries]
-
-
-async def _find_written(session: PageSession, entries: list[RecordEntry]) -> dict[bytes, int]:
-    """Return by record where the verdict stands that was put on the chain just now."""
-    trail = await audit_visit(session.wallet, entries[0].visit)
-    return {entry.record_id: entry.height for entry in trail if entry.kind == "verdict"}
+    return known
 
 
 # What is open

@@ -6,14 +6,16 @@ They are kept until the page forgets them, or until others need the room.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Collection
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from clients.sdk.picture import Depth, colourise, compose_on, decode_depth_png
+from clients.sdk.depth_colours import Depth
+from clients.sdk.picture import colourise, compose_on, decode_depth_png
 from clients.sdk.rendition_files import own_depth, own_pixels, sense_file
+from clients.wallet.language import describe_error
 from clients.wallet.page.days import kind_of
 from clients.wallet.page.seals import Seal, seal_json
 from clients.wallet.viewing import FrameView, RecordView
@@ -29,17 +31,25 @@ _TYPES = {"rgb.png": "image/png", "rgb.jpg": "image/jpeg", "wav": "audio/wav", "
 
 @dataclass
 class OpenClip:
-    """Records of one visit, one after the other. `rooms` are empty frames as PNG, by hash."""
+    """Records of one visit, one after the other. `rooms` are empty frames as PNG, by hash.
+
+    `missing_rooms` says why others are not there.
+    """
 
     name: str
     seals: tuple[Seal, ...]
     rooms: dict[bytes, bytes]
+    missing_rooms: dict[bytes, BlockRobotError]
     views: tuple[RecordView, ...] = field(init=False)
     frames: list[tuple[RecordView, FrameView]] = field(init=False)
 
     def __post_init__(self) -> None:
         self.views = tuple(seal.view for seal in self.seals)
         self.frames = [(view, frame) for view in self.views for frame in view.frames]
+
+    def note_verdicts(self, heights: Mapping[bytes, int]) -> None:
+        """Remember by record in which block what was found of it stands."""
+        self.seals = tuple(replace(seal, verdict_height=heights.get(seal.view.entry.record_id)) for seal in self.seals)
 
     @property
     def record_ids(self) -> set[bytes]:
@@ -90,8 +100,15 @@ class OpenClip:
             "visit": self.views[0].entry.visit.owner.hex(),
             "records": [view.entry.record_id.hex() for view in self.views],
             "seals": [seal_json(seal, language) for seal in self.seals],
+            "missing_rooms": _reasons(self.missing_rooms, language),
             "frames": [_frame_json(number, view, frame) for number, (view, frame) in enumerate(self.frames)],
         }
+
+
+def _reasons(missing: Mapping[bytes, BlockRobotError], language: str | None) -> list[dict[str, str]]:
+    """Tell why empty rooms are missing, each reason once."""
+    told = {error.code: describe_error(error, language)[0] for error in missing.values()}
+    return [{"code": code, "sentence": sentence} for code, sentence in told.items()]
 
 
 def _frame_json(number: int, view: RecordView, frame: FrameView) -> dict[str, Any]:
@@ -135,9 +152,11 @@ class Clips:
         self._held_max_bytes = held_max_bytes
         self._clips: dict[str, OpenClip] = {}
 
-    def add(self, seals: list[Seal], rooms: dict[bytes, bytes]) -> OpenClip:
+    def add(
+        self, seals: list[Seal], rooms: dict[bytes, bytes], missing_rooms: dict[bytes, BlockRobotError]
+    ) -> OpenClip:
         """Keep a clip, and forget others if there is no room."""
-        clip = OpenClip(secrets.token_hex(8), tuple(seals), rooms)
+        clip = OpenClip(secrets.token_hex(8), tuple(seals), rooms, missing_rooms)
         self._clips[clip.name] = clip
         while len(self._clips) > 1 and sum(each.size for each in self._clips.values()) > self._held_max_bytes:
             del self._clips[next(iter(self._clips))]

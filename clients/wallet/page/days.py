@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.wallet.page.snapshot import Snapshot, VisitPart
+from clients.wallet.robot_names import RobotNames, tell_robot
 from clients.wallet.standing_words import standing_json, standing_lines
 from clients.wallet.wallet import RecordEntry
 from consensus.errors import BlockRobotError
@@ -104,7 +105,7 @@ def select(snapshot: Snapshot, wanted: Wanted) -> list[tuple[VisitPart, RecordEn
     return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
 
 
-def row_json(part: VisitPart, entry: RecordEntry, now_ms: int) -> dict[str, Any]:
+def row_json(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNames) -> dict[str, Any]:
     """Return one record as a list shows it."""
     meta, state = entry.metadata, entry.state
     verdict = part.verdicts.get(entry.record_id)
@@ -112,6 +113,7 @@ def row_json(part: VisitPart, entry: RecordEntry, now_ms: int) -> dict[str, Any]
         "record_id": entry.record_id.hex(),
         "visit": entry.visit.owner.hex(),
         "robot": entry.visit.robot.hex(),
+        "robot_called": tell_robot(entry.visit.robot, names),
         "status": state["status"],
         "sensor": meta.sensor,
         "kind": kind_of(entry),
@@ -144,8 +146,8 @@ def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str, language: str 
         "zone": zone_name,
         "days": [_day_json(day, found) for day, found in sorted(days.items(), reverse=True)],
         "robots": [
-            {"robot": robot, "name": f"Robot {robot[:8]}"}
-            for robot in sorted({part.report.visit.robot.hex() for part in snapshot.visits})
+            {"robot": robot.hex(), "called": tell_robot(robot, snapshot.robot_names)}
+            for robot in sorted(snapshot.robots_asked)
         ],
         "sensors": sorted({entry.metadata.sensor for entry in recordings(everything)}),
         "visits": [visit_json(part, language) for part in snapshot.visits],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import datetime
 import secrets
 import threading
 from http import HTTPStatus
@@ -25,6 +24,7 @@ from clients.wallet.page.asking import Asked
 from clients.wallet.page.jobs import Job
 from clients.wallet.page.session import KeptFile, PageSession
 from pages.local_page import LocalRoute
+from pages.moments import show_day
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
@@ -93,7 +93,7 @@ async def _write(session: PageSession, job: Job, wanted: Wanted, language: str, 
     verdict = await _write_until_stopped(path, contents, heard)
     told = bundle_json(path, verdict)
     session.keep_export(name, path)
-    day = datetime.datetime.fromtimestamp(now_ms / 1000).astimezone().date().isoformat()
+    day = show_day(now_ms)
     saved = f"blockrobot-{day}.zip"
     kept = ("bytes", "is_complete", "visits", "records", "pictures", "audit_entries", "problems", "proved_until_height")
     return {

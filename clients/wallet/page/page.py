@@ -52,6 +52,7 @@ def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms)
         link_note=text("page.link.once"),
         describe=describe_error,
         command=session.command,
+        allow_camera=True,
     )
 
 

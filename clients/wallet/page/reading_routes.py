@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from aiohttp import web
 
-from clients.sdk.picture import SHOWN_MAX_MM, SHOWN_MIN_MM
-from clients.wallet.auditing import AuditEntry
+from clients.sdk.depth_colours import scale_json
+from clients.wallet.auditing import AuditEntry, findings_of, records_of
 from clients.wallet.erasure_status import AskedErasure, custodian_names, erasure_json, erasure_lines
 from clients.wallet.guardian_lines import guardian_lines
 from clients.wallet.language import LANGUAGES, language_in_use, section
@@ -107,7 +108,7 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
                 "changed": 0 < content.notice_consented_version < notice.version,
                 "never_shown": notice.version > content.notice_shown_version,
             },
-            "shown_mm": [SHOWN_MIN_MM, SHOWN_MAX_MM],
+            "depth_scale": scale_json(),
             "news": session.news,
         }
     )
@@ -231,7 +232,7 @@ async def _records(session: PageSession, request: web.Request) -> web.Response:
     start = asked.number("cursor", 0)
     asked.end()
     found, now_ms = select(session.snapshot, wanted), session.now_ms()
-    rows = [row_json(part, entry, now_ms) for part, entry in found[start : start + limit]]
+    rows = [row_json(part, entry, now_ms, session.snapshot.robot_names) for part, entry in found[start : start + limit]]
     end = start + limit
     return answer_json({"total": len(found), "next": str(end) if end < len(found) else None, "records": rows})
 
@@ -242,9 +243,9 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
     part = snapshot.part_of(entry.visit.owner)
     meta, visit = entry.metadata, visit_json(part, language_of(request))
     shares = [share for share in part.shares if entry.record_id in share.left]
-    trail = [each for each in part.trail if _is_about(part, entry.record_id, each)]
+    trail = [_only_of(entry.record_id, each) for each in part.trail if _is_about(part, entry, each)]
     return answer_json(
-        row_json(part, entry, now_ms)
+        row_json(part, entry, now_ms, snapshot.robot_names)
         | {
             "txid": plain_hex(entry.state.get("txid")),
             "commitment_root": plain_hex(entry.state["commitment_root"]),
@@ -264,17 +265,26 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
     )
 
 
-def _is_about(part: VisitPart, record_id: bytes, event: AuditEntry) -> bool:
-    """Tell whether an event is about a record: alone, or among those of a grant that was given, ended or answered.
+def _only_of(record_id: bytes, event: AuditEntry) -> AuditEntry:
+    """Return of a verdict on several records what it says of this one; any other event as it is."""
+    own = [list(finding) for finding in findings_of(event) if finding[0] == record_id]
+    return replace(event, record_id=record_id, data={"verdict": own[0][1], "findings": own}) if own else event
+
+
+def _is_about(part: VisitPart, entry: RecordEntry, event: AuditEntry) -> bool:
+    """Tell whether an event is about a record: alone, among others that it names, or with all of its visit.
 
     Of a look by a grant the trail has only how many records it was at. So one at several is told of each record of the
     grant, with their number, though it may have been at others of them only.
     """
-    if event.record_id:
-        return event.record_id == record_id
-    named = event.data.get("records")
-    if isinstance(named, list):
+    record_id, named = entry.record_id, records_of(event)
+    if named:
         return record_id in named
+    if "erasure_id" in event.data:  # of several records, which the request names and the trail counts
+        asked = (report for report, _ in part.erasures if report.erasure_id == event.data["erasure_id"])
+        return any(record_id in report.records for report in asked)
+    if event.kind == "access_requested" and event.data["records"] == 0:
+        return event.height >= int(entry.state["height"])
     grant_id = event.data.get("grant_id", event.data.get("grant"))
     return any(share.grant.grant_id == grant_id and record_id in share.grant.records for share in part.shares)
 

@@ -5,10 +5,14 @@ Who registers consents to nothing by it: what she agrees to, she says afterwards
 
 from __future__ import annotations
 
+import asyncio
+import base64
+import binascii
 from typing import Any
 
 from aiohttp import web
 
+from clients.sdk.qr_codes import read_qr
 from clients.wallet.notices import Notices, Told
 from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.jobs import Job
@@ -18,6 +22,8 @@ from consensus.records.vouchers import decode_card_code
 from pages.local_page import LocalRoute
 
 CODE_MAX_CHARS = 1_024
+PICTURE_MAX_CHARS = 1_000_000
+"""The page sends it smaller than a camera takes it, so that it fits into a request."""
 NAME_MAX_CHARS = 256
 HASH_MAX_CHARS = 64
 
@@ -26,8 +32,23 @@ def routes(session: PageSession) -> list[LocalRoute]:
     """Return the routes of this part."""
     return [
         route(session, "POST", "/api/registration/plan", _plan),
+        route(session, "POST", "/api/registration/picture", _picture),
         route(session, "POST", "/api/registration", _register),
     ]
+
+
+async def _picture(_session: PageSession, request: web.Request) -> web.Response:
+    """Read the code in a photograph of a card. The picture is looked at here and kept nowhere."""
+    asked = await body_of(request)
+    picture = asked.text("picture", max_chars=PICTURE_MAX_CHARS)
+    asked.end()
+    try:
+        data = base64.b64decode(picture, validate=True)
+    except (binascii.Error, ValueError):
+        raise BlockRobotError("QR_UNREADABLE", "The picture is not written in base64.") from None
+    code = await asyncio.to_thread(read_qr, data)
+    decode_card_code(code)
+    return answer_json({"code": code})
 
 
 async def _plan(session: PageSession, request: web.Request) -> web.Response:

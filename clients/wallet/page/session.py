@@ -19,6 +19,7 @@ from typing import BinaryIO
 from clients.wallet.language import refusal
 from clients.wallet.page.clips import Clips
 from clients.wallet.page.jobs import Jobs
+from clients.wallet.page.looks import Looks
 from clients.wallet.page.passphrase import PassphraseGate
 from clients.wallet.page.snapshot import Snapshot, read_snapshot
 from clients.wallet.wallet import Wallet
@@ -83,6 +84,7 @@ class PageSession:
         self.was_not_begun = False
         """Whether something was asked for when the page ended that did not begin: its passphrase was not taken in time."""
         self.clips = Clips()
+        self.looks = Looks()
         self.exports: dict[str, KeptFile] = {}
         self.lost_export_count = 0
         """How many files to take along were there when the page ended, and nobody had fetched them."""
@@ -115,6 +117,7 @@ class PageSession:
         finally:
             self.lost_export_count = sum(not kept.was_fetched for kept in self.exports.values())
             self.clips.forget_all()
+            self.looks.forget_all()
             self._clear_folder()
 
     @property

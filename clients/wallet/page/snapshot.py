@@ -9,16 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from clients.wallet.auditing import AuditEntry, audit_visit
+from clients.wallet.auditing import AuditEntry, audit_visit, findings_of
 from clients.wallet.erasing import ErasureReport
 from clients.wallet.erasure_status import AskedErasure, custodian_names, describe_erasure, read_erasures
 from clients.wallet.language import refusal
 from clients.wallet.notices import Notices, Told
+from clients.wallet.robot_names import RobotNames, read_robot_names
 from clients.wallet.sharing import Share, Sharing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 
 NOTICE_EVERY_MS = 30_000
-VERDICT_KIND = "verdict"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +61,7 @@ class Snapshot:
     notice_at_ms: int = 0
     read_at_ms: int = 0
     entries: dict[bytes, RecordEntry] = field(default_factory=dict)
+    robot_names: RobotNames = field(default_factory=dict)
 
     def part_of(self, owner: bytes) -> VisitPart:
         """Return a visit. Raises NOT_FOUND."""
@@ -79,7 +80,12 @@ class Snapshot:
     def same_as(self, other: Snapshot) -> bool:
         """Tell whether nothing happened between the two."""
         mine, others = ([(part.report.visit.owner, part.mark) for part in each.visits] for each in (self, other))
-        return mine == others and self.notice_key == other.notice_key
+        return mine == others and self.notice_key == other.notice_key and self.robot_names == other.robot_names
+
+    @property
+    def robots_asked(self) -> set[bytes]:
+        """The robots whose names were asked for."""
+        return {part.report.visit.robot for part in self.visits}
 
     @property
     def notice_key(self) -> tuple[str, int] | None:
@@ -123,13 +129,17 @@ async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh:
     if is_member and (fresh or notice is None or now_ms - notice_at_ms >= NOTICE_EVERY_MS):
         notice, notice_at_ms = await Notices(wallet).current(), now_ms
     entries = {entry.record_id: entry for part in parts for entry in part.report.records}
-    return Snapshot(tuple(parts), notice, notice_at_ms, now_ms, entries)
+    robots = {part.report.visit.robot for part in parts}
+    names = before.robot_names
+    if fresh or not robots <= before.robots_asked:
+        names = await read_robot_names(wallet, (part.report.visit for part in parts))
+    return Snapshot(tuple(parts), notice, notice_at_ms, now_ms, entries, names)
 
 
 def find_verdicts(trail: tuple[AuditEntry, ...]) -> dict[bytes, Verdict]:
     """Return the last verdict on each record of a visit."""
     return {
-        entry.record_id: Verdict(entry.data["verdict"], entry.time_ms, entry.height)
+        record_id: Verdict(verdict, entry.time_ms, entry.height)
         for entry in trail
-        if entry.kind == VERDICT_KIND
+        for record_id, verdict, _ in findings_of(entry)
     }

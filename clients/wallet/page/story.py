@@ -84,8 +84,9 @@ def _tone(entry: AuditEntry) -> str:
 def _variant(entry: AuditEntry) -> str:
     if entry.kind == "verdict":
         return f"verdict_{entry.data.get('verdict')}"
-    if entry.kind == "access_requested" and "grant" in entry.data:
-        return "access_requested_shared"
+    if entry.kind == "access_requested":
+        own = "" if entry.data.get("records") else "_meeting"
+        return entry.kind + ("_shared" if "grant" in entry.data else own)
     if entry.kind == "erasure_requested" and entry.data.get("frames"):
         return "erasure_requested_frames"
     return entry.kind
@@ -93,10 +94,12 @@ def _variant(entry: AuditEntry) -> str:
 
 def _sentence(entry: AuditEntry, data: Mapping[str, Any], language: str) -> str:
     """Say it by the page's own text; what that has no words for is said as the command line says it."""
-    counted = data.get("destroyed_frames", data.get("records", data.get("record_count", 0)))
+    findings = data.get("findings", [])
+    counted = data.get("destroyed_frames", data.get("records", data.get("record_count", findings)))
     values = {
         **data,
         "count": len(counted) if isinstance(counted, list) else counted,
+        "changed": sum(finding[1] == "corrupted" for finding in findings),
         "custodian": data.get("custodian_name", ""),
         "purposes": purposes_text(data.get("purposes", []), language=language),
     }

@@ -1,11 +1,11 @@
 // The wallet's page: opens the session, shows one view at a time, and listens for what is new.
 // Must never keep anything once the session is over: no store, no cookie, no cache.
 
-import { announce, h, replace } from "./shared/dom.js";
+import { announce, focusOn, h, replace } from "./shared/dom.js";
 import { onAnswer, openSession, Problem } from "./shared/fetching.js";
 import { get, onClosed, post } from "./api.js";
 import { showCalendar } from "./calendar.js";
-import { minute, problemCard } from "./pieces.js";
+import { moment, problemCard, zone } from "./pieces.js";
 import { language, languages, loadTexts, t } from "./texts.js";
 
 // Each view is fetched when it is first shown: the calendar stands at once.
@@ -47,8 +47,10 @@ const context = {
     const heading = main.querySelector("h1");
     replace(heading, title);
     document.title = `${title} · BlockRobot`;
-    heading.focus();
+    focusOn(heading);
   },
+  /** What the view itself kept over a change of language, else null. */
+  kept: null,
   get signal() { return leaving.signal; },
   go(place) { location.hash = `#/${place}`; },
   onLeave(act) { leaving.signal.addEventListener("abort", act, { once: true }); },
@@ -83,7 +85,8 @@ function showNoPlace() {
   return { title: t("problem.noPlace"), node: h("div", { class: "card" }, h("p", {}, t("problem.noPlaceText")), h("p", {}, h("a", { href: "#/" }, t("problem.noPlaceNext")))) };
 }
 
-async function showPlace({ keepFocus = false } = {}) {
+async function showPlace({ keepFocus = false, kept = null } = {}) {
+  context.kept = kept;
   leaving.abort();
   leaving = new AbortController();
   const signal = leaving.signal;
@@ -111,7 +114,7 @@ async function showPlace({ keepFocus = false } = {}) {
   main.removeAttribute("aria-busy");
   document.title = `${view.title} · BlockRobot`;
   if (!keepFocus) {
-    heading.focus({ preventScroll: true });
+    focusOn(heading, { stay: true });
     window.scrollTo(0, 0);
   }
   view.onShown?.();
@@ -161,8 +164,9 @@ function drawFooter() {
   const told = overview.state === "not_registered" ? ["lied", "unreachable"] : ["lied", "unreachable", "refused", "behind"];  // whom nobody knows yet, every node refuses
   const bad = overview.network.nodes.filter((node) => told.includes(node.state));
   replace(footer,
-    h("p", {}, verified?.height ? t("footer.verified", { height: verified.height, time: minute(verified.time_ms) }) : t("footer.unverified")),
+    h("p", {}, verified?.height ? t("footer.verified", { height: verified.height, time: moment(verified.time_ms) }) : t("footer.unverified")),
     bad.length > 0 && h("ul", { class: "sentences" }, bad.map((node) => h("li", { class: node.state === "lied" ? "bad-words" : "" }, t(`footer.${node.state}`, { name: node.name }), node.sentence ? ` ${node.sentence}` : ""))),
+    h("p", {}, t("footer.zone", { zone: zone() })),
     h("p", {}, t("footer.local")));
 }
 
@@ -183,11 +187,21 @@ function commandToType(typed) {
   return typed && h("pre", { tabindex: 0 }, h("code", {}, typed));
 }
 
+/** Say everything in another language. What is open stays open, and what was typed or picked stays: nothing is asked for again. */
 async function changeLanguage(code) {
   await loadTexts(code);
   overview = await get("overview");
-  await showPlace({ keepFocus: true });
-  bar.querySelector("select").focus();
+  const typed = [...main.querySelectorAll("input[id]:not([type=password]), select[id], textarea[id]")].map(({ id, value }) => ({ id, value }));
+  const at = window.scrollY;
+  await showPlace({ keepFocus: true, kept: shown?.keep?.() ?? null });
+  for (const { id, value } of typed) {
+    const field = document.getElementById(id);
+    if (!field || field.value === value) continue;
+    field.value = value;
+    field.dispatchEvent(new Event("change"));
+  }
+  focusOn(bar.querySelector("select"), { stay: true });
+  window.scrollTo(0, at);
 }
 
 async function lock() {
@@ -211,7 +225,7 @@ function close(title, text) {
   replace(main, heading, h("div", { class: "card" }, h("p", {}, text), commandToType(command())));
   main.removeAttribute("aria-busy");
   document.title = `${title} · BlockRobot`;
-  heading.focus();
+  focusOn(heading);
 }
 
 async function listen() {
@@ -275,7 +289,7 @@ async function start() {
   });
   document.getElementById("skip").addEventListener("click", (event) => {
     event.preventDefault();
-    main.focus();
+    focusOn(main, { stay: true });
   });
   onAnswer(noteVerified);
   try {

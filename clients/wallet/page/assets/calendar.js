@@ -1,6 +1,6 @@
 // The calendar of days on which robots recorded something. Must never make a day look empty that holds recordings.
 
-import { h, replace } from "./shared/dom.js";
+import { focusOn, h, replace } from "./shared/dom.js";
 import { get } from "./api.js";
 import { dateOf, dayName, dayOf, redraw, sensorName, thingsOf, zone } from "./pieces.js";
 import { locale, t } from "./texts.js";
@@ -30,7 +30,7 @@ export async function showCalendar(context) {
     h("li", {}, h("a", { href: `#/day/${day.day}`, "data-key": `latest-${day.day}` }, dayName(dateOf(day.day).getTime())), h("span", { class: "quiet" }, ` ${countOf(day)}`), day.corrupted > 0 && [" ", h("span", { class: "badge bad" }, t("verdict.corruptedCount", { count: day.corrupted }))]))));
 
   const filters = () => data.robots.length + data.sensors.length > 2 && h("div", { class: "row filters" },
-    choice(t("calendar.robot"), "robot", [["", t("calendar.anyRobot")], ...data.robots.map((one) => [one.robot, one.name])]),
+    choice(t("calendar.robot"), "robot", [["", t("calendar.anyRobot")], ...data.robots.map((one) => [one.robot, one.called])]),
     choice(t("calendar.sensor"), "sensor", [["", t("calendar.anySensor")], ...data.sensors.map((code) => [code, sensorName(code)])]));
 
   const choice = (label, name, options) => {
@@ -100,7 +100,7 @@ export async function showCalendar(context) {
     hasMoved = true;
     month = focused.slice(0, 7);
     draw();
-    node.querySelector(`[data-day="${focused}"]`)?.focus();
+    focusOn(node.querySelector(`[data-day="${focused}"]`));
   };
 
   const visits = () => {

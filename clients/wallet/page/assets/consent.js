@@ -2,7 +2,7 @@
 // Must never offer a yes before the notice in force was on the screen, nor to what it does not name, nor let a yes pass for
 // one by which something is kept when it is none without depth.
 
-import { announce, h, replace } from "./shared/dom.js";
+import { announce, focusOn, h, replace } from "./shared/dom.js";
 import { follow, get, post } from "./api.js";
 import { moment, problemCard, progressOf, purposeName, redraw, sensorName, sentences } from "./pieces.js";
 import { locale, t } from "./texts.js";
@@ -17,7 +17,7 @@ export async function showConsent(context) {
   const said = h("div", { role: "status" });
   let isWorking = false;
 
-  const draw = () => replace(node, noticeCard(), said, h("p", { class: "lead" }, t("consent.lead")), switches(), takeBack(), receipts());
+  const draw = () => replace(node, noticeCard(), said, h("p", { class: "lead" }, t("consent.lead")), context.overview.counts.records > 0 && h("p", { class: "earlier" }, t("consent.earlier", { count: context.overview.counts.records }), " ", h("a", { href: "#/" }, t("nav.recordings"))), switches(), takeBack(), receipts());
 
   const noticeCard = () => {
     const { notice } = data;
@@ -35,7 +35,7 @@ export async function showConsent(context) {
     data.notice = await post("notice/shown", { version: data.notice.version });
     data.notice.must_show = false;
     draw();
-    node.querySelector(".choices button")?.focus();
+    focusOn(node.querySelector(".choices button"));
   };
 
   const switches = () => Object.entries(data.purposes).map(([purpose, sentence]) => {
@@ -100,7 +100,7 @@ export async function showConsent(context) {
     } finally {
       isWorking = false;
       redraw(node, draw);
-      node.querySelector(`[data-key="${what === "give" ? "yes" : "no"}-${purposes[0]}-${sensors[0]}"]`)?.focus();
+      focusOn(node.querySelector(`[data-key="${what === "give" ? "yes" : "no"}-${purposes[0]}-${sensors[0]}"]`));
     }
   };
 
@@ -135,5 +135,6 @@ function wordsOf(choice, height) {
   if (choice === undefined) return t("consent.never");
   const since = choice.from_height > height ? t("consent.from", { height: choice.from_height }) : t("consent.since", { time: moment(choice.since_ms), height: choice.from_height });
   const until = choice.period_until_ms ? ` ${t("consent.until", { time: moment(choice.period_until_ms) })}` : "";
-  return `${t(`consent.status.${choice.status}`)} ${since}${until}`;
+  const said = choice.mandate_id ? ` ${t("consent.mandated")}` : "";
+  return `${t(`consent.status.${choice.status}`)} ${since}${until}${said}`;
 }

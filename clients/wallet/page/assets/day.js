@@ -4,7 +4,7 @@
 import { h, replace } from "./shared/dom.js";
 import { get } from "./api.js";
 import { clock, contentOf, dateOf, dayName, redraw, sensorName, verdictBadge, zone } from "./pieces.js";
-import { choose } from "./selection.js";
+import { choose, wishToWatch } from "./selection.js";
 import { t } from "./texts.js";
 
 const ROWS_A_PAGE_COUNT = 2_000;
@@ -47,7 +47,7 @@ export function groupRows(rows) {
 /** Show a day (2026-11-22). */
 export async function showDay(context, day) {
   let [rows, days] = await Promise.all([load(day, context.signal), get("days", { zone: zone() }, context.signal)]);
-  const picked = new Set();
+  const picked = new Set(context.kept ?? []);
   const opened = new Map();
   const node = h("div", {});
   const actions = h("div", { class: "card row actions", role: "region", "aria-label": t("day.actions") });
@@ -78,10 +78,10 @@ export async function showDay(context, day) {
     box.indeterminate = count > 0 && count < ids.length;
   };
 
-  const robotName = (robot) => days.robots.find((one) => one.robot === robot)?.name ?? robot.slice(0, 10);
+  const robotName = (robot) => days.robots.find((one) => one.robot === robot)?.called ?? robot.slice(0, 10);
 
   const drawGroup = (group, number) => h("section", { class: "card", "aria-labelledby": `group-${number}` },
-    h("h2", { id: `group-${number}` }, t(`part.${group.part}`), h("span", { class: "quiet" }, ` · ${robotName(group.robot)} · ${group.count ? t("day.count", { count: group.count }) : t("calendar.notices", { count: group.notices })}`)),
+    h("h2", { id: `group-${number}` }, t(`part.${group.part}`), h("span", { class: "quiet" }, ` · ${t("calendar.robot")} ${robotName(group.robot)} · ${group.count ? t("day.count", { count: group.count }) : t("calendar.notices", { count: group.notices })}`)),
     [...group.visits].map(([visit, own]) => drawVisit(visit, own)));
 
   const drawVisit = (visit, own) => {
@@ -97,7 +97,7 @@ export async function showDay(context, day) {
     body);
     mark(box);
     details.open = isOpen;
-    return h("div", { class: "visit-row" }, box, details, own.some(watchable) && h("a", { class: "button", "data-key": `watch-${visit}`, href: `#/visit/${visit}/${day}/play`, "aria-label": t("day.watchVisit", { from: clock(own[0].started_at_ms) }) }, t("action.watch")));
+    return h("div", { class: "visit-row" }, box, details, own.some(watchable) && h("a", { class: "button", "data-key": `watch-${visit}`, href: `#/visit/${visit}/${day}`, onclick: () => wishToWatch(visit), "aria-label": t("day.watchVisit", { from: clock(own[0].started_at_ms) }) }, t("action.watch")));
   };
 
   const drawRow = (row) => h("div", { class: "record-row" },
@@ -108,7 +108,7 @@ export async function showDay(context, day) {
 
   draw();
   drawActions();
-  return { title: dayName(dateOf(day).getTime()), back: { href: "#/", label: t("calendar.title") }, node, shows: (id) => rows.some((row) => row.record_id === id), async refresh() {
+  return { title: dayName(dateOf(day).getTime()), back: { href: "#/", label: t("calendar.title") }, node, keep: () => picked, shows: (id) => rows.some((row) => row.record_id === id), async refresh() {
     [rows, days] = await Promise.all([load(day, context.signal), get("days", { zone: zone() }, context.signal)]);
     redraw(node, draw);
     drawActions();

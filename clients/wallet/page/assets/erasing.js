@@ -1,7 +1,7 @@
 // Erasing: what will be gone and what remains, said before; the custodians' receipts as they come in, after.
 // Must never call erased what a custodian has not confirmed.
 
-import { announce, h, replace } from "./shared/dom.js";
+import { announce, focusOn, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { follow, get, post, postWithPassphrase } from "./api.js";
 import { clock, moment, problemCard, progressOf, redraw, sentences, tell, thingsOf } from "./pieces.js";
@@ -74,7 +74,7 @@ export async function showEraseForm(context) {
     const receipts = h("div", { role: "status" });
     form.hidden = true;
     replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("erase.receipts")), receipts, progress.node));
-    result.querySelector("h2").focus();
+    focusOn(result.querySelector("h2"));
     let told = "";
     const done = await follow(job, (state) => {
       progress.show(state);
@@ -85,7 +85,7 @@ export async function showEraseForm(context) {
     drop();
     replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.complete ? "erase.done" : "erase.notYet")), !done.complete && h("p", {}, t("erase.later")), done.erasures.map((one) => receiptList(one.custodians)),
       done.recipients.length > 0 && [h("h3", {}, t("erase.recipients")), sentences(done.recipients.map((one) => t("erase.recipient", { who: one.who })))], h("p", {}, h("a", { href: "#/erasing" }, t("erase.seeAll")), " · ", h("a", { href: "#/" }, t("calendar.title")))));
-    result.querySelector("h2").focus();
+    focusOn(result.querySelector("h2"));
     announce(t(done.complete ? "erase.done" : "erase.notYet"));
   };
 

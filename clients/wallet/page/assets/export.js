@@ -1,6 +1,6 @@
 // Taking everything along: one file with pictures, what is known of them, and proofs. Must never leave it in the page.
 
-import { announce, h, replace } from "./shared/dom.js";
+import { announce, focusOn, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { formatBytes } from "./shared/format.js";
 import { follow, forget, getBytes, post, postWithPassphrase } from "./api.js";
@@ -38,7 +38,7 @@ export async function showExport(context) {
     try {
       const plan = await post("exports/plan", wanted, context.signal);
       replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("export.means")), h("p", {}, t("export.plan", { count: plan.records })), h("p", {}, t("export.learns")), sentences(given(plan, wanted)), h("p", {}, t("export.keep")), plan.records > 0 && h("button", { type: "button", class: "primary", onclick: () => start(wanted) }, t("export.start"))));
-      result.querySelector("h2").focus();
+      focusOn(result.querySelector("h2"));
     } catch (error) {
       if (error.name !== "AbortError") replace(result, problemCard(error));
     }
@@ -70,7 +70,7 @@ export async function showExport(context) {
     } }, t("export.save", { name: done.name, size: formatBytes(done.bytes) }));
     replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.is_complete ? "export.done" : "export.partly")), h("p", {}, t("export.has", { count: done.pictures, records: t("export.what", { count: done.records }), height: done.proved_until_height })),
       done.problems.length > 0 && sentences(done.problems.map((one) => one.sentence)), h("p", {}, save), h("p", { class: "quiet" }, t("export.check")), h("pre", { tabindex: 0, role: "region", "aria-label": t("export.check") }, h("code", {}, done.check))));
-    result.querySelector("h2").focus();
+    focusOn(result.querySelector("h2"));
     announce(t("export.done"));
   };
 

@@ -1,16 +1,15 @@
 // Small pieces that several views are made of: problems, progress, badges, moments. Must never show what it does not know.
 
-import { h, replace } from "./shared/dom.js";
+import { focusOn, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
-import { formatDay, formatTime } from "./shared/format.js";
+import { formatClock, formatDay, formatTime, zoneName } from "./shared/format.js";
 import { post } from "./api.js";
 import { locale, said, t } from "./texts.js";
 
 export const moment = (ms) => formatTime(ms, locale());
 export const dayName = (ms) => formatDay(ms, locale());
-export const clock = (ms) => new Intl.DateTimeFormat(locale(), { hour: "2-digit", minute: "2-digit", second: "2-digit" }).format(new Date(ms));
-export const minute = (ms) => new Intl.DateTimeFormat(locale(), { hour: "2-digit", minute: "2-digit" }).format(new Date(ms));
-export const zone = () => Intl.DateTimeFormat().resolvedOptions().timeZone;
+export const clock = (ms) => formatClock(ms, locale());
+export const zone = zoneName;
 
 /** The day of a moment in the reader's zone, as 2026-11-22. */
 export function dayOf(ms) {
@@ -39,7 +38,7 @@ export function thingsOf(kinds) {
 export function tell(place, card) {
   card.tabIndex = -1;
   replace(place, card);
-  card.focus();
+  focusOn(card);
 }
 
 /** What went wrong, and the next step. `again` is what a button tries. */
@@ -108,5 +107,5 @@ export async function busy(button, work) {
 export function redraw(node, draw) {
   const key = node.contains(document.activeElement) ? document.activeElement.closest("[data-key]")?.dataset.key : undefined;
   draw();
-  if (key !== undefined) node.querySelector(`[data-key="${CSS.escape(key)}"]`)?.focus();
+  if (key !== undefined) focusOn(node.querySelector(`[data-key="${CSS.escape(key)}"]`), { stay: true });
 }

@@ -1,8 +1,8 @@
 // Plays an open clip: distances in colours on the empty room, colour pictures, sounds and estimates, one after the other.
 // Must never show a picture that failed a check: in its place stands what is wrong.
 
-import { h, replace } from "./shared/dom.js";
-import { greyWords, legend, paint } from "./colour-map.js";
+import { focusOn, h, replace } from "./shared/dom.js";
+import { greyWords, legend, paint, readScale } from "./colour-map.js";
 import { FrameWindow } from "./frames.js";
 import { clock } from "./pieces.js";
 import { locale, t } from "./texts.js";
@@ -13,10 +13,11 @@ const PAUSE_USUAL_MS = 100;
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
 const SHOWN_KINDS = ["depth", "picture"];
 
-/** Return {node, show(number), stop()} for a clip (GET clips/ID); `onErase(frame)` is asked for one picture's erasure. */
-export function makePlayer(clip, shownMm, { signal, onErase }) {
+/** Return {node, stop(), start(), focus(), place(), isPlaying()} for a clip (GET clips/ID); `onErase(frame)` is asked for one picture's erasure, `at` where it begins. */
+export function makePlayer(clip, depthScale, { signal, onErase, at }) {
   const frames = inTime(clip.frames);
-  const stages = SHOWN_KINDS.filter((kind) => frames.some((frame) => kindOf(frame) === kind)).map((kind) => makeStage(kind, shownMm));
+  const scale = readScale(depthScale);
+  const stages = SHOWN_KINDS.filter((kind) => frames.some((frame) => kindOf(frame) === kind)).map((kind) => makeStage(kind, scale));
   const source = new FrameWindow(clip, frames, signal);
   let place = 0;
   let timer = null;
@@ -139,8 +140,8 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
     if (sound.src) URL.revokeObjectURL(sound.src);
   };
   signal.addEventListener("abort", stop, { once: true });
-  if (frames.length > 0) show(Math.max(0, frames.findIndex((frame) => frame.status === "ok" && SHOWN_KINDS.includes(frame.kind))));
-  return { node, stop, start, focus: () => play.focus() };
+  if (frames.length > 0) show(at ?? Math.max(0, frames.findIndex((frame) => frame.status === "ok" && SHOWN_KINDS.includes(frame.kind))));
+  return { node, stop, start, focus: () => focusOn(play, { stay: true }), place: () => place, isPlaying: () => timer !== null };
 }
 
 /** Frames in the order of time; one that could not be opened stands where its number puts it. */
@@ -155,12 +156,12 @@ function kindOf(frame) {
   return frame.kind ?? frame.holds;
 }
 
-function makeStage(kind, shownMm) {
+function makeStage(kind, scale) {
   const canvas = h("canvas", { class: "stage", width: 640, height: 480, role: "img", "aria-label": t(`stage.${kind}`) });
   const words = h("p", { class: "stage-words", hidden: true });
   const probe = h("p", { class: "probe quiet", "aria-hidden": "true" });
   let drawn = null;
-  const colours = kind === "depth" ? legend(shownMm) : null;
+  const colours = kind === "depth" ? legend(scale) : null;
   const node = h("figure", { class: "stage-frame" }, h("div", { class: "stage-box" }, canvas, words), h("figcaption", {}, colours ? [colours.node, probe] : t("stage.picture")));
   const surface = canvas.getContext("2d", { willReadFrequently: false });
   const size = (width, height) => {
@@ -183,7 +184,7 @@ function makeStage(kind, shownMm) {
       if (content.depth) {
         size(content.width, content.height);
         const image = surface.createImageData(content.width, content.height);
-        colours.show(paint(content.depth, image, shownMm), content.isAlone);
+        colours.show(paint(content.depth, image, scale), content.isAlone);
         surface.putImageData(image, 0, 0);
         canvas.setAttribute("aria-label", tellDepth(content, frame));
       } else {

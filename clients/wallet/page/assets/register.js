@@ -1,8 +1,9 @@
 // Registering with the code on one's card. Must never offer it before the notice of who issued that very card was on the screen.
 
-import { announce, h, replace } from "./shared/dom.js";
+import { announce, focusOn, h, replace } from "./shared/dom.js";
 import { follow, post, postWithPassphrase } from "./api.js";
 import { moment, problemCard, progressOf } from "./pieces.js";
+import { scanner } from "./scanning.js";
 import { t } from "./texts.js";
 
 /** The form: the code; then what one is told; then the passphrase. */
@@ -12,6 +13,7 @@ export async function showRegister(context) {
   const form = h("form", { class: "card", onsubmit: (event) => { event.preventDefault(); look(); } },
     h("p", {}, t("unregistered.text")),
     h("div", { class: "field" }, h("label", { for: "register-code" }, t("register.code")), code, h("p", { class: "quiet hint", id: "register-hint" }, t("register.codeHint"))),
+    scanner((read) => { code.value = read; code.dispatchEvent(new Event("input")); look(); }, context.signal),
     h("button", { type: "submit", class: "primary" }, t("register.look")));
 
   let looks = 0;
@@ -28,7 +30,7 @@ export async function showRegister(context) {
       const { notice } = await post("registration/plan", { code: asked }, context.signal);
       if (mine !== looks) return;
       replace(result, reason, told(notice, asked));
-      result.querySelector("h2").focus();
+      focusOn(result.querySelector("h2"));
     } catch (error) {
       if (error.name !== "AbortError" && mine === looks) replace(result, reason, problemCard(error));
     }

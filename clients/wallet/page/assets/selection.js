@@ -10,6 +10,20 @@ export function choose(selection) {
 /** What was chosen last, or null. */
 export const chosen = () => pending;
 
+let wished = null;
+
+/** Have a meeting played as soon as it is shown: for a press of a button, never for an address. */
+export function wishToWatch(visit) {
+  wished = visit;
+}
+
+/** Tell, once, whether a meeting is to be played as soon as it is shown. */
+export function takeWish(visit) {
+  const is = wished === visit;
+  wished = null;
+  return is;
+}
+
 /** Forget it, once it is done. */
 export function drop() {
   pending = null;

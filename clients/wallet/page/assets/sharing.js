@@ -1,6 +1,6 @@
 // Sharing: what is shared with whom, who looked, and the form for more. Must never share before it said what that means.
 
-import { announce, ask, h, replace } from "./shared/dom.js";
+import { announce, ask, focusOn, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { follow, get, post, postWithPassphrase } from "./api.js";
 import { moment, problemCard, progressOf, purposeName, redraw, sentences, tell } from "./pieces.js";
@@ -12,7 +12,7 @@ const SPANS = [1, 7, 30];
 const OWN_PURPOSES = ["own-access", "complaint"];
 const WITH_MAX_CHARS = 200;
 const NAME_MAX_CHARS = 100;
-const HANDLE = /^[0-9a-f]{64}$/i;
+const HANDLE = /^([0-9a-f]{64}|brh1[0-9a-z]+)$/i;
 
 /** Show what is shared, newest first. */
 export async function showSharing(context) {
@@ -80,7 +80,7 @@ export async function showShareForm(context) {
       const plan = await post("shares/plan", wanted, context.signal);
       replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("share.means")), h("p", {}, t("share.grantee", { name: plan.grantee.name || t("share.nobody"), role: t(`role.${plan.grantee.role}`), organisation: plan.grantee.organisation }), " ", t("share.what", { count: plan.records }), " ", t("share.until.open", { until: moment(plan.until_ms) })),
         sentences([t("share.sees"), t("share.listed"), t("share.canEnd"), t("share.undo")]), h("button", { type: "button", class: "primary", onclick: () => share(wanted) }, t("share.confirm"))));
-      result.querySelector("h2").focus();
+      focusOn(result.querySelector("h2"));
     } catch (error) {
       if (error.name !== "AbortError") replace(result, problemCard(inPlainWords(error, wanted, people)));
     }
@@ -114,7 +114,7 @@ export async function showShareForm(context) {
 
 /** Say what was wrong with whom she named as somebody at a page can mend it: no command, no option of one. */
 function inPlainWords(error, wanted, people) {
-  if (!["SHARE_NOT_POSSIBLE", "SHARE_WITH_NON_MEMBER"].includes(error.code)) return error;
+  if (!["SHARE_NOT_POSSIBLE", "SHARE_WITH_NON_MEMBER", "HANDLE_MISTYPED"].includes(error.code)) return error;
   const isKnown = (name) => people.some((one) => one.name?.toLowerCase() === name?.toLowerCase());
   const isHandle = HANDLE.test(wanted.with.replace(/[\s-]/g, ""));
   if (error.code === "SHARE_NOT_POSSIBLE" && !isHandle && !isKnown(wanted.with)) return { detail: t("share.noHandle", { wanted: wanted.with }), nextStep: t("share.readAgain") };

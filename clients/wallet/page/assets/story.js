@@ -12,7 +12,8 @@ export function tell(event) {
   const data = event.data ?? {};
   const values = {
     ...data,
-    count: data.records?.length ?? data.records ?? data.record_count ?? data.destroyed_frames ?? 0,
+    count: data.records?.length ?? data.records ?? data.record_count ?? data.destroyed_frames ?? data.findings?.length ?? 0,
+    changed: data.findings?.filter((finding) => finding[1] === "corrupted").length ?? 0,
     purpose: data.purpose ? purposeName(data.purpose) : "",
     purposes: (data.purposes ?? []).map((code) => purposeName(code)).join(", "),
     custodian: data.custodian_name ?? "",
@@ -23,7 +24,7 @@ export function tell(event) {
 
 function variant(kind, data) {
   if (kind === "verdict") return `verdict_${data.verdict}`;
-  if (kind === "access_requested" && data.grant) return "access_requested_shared";
+  if (kind === "access_requested" && (data.grant || !data.records)) return `access_requested_${data.grant ? "shared" : "meeting"}`;
   if (kind === "erasure_requested" && data.frames?.length) return "erasure_requested_frames";
   return kind;
 }

@@ -44,7 +44,7 @@ async def make(ward: Ward, path: Path, wanted: Wanted | None = None) -> Contents
     return contents
 
 
-async def _story(ward: Ward, path: Path) -> Made:
+async def make_story(ward: Ward, path: Path) -> Made:
     first, second = ward.open_visit(), ward.open_visit()
     ids = [ward.record(first), ward.record(first, frames=1), ward.record(second, frames=1)]
     ward.close_visit(first)
@@ -60,4 +60,4 @@ async def _story(ward: Ward, path: Path) -> Made:
 @pytest.fixture(scope="package")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     folder = tmp_path_factory.mktemp("bundle")
-    return asyncio.run(_story(Ward(folder), folder / "mine.zip"))
+    return asyncio.run(make_story(Ward(folder), folder / "mine.zip"))

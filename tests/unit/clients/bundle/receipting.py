@@ -15,7 +15,8 @@ from clients.bundle.consent_receipts import read_reference, state_keys
 from clients.sdk.answers import ProofsAnswer, read_answer
 from clients.sdk.connections import NodeAddress
 from clients.sdk.trust import ProvedState
-from clients.wallet.proof_collecting import StateCollector, receipt_proof
+from clients.wallet.kept_proofs import receipt_proof
+from clients.wallet.proof_collecting import StateCollector
 from consensus.primitives.keys import PrivateKey
 from consensus.records.consent_receipts import sign_as_person
 from consensus.records.notices import Notice, encode_notice
@@ -31,6 +32,7 @@ class Ledger:
 
     def __init__(self, chain: ProvingHospital) -> None:
         self._chain = chain
+        self.earliest_height = 0
 
     @property
     def header(self) -> Any:

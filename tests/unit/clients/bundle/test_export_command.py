@@ -52,6 +52,18 @@ def test_it_says_first_what_a_bundle_gives_away(ward: Ward, tmp_path: Path) -> N
     assert "what the pictures show" not in quiet
 
 
+def test_a_ctrl_c_says_that_nothing_was_written(ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    ward.record(ward.open_visit())
+    monkeypatch.setattr(export_command, "write_bundle", stop)
+    out = tmp_path / "mine.zip"
+    stopped = run(out, "--yes", "--now")
+    assert (stopped.exit_code, "Aborted" in stopped.output, out.exists()) == (1, False, False)
+    assert f"Stopped. {out} was not written." in stopped.output
+
+
 def test_without_a_terminal_it_asks_for_yes_and_does_nothing(ward: Ward, tmp_path: Path) -> None:
     ward.record(ward.open_visit())
     height = ward.chain.height

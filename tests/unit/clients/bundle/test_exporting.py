@@ -26,6 +26,7 @@ from clients.wallet.exporting import Exporting, Wanted
 from clients.wallet.rights import Chosen, Rights
 from clients.wallet.viewing import Viewing
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_data_key
 from consensus.records.renditions import Rendition
 from tests.miscounting_robot import miscounting
@@ -251,6 +252,32 @@ async def test_the_history_of_consent_comes_with_its_receipts(ward: Ward, tmp_pa
     assert not any("in block" in line for line in unproved(verdict))
 
 
+async def test_words_by_a_mandate_are_named_so_and_are_nobodys_own(ward: Ward, tmp_path: Path) -> None:
+    """She acts for a child, and somebody acts for her later: neither is told as what she said herself."""
+    chain, handle, key = ward.chain, ward.patient.handle, ward.patient.identity
+    eva, other, child = (
+        chain.enrol(name, role) for name, role in (("e", "officer"), ("o", "officer"), ("c", "subject"))
+    )
+    until_ms = chain.bucket() + 86_400_000
+
+    def give_mandate(represented: bytes, representative: bytes, accepting: PrivateKey) -> bytes:
+        arguments = [represented, representative, bytes(32), ["consent"], until_ms]
+        mandate_id = chain.must(eva.identity, "mandates", "propose", *arguments).txid
+        chain.must(other.identity, "mandates", "approve", mandate_id)
+        chain.must(accepting, "mandates", "accept", mandate_id)
+        return mandate_id
+
+    own = give_mandate(child.handle, handle, key)
+    chain.must(key, "consent", "give", child.handle, ["care"], ["depth"], 0, until_ms, 0, chain.height)
+    chain.must(key, "mandates", "end", own)
+    mandate_id = give_mandate(handle, child.handle, child.identity)
+    chain.must(child.identity, "consent", "give", handle, ["care"], ["rgb"], 0, until_ms, 0, chain.height)
+    verdict = await export(ward, tmp_path / "mine.zip")
+    assert verdict.consents.history == []
+    told = {(choice.purpose, choice.sensor): choice.steps[-1].mandate for choice in verdict.consents.choices}
+    assert told == {("care", "depth"): "", ("demo", "depth"): "", ("care", "rgb"): mandate_id.hex()}
+
+
 # What cannot be had
 
 
@@ -299,6 +326,12 @@ async def test_erased_records_and_frames_are_told_with_their_receipts(ward: Ward
     statuses = {record.record_id: record.status for record in verdict.records}
     assert statuses == {whole.hex(): "erased", part.hex(): "active"}
     assert [frame.status for frame in verdict.frames] == ["picture", "erased", "picture"]
+    with zipfile.ZipFile(tmp_path / "mine.zip") as packed:
+        (listed,) = re.findall(r"const visits = (.*);", packed.read("play.html").decode())
+    (played,) = json.loads(listed)
+    told = {(name == "", record, index) for name, _, record, index in played["pictures"]}
+    assert {(True, whole.hex(), -1), (True, part.hex(), 1), (False, part.hex(), 0)} <= told
+    assert [len(each["receipts"]) for each in played["erasures"]] == [2, 2]
     assert (verdict.erasures, verdict.visits[0].missing, verdict.manifest.problems) == (2, 0, [])
     with zipfile.ZipFile(tmp_path / "mine.zip") as packed:
         erasures = json.loads(packed.read("data/erasures.json"))["erasures"]
@@ -344,7 +377,7 @@ async def test_an_empty_room_that_nobody_has_leaves_the_person_alone_in_her_pict
     ward.record(ward.open_visit())
     ward.network.custody.rooms.clear()
     verdict = await export(ward, tmp_path / "mine.zip")
-    assert problem_codes(verdict) == [("", "NOT_FOUND")]
+    assert problem_codes(verdict) == [("", "EMPTY_FRAME_WITHDRAWN")]
     assert [name.split("/")[0] for frame in verdict.frames for name in frame.files] == ["depth", "depth"]
 
 

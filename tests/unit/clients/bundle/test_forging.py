@@ -238,6 +238,17 @@ def test_a_picture_that_is_kept_back_shows(made: Made, tmp_path: Path) -> None:
     assert any("3 pictures" in line for line in unproved(verdict))
 
 
+def test_pictures_that_are_not_even_named_show(made: Made, tmp_path: Path) -> None:
+    def leave_out(row: doc.RecordOpening) -> doc.RecordOpening:
+        return msgspec.structs.replace(row, commitment_leaves=[], salts=[])
+
+    line = "anything of the pictures of 2 records, which the bundle does not name"
+    assert line in unproved(rewrite(tmp_path, with_openings(made.contents, leave_out)))
+    whole = judge(tmp_path / "whole.zip", made.path.read_bytes(), made.genesis)
+    assert isinstance(whole, Verdict)
+    assert line not in unproved(whole)
+
+
 @pytest.mark.parametrize("change", [{"commitment_leaves": []}, {"salts": []}, {"salts": ["00" * 32, "00" * 32]}])
 def test_leaves_and_salts_belong_together(made: Made, tmp_path: Path, change: dict[str, object]) -> None:
     with pytest.raises(BlockRobotError):

@@ -18,7 +18,7 @@ from clients.bundle.proving import schema_text
 from clients.bundle.writing import Contents, write_bundle
 from clients.sdk.blocks import read_transaction
 from clients.wallet.exporting import Wanted
-from clients.wallet.proof_collecting import receipt_proof
+from clients.wallet.kept_proofs import receipt_proof
 from clients.wallet.rotating import Rotating
 from consensus.errors import BlockRobotError
 from tests.unit.clients.bundle.conftest import make

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import secrets
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -48,7 +48,7 @@ from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.commitments import ciphertext_leaves
 from consensus.records.owner_keys import open_visit_keys
 from consensus.records.renditions import Rendition
-from consensus.transaction import Transaction
+from consensus.transaction import Transaction, decode_transaction
 from node.api.documents import finality_document
 from node.api.evidence import build_evidence
 from node.api.services import TransactionPlace
@@ -167,6 +167,8 @@ class ShortWire:
         self.asked: list[tuple[bytes, bytes]] = []
         self.before_proofs: Callable[[], None] | None = None
         self.pruned_height = 0
+        self.pruned_below = 0
+        self.genesis = chain.genesis
         self.nodes: tuple[NodeAddress, ...] = (NodeAddress("node-1", "http://127.0.0.1:2"),)
 
     async def close(self) -> None:
@@ -201,12 +203,16 @@ class ShortWire:
         receipt = self.chain.send(key, contract, entry, *arguments)
         if not receipt.ok:
             raise BlockRobotError("CALL_REFUSED", f"{receipt.code}: {receipt.message}")
-        return await self.wait_final(receipt.txid)
+        final = await self.wait_final(receipt.txid)
+        wire = self.chain.blocks[final.height - 1].transactions[final.index]
+        return replace(final, transaction=decode_transaction(wire))
 
     async def wait_final(self, txid: bytes, timeout_ms: int = 0, *, lane: bytes = b"") -> FinalReceipt:
         for height, receipts in enumerate(self.chain.receipts, 1):
             for index, receipt in enumerate(receipts):
                 if receipt.txid == txid:
+                    if height < self.pruned_below:
+                        raise BlockRobotError("BLOCK_PRUNED")
                     block, place = self.chain.blocks[height - 1], TransactionPlace(height, index)
                     built = build_evidence(self.chain.snapshot(), block, receipts, place)
                     evidence = msgspec.convert(msgspec.to_builtins(built), EvidenceDocument)
@@ -223,7 +229,7 @@ class ShortWire:
         """A block, or the page of events: all of a contract, from a place on."""
         if path.startswith("/v1/blocks/"):
             height = int(path.rsplit("/", 1)[1])
-            if height == self.pruned_height:
+            if height == self.pruned_height or height < self.pruned_below:
                 raise BlockRobotError("BLOCK_PRUNED")
             return json.dumps({"block": encode(self.chain.blocks[height - 1]).hex()}).encode()
         if path == "/v1/consent-receipts":  # a wire that signs them is in receipting.py
@@ -235,7 +241,7 @@ class ShortWire:
         for height, receipts in enumerate(self.chain.receipts, 1):
             events = [(receipt, event) for receipt in receipts for event in receipt.events]
             for index, (receipt, event) in enumerate(events):
-                if event.contract == wanted["contract"] and (height, index) >= first:
+                if event.contract == wanted["contract"] and (height, index) >= max(first, (self.pruned_below, 0)):
                     row = {"place": f"{height}:{index}", "contract": event.contract, "name": event.name}
                     rows.append({**row, "data": event.data.hex(), "txid": receipt.txid.hex()})
         head = len(self.chain.receipts)
@@ -259,10 +265,12 @@ class Custodians:
             raise BlockRobotError(self.refusals[record_id])
         return self.clips[record_id]
 
-    async def get_background(self, digest: bytes, key: PrivateKey) -> bytes:
+    async def find_background(
+        self, digest: bytes, key: PrivateKey, missing: dict[bytes, BlockRobotError]
+    ) -> bytes | None:
         if digest not in self.rooms:
-            raise BlockRobotError("NOT_FOUND", "No custodian has this empty frame.")
-        return self.rooms[digest]
+            missing[digest] = BlockRobotError("EMPTY_FRAME_WITHDRAWN")
+        return self.rooms.get(digest)
 
 
 class Ward:

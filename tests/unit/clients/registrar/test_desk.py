@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import secrets
 import stat
+from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from nacl.public import PrivateKey as SealingPrivateKey
+from rich.console import Console
 
+from clients.registrar.cli import card
 from clients.registrar.desk import CARD_LIFETIME_DEFAULT_MS, Desk
 from clients.sdk.pin_file import PIN_FILE
 from consensus.errors import BlockRobotError
@@ -114,6 +119,7 @@ class FakeClient:
     """A network's proven state, asked in the registrar's session."""
 
     state: dict[tuple[str, bytes], Any] = {}  # noqa: RUF012 - set anew by each test
+    calls: list[tuple[str, list[Any]]] = []  # noqa: RUF012 - set anew by each test
 
     def __init__(self, genesis: object, path: Path) -> None:
         assert path.name == PIN_FILE
@@ -125,14 +131,26 @@ class FakeClient:
     async def __aexit__(self, *exception: object) -> None:
         """Nothing is open."""
 
+    async def call(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> SimpleNamespace:
+        assert (key.public_key, contract) == (REGISTRAR.public_key, "identity")
+        self.calls.append((entry, arguments))
+        if entry != "revoke":
+            return SimpleNamespace(txid=b"n" * 32)
+        (handle,) = arguments
+        self.state[("identity", b"member/" + self.state[("identity", b"handle/" + handle)])]["status"] = "revoked"
+        return SimpleNamespace(txid=b"t" * 32)
+
     async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
         assert key.public_key == REGISTRAR.public_key
         return self.state.get((contract, state_key))
 
 
-def member_state(role: str, status: str = "active", sealing: bytes = bytes(32)) -> dict[str, Any]:
+def member_state(
+    role: str, status: str = "active", sealing: bytes = bytes(32), handle: bytes = bytes(32)
+) -> dict[str, Any]:
     keys = [PrivateKey(secrets.token_bytes(32)).public_key for _ in range(2)]
     return {
+        "handle": handle,
         "role": role,
         "status": status,
         "spend": keys[0],
@@ -144,6 +162,7 @@ def member_state(role: str, status: str = "active", sealing: bytes = bytes(32)) 
 @pytest.fixture
 def chain(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, bytes], Any]:
     robot = member_state("robot", sealing=bytes(ROBOT_SEALING.public_key))
+    FakeClient.calls = []
     FakeClient.state = {("identity", b"member/" + ROBOT): robot}
     monkeypatch.setattr("clients.registrar.desk.open_pinned_client", FakeClient)
     return FakeClient.state
@@ -153,7 +172,7 @@ def register(desk: Desk, chain: dict[tuple[str, bytes], Any], uid: str, role: st
     handle = decode_card_code(desk.issue(uid, role)).handle
     member = secrets.token_bytes(33)
     chain[("identity", b"handle/" + handle)] = member
-    chain[("identity", b"member/" + member)] = member_state(role, **state)
+    chain[("identity", b"member/" + member)] = member_state(role, handle=handle, **state)
     return handle
 
 
@@ -200,3 +219,103 @@ async def test_only_an_active_robot_gets_a_roster(desk: Desk, chain: dict[Any, A
     with pytest.raises(BlockRobotError) as caught:
         await desk.make_roster(ROBOT)
     assert code_of(caught) == "NOT_FOUND"
+
+
+def uids(desk: Desk) -> list[str]:
+    return [card.uid for card in desk.cards()]
+
+
+class LaterClock:
+    def now_ms(self) -> int:
+        return NOW_MS + CARD_LIFETIME_DEFAULT_MS + 1
+
+
+async def test_the_desk_forgets_who_left_or_was_revoked_and_codes_that_expired(
+    desk: Desk, folder: Path, chain: dict[Any, Any]
+) -> None:
+    register(desk, chain, UID, "subject")
+    register(desk, chain, "DEADBEEF", "subject", status="left")
+    register(desk, chain, "0BADF00D", "staff", status="revoked")
+    desk.issue("NOT-YET-REGISTERED", "subject")
+    assert await desk.forget_former() == 2
+    assert uids(desk) == [UID, "NOT-YET-REGISTERED"]
+    later = Desk(folder, make_genesis(), LaterClock())
+    assert await later.forget_former() == 1
+    assert uids(desk) == [UID], "a registered card is kept beyond its code's time"
+    assert b"DEADBEEF" not in (folder / "cards.json").read_bytes()
+
+
+async def test_making_a_roster_forgets_them_too(desk: Desk, chain: dict[Any, Any]) -> None:
+    register(desk, chain, UID, "subject")
+    register(desk, chain, "DEADBEEF", "subject", status="left")
+    await desk.make_roster(ROBOT)
+    assert uids(desk) == [UID]
+
+
+def test_one_tag_is_forgotten_on_request(desk: Desk) -> None:
+    desk.issue(UID, "subject")
+    desk.issue("0BADF00D", "staff")
+    assert desk.forget(f" {UID.lower()}\n") == 1
+    assert desk.forget(UID) == 0
+    assert uids(desk) == ["0BADF00D"]
+
+
+async def test_a_membership_is_ended_at_the_desk(desk: Desk, chain: dict[Any, Any]) -> None:
+    register(desk, chain, "0BADF00D", "robot")
+    register(desk, chain, UID, "subject")
+    member = await desk.find_member("0badf00d")
+    assert await desk.find_role(member) == "robot"
+    assert (await desk.revoke(member)).role == "robot"
+    assert uids(desk) == [UID]
+    for again in (desk.revoke(member), desk.find_role(member), desk.find_member("0BADF00D")):
+        with pytest.raises(BlockRobotError) as caught:
+            await again
+        assert code_of(caught) == "NOT_FOUND"
+
+
+async def test_a_robot_is_named_at_the_desk(desk: Desk, chain: dict[Any, Any]) -> None:
+    handle = register(desk, chain, "0BADF00D", "robot")
+    assert await desk.name_robot(await desk.find_member("0badf00d"), "Robbie", "Ward 4") == b"n" * 32
+    assert FakeClient.calls == [("name_robot", [handle, "Robbie", "Ward 4"])]
+    with pytest.raises(BlockRobotError) as caught:
+        await desk.name_robot(bytes(33), "Robbie", "")
+    assert code_of(caught) == "NOT_FOUND"
+
+
+@pytest.mark.parametrize("options", [[], ["--robot", "02ab", "--uid-file", "FILE"]])
+def test_a_robot_to_be_named_is_said_in_one_way(tmp_path: Path, options: list[str]) -> None:
+    (tmp_path / "uid").write_text("0BADF00D")
+    given = [str(tmp_path / "uid") if option == "FILE" else option for option in options]
+    result = CliRunner().invoke(card, ["name", "Robbie", *given])
+    assert (result.exit_code, "--robot KEY or --uid-file FILE" in result.output) == (2, True)
+
+
+def test_a_card_goes_to_a_file_and_stands_nowhere_else(
+    tmp_path: Path, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("clients.registrar.cli._open", lambda *_: desk)
+    (tmp_path / "uid").write_text(UID)
+    issue, out = ["issue", "--uid-file", str(tmp_path / "uid")], tmp_path / "card.txt"
+    told = CliRunner().invoke(card, [*issue, "--out", str(out)])
+    assert told.exit_code == 0, told.output
+    code = out.read_text().strip()
+    assert decode_card_code(code).role == "subject"
+    assert code not in told.output
+    assert "BR1-" not in CliRunner().invoke(card, [*issue, "--json", "--out", str(tmp_path / "card.html")]).output
+    cards = desk.cards()
+    for wrong in (out, tmp_path / "card.pdf"):
+        refused = CliRunner().invoke(card, [*issue, "--out", str(wrong)])
+        assert (refused.exit_code, "--out takes a new file" in refused.output) == (2, True)
+    refused = CliRunner().invoke(card, [*issue, "--out", str(tmp_path / "missing" / "card.html")])
+    assert (refused.exit_code, "FILE_UNUSABLE" in refused.output) == (1, True)
+    assert desk.cards() == cards, "no card is issued that cannot be written"
+
+
+def test_on_a_terminal_the_code_is_shown_to_scan(tmp_path: Path, desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("clients.registrar.cli._open", lambda *_: desk)
+    (tmp_path / "uid").write_text(UID)
+    for width, is_shown in ((100, True), (40, False)):
+        out = StringIO()
+        monkeypatch.setattr("clients.registrar.cli.console", Console(file=out, force_terminal=True, width=width))
+        assert CliRunner().invoke(card, ["issue", "--uid-file", str(tmp_path / "uid")]).exit_code == 0
+        assert ("▀" in out.getvalue()) == is_shown

@@ -18,10 +18,11 @@ from clients.robot.sealing import ClipContent, VisitChain, seal_clip
 from clients.robot.spool import SpooledClip
 from clients.sdk.announcements import Announcement, AnnouncementPage
 from clients.sdk.connections import NodeAddress
+from clients.sdk.passphrase import PassphraseCost
 from clients.sdk.trust import ProvedState
 from clients.wallet import cli
 from clients.wallet.keys import WalletKeys, derive_keys, draw_words
-from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
@@ -93,6 +94,8 @@ class FakeCustody:
 @dataclass(frozen=True)
 class Receipt:
     txid: bytes
+    evidence: None = None
+    transaction: None = None
 
 
 class FakeNetwork:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from clients.robot.sealing import VisitChain
+from clients.sdk.answers import ProofsAnswer
 from clients.sdk.connections import NodeAddress
 from clients.sdk.receipts import FinalReceipt
 from clients.sdk.sessions import GrantKey
@@ -19,7 +20,7 @@ from clients.wallet.keystore import Keystore, KnownVisit
 from clients.wallet.received import Receiving
 from clients.wallet.sharing import Grantee, Shared, Sharing
 from clients.wallet.wallet import RecordEntry, Wallet
-from consensus.block import Header
+from consensus.block import FinalityProof, Header
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.sharing import (
@@ -34,6 +35,7 @@ from consensus.records.sharing import (
 )
 from consensus.transaction import Transaction
 from contracts.execution.standing import find_role
+from contracts.state.view import MemoryState
 from node.api.standing import find_key_standing, require_readable
 from tests.unit.clients.bundle.ward import Custodians, Patient, ProvingHospital, ShortWire, Ward
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -108,6 +110,29 @@ class SharingWire(ShortWire):
         self.transactions = TransactionBuilder(chain.chain_id, self)
         self.refusal = ""
         self.callers: list[bytes] = []
+        self.nodes = tuple(NodeAddress(name, "http://127.0.0.1:2") for name in chain.custodian_names)
+        self.away: set[str] = set()
+        self._kept: tuple[FinalityProof, MemoryState] | None = None
+
+    def keep_quiet(self) -> None:
+        """The first node, which answers all that is asked of state, says nothing of later blocks from now on."""
+        self._kept = (self.chain.finality(), self.chain.state.copy())
+
+    def _answer(self, keys: Sequence[bytes]) -> ProofsAnswer:
+        if self._kept is None:
+            return super()._answer(keys)
+        now, (finality, state) = self.chain, self._kept
+        self.chain = SimpleNamespace(state=state, finality=lambda: finality)  # type: ignore[assignment]
+        try:
+            return super()._answer(keys)
+        finally:
+            self.chain = now
+
+    async def node_header(self, node: NodeAddress, key: PrivateKey) -> Header:
+        if node.name in self.away:
+            raise BlockRobotError("NODE_UNREACHABLE")
+        is_quiet = self._kept is not None and node == self.nodes[0]
+        return self.light_client.accept(self._kept[0] if self._kept and is_quiet else self.chain.finality())
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         """Answer the key of a grant what a node does, by the same rules: of that grant's visit, and to nobody else."""

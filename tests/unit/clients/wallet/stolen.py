@@ -77,6 +77,8 @@ class Final:
     height: int
     ok: bool = True
     code: str = ""
+    evidence: None = None
+    transaction: None = None
 
     def require_ok(self) -> Final:
         if not self.ok:

@@ -238,6 +238,7 @@ def test_a_program_gets_one_object_and_an_exit_code(house: House, run: Callable[
             "since_ms": house.hospital.time_ms,
             "period_from_ms": None,
             "period_until_ms": None,
+            "mandate_id": None,
         }
     ]
     for count in (1, 0):

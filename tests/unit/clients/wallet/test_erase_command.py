@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from clients.wallet import erase_command
 from clients.wallet.auditing import audit_visit
 from clients.wallet.language import LANGUAGE_VARIABLE
-from clients.wallet.opening import show_moment
+from pages.moments import show_moment
 from tests.unit.clients.wallet.test_sharing_commands import People
 
 

@@ -41,6 +41,7 @@ async def own_visit(world: World) -> KnownVisit:
 def put_erasure(world: World, erasure_id: bytes, status: str, receipts: dict[bytes, Any]) -> None:
     world.network.state[b"erasure\x00erasure/" + erasure_id] = {
         "status": status,
+        "records": [bytes(16)],
         "custodians": [b"a" * 33, b"b" * 33],
         "receipts": receipts,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -52,6 +53,27 @@ def test_the_number_in_a_files_name_is_the_one_to_erase_its_picture_by(people: P
     ward.drop(second, erased)
     people.told(ann, "view", second.hex(), "--out", after.parent, "--no-sheet")
     assert names(after) == [f"{pictures[0]}.depth.png", f"{pictures[0]}.png"]
+
+
+def test_a_ctrl_c_says_how_much_is_written_and_how_to_get_the_rest(
+    people: People, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks: list[object] = []
+    write = viewing_commands.write_pictures
+
+    async def stop_at_the_second(*arguments: Any) -> Any:
+        looks.append(arguments)
+        if len(looks) == 2:
+            raise KeyboardInterrupt
+        return await write(*arguments)
+
+    people.ward.record_visit(2)
+    monkeypatch.setattr(viewing_commands, "write_pictures", stop_at_the_second)
+    out = tmp_path / "pictures"
+    stopped = people.run(people.ward.wallet, "view", "--out", out, "--no-sheet")
+    assert stopped.exit_code == 1
+    (record,) = out.iterdir()
+    assert flat(f"Stopped. {len(names(record))} files are written in {out}.") in flat(stopped.output)
 
 
 def test_what_is_shared_bears_the_owners_numbers_and_is_deleted_under_older_names_too(

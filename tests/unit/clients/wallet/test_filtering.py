@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.robot.sealing import ClipContent, seal_clip
-from clients.wallet import filtering, records_command, viewing_commands
+from clients.wallet import erase_command, filtering, records_command, viewing_commands
 from clients.wallet.cli import wallet
 from clients.wallet.filtering import Filter, read_days, read_filter, read_minutes, select
 from clients.wallet.keystore import KnownVisit
@@ -146,6 +146,7 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
 
     monkeypatch.setattr(records_command, "run_opened", opened)
     monkeypatch.setattr(viewing_commands, "run_opened", opened)
+    monkeypatch.setattr(erase_command, "run_opened", opened)
     monkeypatch.setattr(records_command, "Notices", NoNotices)
     return lambda *arguments: CliRunner().invoke(wallet, list(arguments))
 
@@ -188,13 +189,24 @@ def test_the_reasons_of_withheld_pictures_are_told_in_words(
     for withheld in (held[1:2], held):
         world.hold(seal_clip(ClipContent((note,), withheld, NOTICE_SENSOR, NOW_MS), visit, now_ms=NOW_MS))
     told = " ".join(run("records").output.split())
-    assert "39 withheld before (the reader gave no distance)" in told
+    assert "no picture, only a note of what was not kept, 39 withheld before (the reader gave no distance)" in told
+    assert "0 pictures (" not in told
     assert "42 withheld before (39: the reader gave no distance; 2: you were not alone; 1: of-tomorrow)" in told
     assert "42 retidas antes (39: o leitor não deu a distância; 2: " in run("--language", "pt", "records").output
     monkeypatch.chdir(tmp_path)
     seen = " ".join(run("view", "--no-show").output.split())
     assert "only a note of what was not kept: 39 withheld before (the reader gave no distance)." in seen
     assert "The pictures are in" not in seen
+
+
+def test_a_note_of_what_was_not_kept_has_no_picture_that_could_be_erased(
+    world: World, run: Callable[..., Result]
+) -> None:
+    note = msgspec.structs.replace(rendition(0), pixels=b"")
+    clip = seal_clip(ClipContent((note,), (("merged", 3),), NOTICE_SENSOR, NOW_MS), world.open_visit(), now_ms=NOW_MS)
+    world.hold(clip)
+    refused = run("erase", clip.upload.record_id.hex(), "--frames", "1", "--yes")
+    assert (refused.exit_code, "holds no pictures, only a note" in refused.output) == (2, True)
 
 
 def test_a_program_gets_the_documented_fields(world: World, run: Callable[..., Result]) -> None:

@@ -88,7 +88,7 @@ def test_without_the_package_it_is_refused_with_what_to_install(place: Path, mon
         refused = run(place, *arguments)
         assert refused.exit_code == 1
         assert "EXTRA_MISSING" in refused.stderr
-        assert "pip install 'blockrobot[keyring]'" in refused.stderr
+        assert "make install-keyring" in refused.stderr
 
 
 def test_a_locked_keyring_is_refused_and_tells_no_secret(place: Path, ring: Ring) -> None:

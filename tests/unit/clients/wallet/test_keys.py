@@ -45,14 +45,23 @@ def test_drawn_words_make_a_wallet_and_are_never_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
-    ["", "abandon", "abandon " * 24, "abandon " * 11 + "about", WORDS.replace("art", "arts"), WORDS + " art"],
-    ids=["none", "one", "checksum", "twelve", "unknown", "twenty-five"],
+    ("words", "sentence"),
+    [
+        ("", "There are 0 words"),
+        ("abandon", "There is 1 word,"),
+        ("abandon " * 11 + "about", "There are 12 words"),
+        (WORDS + " art", "There are 25 words"),
+        (WORDS.replace("art", "arts"), "such words: number 24."),
+        ("zebro " + "abandon " * 22 + "árt", "such words: number 1, 24."),
+        ("abandon " * 24, "together they are none"),
+    ],
 )
-def test_words_with_a_slip_are_refused(words: str) -> None:
+def test_words_with_a_slip_are_refused_and_named_by_their_numbers_alone(words: str, sentence: str) -> None:
     with pytest.raises(BlockRobotError) as caught:
         derive_keys(words)
     assert caught.value.code == "WORDS_INVALID"
+    assert sentence in caught.value.detail
+    assert not any(word in caught.value.detail for word in ("abandon", "zebro", "arts"))
 
 
 def test_no_secret_shows_when_keys_are_printed() -> None:

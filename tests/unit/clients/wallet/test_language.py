@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import string
 from pathlib import Path
 
@@ -27,6 +28,17 @@ from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
 
+ENGLISH_ONLY = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        the of is are was were be been being you your they them their she his its it this that these those with without and
+        not does did have has had can cannot will would should which who whom what when where there here from by on before
+        after until within into only also so such every each other some any nobody nothing something because while than then
+        """,
+    )
+)
+"""Words of English sentences that no Portuguese sentence has."""
 WALLET = Path(language.__file__).parent
 
 
@@ -55,6 +67,33 @@ def test_portuguese_calls_only_guardians_guardians() -> None:
     guardians = {key for key in own_keys("en") if "guardian" in str(load("en")[key]).casefold()}
     called = {key for key in own_keys("pt") if "guardi" in str(load("pt")[key]).casefold()}
     assert called - guardians == set()
+
+
+def words_of(form: Form) -> set[str]:
+    """The words of a text, without its fields, and without what is typed: commands and options stay as they are."""
+    texts = [form] if isinstance(form, str) else list(form.values())
+    said = (re.sub(r"`[^`]*`|\{\w+\}|blockrobot [^.;:\n]*|--[\w-]+", " ", one) for one in texts)
+    return {word for one in said for word in re.findall(r"[^\W\d_]+", one.casefold())}
+
+
+def test_no_portuguese_text_has_an_english_clause() -> None:
+    assert words_of("Pediu isto (node-1 does not answer)") & ENGLISH_ONLY == {"does", "not"}
+    found = {key: words_of(form) & ENGLISH_ONLY for key, form in load("pt").items()}
+    assert {key: words for key, words in found.items() if words} == {}
+
+
+@pytest.mark.parametrize("code", sorted(CATALOGUE))
+def test_particulars_in_english_are_never_put_into_a_portuguese_sentence_without_saying_so(code: str) -> None:
+    english = "node-1 does not answer"
+    told = describe_error(BlockRobotError(code, english), "pt")[0]
+    assert told == english or told.endswith(f"(pormenor, em inglês: {english})")
+
+
+def test_to_say_no_needs_no_reason_in_either_language() -> None:
+    """`Um não dispensa motivos` says as well that a no cannot do without reasons."""
+    assert "needs no reason" in text("page.consent.lead", language="en")
+    assert "não tem de dar motivos" in text("page.consent.lead", language="pt")
+    assert not [key for key, form in load("pt").items() if "não dispensa" in str(form)]
 
 
 def test_no_text_is_empty_or_begins_or_ends_with_a_blank_line() -> None:
@@ -92,7 +131,7 @@ def test_no_sentence_of_a_refusal_is_kept_that_nobody_says() -> None:
     asked = asked_for() | dict.fromkeys(
         f"because.{sentence}.{thing.one}"
         for sentence in ("short", "missing", "several")
-        for thing in (naming.RECORD, naming.VISIT, naming.GRANT, naming.BREACH, naming.PROPOSAL)
+        for thing in (naming.RECORD, naming.VISIT, naming.GRANT, naming.BREACH, naming.PROPOSAL, naming.MANDATE)
     )
     trouble = ("took_nothing", "may_have", "may_still_have", "gave_nothing")
     asked |= dict.fromkeys((f"because.keyring_{each}" for each in trouble), "passphrase_sources.py")
@@ -102,7 +141,7 @@ def test_no_sentence_of_a_refusal_is_kept_that_nobody_says() -> None:
     }
 
 
-OFFICERS_COMMANDS = {"breach_commands.py", "lost_keys_commands.py"}
+OFFICERS_COMMANDS = {"breach_commands.py", "lost_keys_commands.py", "officer_mandates_commands.py"}
 
 
 def test_what_a_patient_uses_wrongly_is_never_worded_in_the_code() -> None:
@@ -132,7 +171,7 @@ def test_what_was_put_before_a_refusals_sentence_stays_before_it_in_every_langua
     named = BlockRobotError(error.code, f"sheet.txt: {error.detail}", **error.context)
     assert describe_error(named, "pt")[0] == "sheet.txt: A palavra 7 não está na lista."
     other = BlockRobotError(error.code, "Something else altogether.", **error.context)
-    assert describe_error(other, "pt")[0].endswith("(Something else altogether.)")
+    assert describe_error(other, "pt")[0].endswith("(pormenor, em inglês: Something else altogether.)")
 
 
 def test_wrong_usage_is_told_to_people_in_their_language_and_to_programs_in_english(
@@ -164,11 +203,13 @@ OF_OTHERS = {
     # Officers
     "BREACH_NOT_FOUND",
     "CORRECTION_UNPROVEN",
+    "MANDATE_PAPERS_OTHER",
     "PROPOSAL_NOT_FOUND",
     "SPAN_EMPTY",
     "SPAN_INVALID",
     "SPAN_TOO_FULL",
     # Those who govern the network
+    "BACKGROUND_INVALID",
     "GOVERNANCE_APPROVED_ALREADY",
     "GOVERNANCE_CONTRACT_REFUSED",
     "GOVERNANCE_NOT_ADMIN",
@@ -197,10 +238,19 @@ REFUSALS_OF_OTHERS = {
     "OFFICER_GONE",
     "NOT_OF_THE_TWO",
     "NOT_APPROVED",
+    "MANDATE_EXISTS",
+    "OFFICER_CONCERNED",
+    "REPRESENTATIVE_WRONG",
+    "REPRESENTED_WRONG",
     "PROPOSAL_DECIDED",
     "PROPOSAL_LAPSED",
     "SPAN_WRONG",
     "VISITS_TOO_MANY",
+    # Admins
+    "ROBOT_UNKNOWN",
+    "NOT_OF_THE_ORGANISATION",
+    "EMPTY_FRAME_UNKNOWN",
+    "EMPTY_FRAMES_TOO_MANY",
     # Those who write programs
     "ARGUMENTS_INVALID",
     "ENTRY_UNKNOWN",
@@ -295,8 +345,12 @@ def test_what_a_language_lacks_is_said_in_english(monkeypatch: pytest.MonkeyPatc
 
 def test_an_error_keeps_its_particulars_beside_its_translated_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
     table = {"errors.NOT_FOUND.meaning": "Não existe.", "errors.NOT_FOUND.next_step": "Verifique o nome."}
+    table["ask.particulars"] = "{meaning} (em inglês: {detail})"
     monkeypatch.setattr(language, "load", lambda name: table if name == "pt" else {})
     assert describe_error(BlockRobotError("NOT_FOUND"), "pt") == ("Não existe.", "Verifique o nome.")
-    assert describe_error(BlockRobotError("NOT_FOUND", "No visit 02ab."), "pt")[0] == "Não existe. (No visit 02ab.)"
+    assert (
+        describe_error(BlockRobotError("NOT_FOUND", "No visit 02ab."), "pt")[0]
+        == "Não existe. (em inglês: No visit 02ab.)"
+    )
     english = BlockRobotError("NOT_FOUND", "No visit 02ab.")
     assert describe_error(english, "en") == ("No visit 02ab.", english.next_step)

@@ -5,11 +5,16 @@ from __future__ import annotations
 import json
 import wave
 from io import BytesIO
+from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
+from clients.sdk.picture import decode_depth_png, encode_depth_png
 from clients.sdk.rendition_files import sense_file
+from clients.wallet.pictures import write_frames
+from clients.wallet.viewing import FrameView
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import Rendition, decode_rendition, encode_rendition
 
@@ -82,3 +87,24 @@ def test_every_encoding_survives_being_packed(encoding: str) -> None:
 def test_an_encoding_a_time_or_a_box_that_no_wallet_knows_is_refused(fields: dict[str, object]) -> None:
     with pytest.raises(BlockRobotError, match="RENDITION_CORRUPTED"):
         decode_rendition(encode_rendition(changed(**fields)))
+
+
+def own_box(number: int) -> FrameView:
+    box = encode_depth_png(np.full((4, 3), 900 + number, dtype=np.uint16))
+    return FrameView(number, "ok", Rendition(1, 5, number, 8, 6, 2, 1, 3, 4, b"\x01" * 32, "png16", box))
+
+
+async def test_on_a_frame_that_was_withdrawn_the_person_is_shown_alone(tmp_path: Path) -> None:
+    asked = []
+
+    async def withdrawn(rendition: Rendition) -> bytes | None:
+        asked.append(rendition.background_id)
+
+    shown: list[int] = []
+    written = await write_frames(
+        withdrawn, bytes(16), [own_box(0), own_box(1)], tmp_path, lambda number, *_rest: shown.append(number)
+    )
+    assert asked == [b"\x01" * 32], "it is asked for once"
+    assert shown == [1, 2]
+    whole = decode_depth_png(next(path for path in written if path.name.endswith(".depth.png")).read_bytes())
+    assert np.count_nonzero(whole) == 12

@@ -21,10 +21,10 @@ from tests.unit.clients.wallet.test_rotating_commands import Desk
 
 READING = {
     "wallet": {
-        *("records", "view", "verify", "audit", "erasures", "shares", "inbox", "handle"),
-        "consent list",
+        *("records", "view", "verify", "audit", "erasures", "receipts", "shares", "inbox", "handle"),
+        *("consent list", "mandates list"),
     },
-    "officer": {"breaches", "lost-keys list", "lost-keys preview"},
+    "officer": {"breaches", "lost-keys list", "lost-keys preview", "mandates list"},
 }
 
 

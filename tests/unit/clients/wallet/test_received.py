@@ -25,6 +25,7 @@ from clients.wallet.rights import Chosen, Rights
 from clients.wallet.rotating import Rotating
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.records.handles import encode_short
 from consensus.records.sharing import GRANT_STEP_MS, SharedDownload
 from tests.unit.clients.wallet.shared_ward import SharedWard
 
@@ -436,6 +437,8 @@ async def test_an_owner_with_new_words_still_sees_and_ends_what_she_shared(
     await change_words(ward.wallet)
     await ward.share(doctor)
     first, second = await ward.sharing.shares()
-    assert {share.name for share in (first, second)} == {f"Dr Weber (handle {doctor.store.content.handle.hex()[:12]})"}
+    assert {share.name for share in (first, second)} == {
+        f"Dr Weber (handle {encode_short(doctor.store.content.handle)})"
+    }
     await ward.sharing.revoke(first)
     assert [receipt.is_open for receipt in await receiving.inbox()] == [False, True]

@@ -99,7 +99,7 @@ async def test_a_thief_with_the_old_words_is_refused_everywhere(story: Story) ->
         assert await refusal(thief.visit_report(visit)) == "SESSION_REFUSED"
         for contract, entry, arguments in (
             ("access", "request", [[record_id], "own-access"]),
-            ("access", "verdict", [record_id, "verified", []]),
+            ("access", "verdict", [[[record_id, "verified", []]]]),
             ("erasure", "request", [[record_id], []]),
             ("rights", "restrict", [[], "accuracy"]),
             ("rights", "wrong_person", []),

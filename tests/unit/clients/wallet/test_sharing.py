@@ -7,11 +7,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore
 from clients.wallet.rights import Chosen, Rights, choose
 from clients.wallet.sharing import Sharing, place_end, require_purpose_to_share, select_shareable
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.records.handles import encode_short
 from consensus.records.purposes import PURPOSES
 from consensus.records.sharing import GRANT_MAX_MS, GRANT_STEP_MS, hash_grant_member
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -54,6 +56,39 @@ async def test_each_custodian_gets_its_own_parts_and_no_key_that_opens_anything(
         assert first.parts[0].value != second.parts[0].value
     assert len({upload.package for upload in custody.parts.values()}) == len(ids)
     assert set(custody.uploaders) == {visit.owner}, "in the session of the visit's owner key"
+
+
+def replace_keys(ward: SharedWard, doctor: Wallet) -> None:
+    """The doctor's words were stolen: he puts new keys in place of his."""
+    old, new, handle = doctor.keys.identity, derive_keys(draw_words()), doctor.store.content.handle
+    keys = (new.identity.public_key, new.spend.public_key, new.view.public_key, new.sealing_public)
+    agreed = new.identity.sign("blockrobot/rotation", ward.chain.chain_id + handle + old.public_key + b"".join(keys))
+    ward.chain.must(old, "identity", "rotate", handle, *keys, agreed)
+
+
+async def test_nothing_is_shared_with_keys_that_one_node_says_are_still_somebodys(
+    ward: SharedWard, doctor: Wallet
+) -> None:
+    """What it proves is true of its block; only another node knows that there are later ones."""
+    ward.record_visit()
+    await ward.entries()
+    ward.wire.keep_quiet()
+    replace_keys(ward, doctor)
+    with pytest.raises(BlockRobotError, match="PROOF_STALE"):
+        await ward.grantee(doctor)
+
+
+async def test_nothing_is_shared_while_one_node_alone_answers(ward: SharedWard, doctor: Wallet) -> None:
+    ward.record_visit()
+    entries, grantee = await ward.entries(), await ward.grantee(doctor)
+    ward.wire.keep_quiet()
+    replace_keys(ward, doctor)
+    ward.wire.away = {"custodian-2"}
+    with pytest.raises(BlockRobotError, match="QUORUM_UNHEARD"):
+        await ward.grantee(doctor)
+    with pytest.raises(BlockRobotError, match="QUORUM_UNHEARD"):
+        await ward.sharing.share(entries, grantee, "care", ward.until_ms(), ward.told.append)
+    assert not ward.custody.parts, "and nobody got a part of a key"
 
 
 async def test_the_wallet_remembers_with_whom_and_shows_who_looked_by_the_chain(
@@ -103,10 +138,10 @@ async def test_a_name_never_moves_to_another_person(ward: SharedWard, doctor: Wa
     nurse = ward.come_in("nurse", "staff").store.content.handle
     with pytest.raises(BlockRobotError, match=r"SHARE_NOT_POSSIBLE.*already call") as refused:
         await ward.sharing.find_grantee(nurse.hex(), " dr weber ")
-    assert doctor.store.content.handle.hex()[:12] in str(refused.value)
+    assert encode_short(doctor.store.content.handle) in str(refused.value)
     assert (await ward.sharing.find_grantee(doctor.store.content.handle.hex(), "Dr Weber")).label == "Dr Weber"
     (share,) = await ward.sharing.shares()
-    assert share.name == f"Dr Weber (handle {doctor.store.content.handle.hex()[:12]})"
+    assert share.name == f"Dr Weber (handle {encode_short(doctor.store.content.handle)})"
 
 
 async def test_a_name_that_stands_for_two_in_an_older_wallet_finds_neither(ward: SharedWard, doctor: Wallet) -> None:
@@ -201,6 +236,14 @@ async def test_a_record_of_which_a_picture_was_erased_is_shared_no_more(ward: Sh
     await ward.erase(visit, [first])
     (share,) = await ward.sharing.shares()
     assert (share.cut, share.erased, share.shows(first, now_ms)) == (frozenset(), {first}, False)
+
+
+async def test_records_that_were_erased_together_are_shared_no_more(ward: SharedWard, doctor: Wallet) -> None:
+    visit, ids = ward.record_visit()
+    await ward.share(doctor)
+    await ward.erase(visit, ids)
+    (share,) = await ward.sharing.shares()
+    assert (share.erased, share.cut) == (frozenset(ids), frozenset())
 
 
 async def test_erasing_names_who_had_received_it(ward: SharedWard, doctor: Wallet) -> None:

@@ -276,13 +276,13 @@ def test_the_inbox_of_her_who_shared_says_who_looked_and_what_was_found_changed(
     assert (look["visit"], look["grant_id"], look["records"]) == (visit.owner.hex(), row["grant_id"], 2)
     assert "whom you shared with looked at 2 records" in people.run(ward.wallet, "inbox").output
     (entry,) = [entry for entry in asyncio.run(ward.entries()) if entry.record_id == first]
-    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [first, "corrupted", [0]]))
+    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [[[first, "corrupted", [0]]]]))
     told = people.told(ward.wallet, "inbox")
     assert told["changed_records"] == [first.hex()]
     assert "picture 1 did not pass every check" in people.run(ward.wallet, "inbox").output
-    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [first, "corrupted", [0, 1]]))
+    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [[[first, "corrupted", [0, 1]]]]))
     assert "pictures 1, 2 did not pass every check" in people.run(ward.wallet, "inbox").output
-    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [first, "corrupted", []]))
+    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [[[first, "corrupted", []]]]))
     said = " ".join(people.run(ward.wallet, "inbox").output.split())
     assert f"Record {first.hex()} did not pass every check, as you found" in said, "the robot's count alone is wrong"
 

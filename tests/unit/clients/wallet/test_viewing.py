@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import msgspec
 import pytest
 
-from clients.wallet.viewing import RecordView, Viewing
+from clients.wallet.auditing import Finding
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.viewing import VERDICT_WHEN_CANCELLED_MAX_S, RecordView, Viewing, finding_of
+from clients.wallet.viewing_commands import missing_rooms_json, tell_missing_rooms
 from clients.wallet.wallet import RecordEntry
 from consensus.errors import BlockRobotError
 from tests.miscounting_robot import (
@@ -153,8 +158,8 @@ async def test_a_record_of_which_the_robot_counted_others_than_it_committed_to_i
     assert statuses(view) == ["ok"] * committed
     assert (view.frames_counted, view.corrupted, view.miscounted) == (counted, [], True)
     assert view.verdict == "corrupted"
-    await Viewing(world.wallet).put_verdict(view)
-    assert world.network.calls[-1] == (entry.visit.owner, "access", "verdict", [entry.record_id, "corrupted", []])
+    await Viewing(world.wallet).put_verdicts(entry.visit, [finding_of(view)])
+    assert world.network.calls[-1] == (entry.visit.owner, "access", "verdict", [[[entry.record_id, "corrupted", []]]])
 
 
 async def test_of_a_picture_that_custodians_changed_only_the_bytes_are_known_to_be_wrong(world: World) -> None:
@@ -227,5 +232,82 @@ async def test_the_verdict_goes_on_the_chain_with_the_frames_it_is_about(world: 
     entry = await one_record(world)
     for name in world.network.custody.clips:
         world.change_frame(name, entry.record_id, 2, ciphertext=b"x" * 200)
-    await Viewing(world.wallet).put_verdict(await look(world, entry))
-    assert world.network.calls[-1] == (entry.visit.owner, "access", "verdict", [entry.record_id, "corrupted", [2]])
+    await Viewing(world.wallet).put_verdicts(entry.visit, [finding_of(await look(world, entry))])
+    assert world.network.calls[-1] == (entry.visit.owner, "access", "verdict", [[[entry.record_id, "corrupted", [2]]]])
+
+
+def looking(world: World, monkeypatch: pytest.MonkeyPatch, verdicts: list[str], refusal: str = "") -> Viewing:
+    """A look whose verdicts the test takes; with a `refusal` they are refused."""
+    viewing = Viewing(world.wallet, follow_max_ms=0)
+
+    async def put(visit: KnownVisit, findings: list[Finding]) -> None:
+        verdicts.append("tried")
+        if refusal == "NEVER":
+            await asyncio.sleep(3600)
+        if refusal:
+            raise BlockRobotError(refusal)
+        verdicts.append("put")
+
+    monkeypatch.setattr(viewing, "put_verdicts", put)
+    return viewing
+
+
+async def test_a_verdict_that_is_refused_does_not_hide_why_the_look_failed(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entry, tried = await one_record(world), list[str]()
+    viewing = looking(world, monkeypatch, tried, "CALL_REFUSED")
+
+    async def erased(*_: object) -> RecordView:
+        raise BlockRobotError("CLIP_ERASED")
+
+    with pytest.raises(BlockRobotError, match="CALL_REFUSED"):
+        _ = [view async for view in viewing.view_each([entry], "own-access", verdict=True)]
+    monkeypatch.setattr(viewing, "view", erased)
+    with pytest.raises(BlockRobotError) as refusal:
+        _ = [view async for view in viewing.view_each([entry], "own-access", verdict=True)]
+    assert (refusal.value.code, tried) == ("CLIP_ERASED", ["tried", "tried"])
+
+
+@pytest.mark.parametrize("refusal", ["", "NODE_UNREACHABLE", "NEVER"])
+def test_who_is_cancelled_waits_for_a_verdict_shortly_and_is_cancelled(
+    world: World, monkeypatch: pytest.MonkeyPatch, refusal: str
+) -> None:
+    tried: list[str] = []
+
+    async def story() -> None:
+        entry = await one_record(world)
+        viewing = looking(world, monkeypatch, tried, refusal)
+
+        async def wait(*_: object) -> RecordView:
+            await asyncio.sleep(3600)
+            raise AssertionError
+
+        monkeypatch.setattr(viewing, "view", wait)
+
+        async def run() -> None:
+            _ = [view async for view in viewing.view_each([entry], "own-access", verdict=True)]
+
+        task, loop = asyncio.create_task(run()), asyncio.get_running_loop()
+        await asyncio.sleep(1)
+        task.cancel()
+        begun = loop.time()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert loop.time() - begun <= VERDICT_WHEN_CANCELLED_MAX_S + 0.1
+
+    run_virtual(story())
+    assert tried == ["tried"] + ["put"] * (not refusal)
+
+
+def test_why_pictures_are_shown_without_the_room_is_told_once_for_each_reason(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    missing = {
+        bytes([number]) * 32: BlockRobotError(code)
+        for number, code in enumerate(["EMPTY_FRAME_WITHDRAWN", "EMPTY_FRAME_WITHDRAWN", "NODE_UNREACHABLE"])
+    }
+    tell_missing_rooms(missing)
+    told = " ".join(capsys.readouterr().out.split())
+    assert (told.count("An empty room is missing"), told.count("was withdrawn")) == (2, 1)
+    assert [row["code"] for row in missing_rooms_json(missing)["missing_rooms"]][2] == "NODE_UNREACHABLE"

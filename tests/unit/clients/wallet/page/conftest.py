@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk.connections import NodeAddress
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from consensus.errors import BlockRobotError
@@ -41,7 +40,6 @@ class Desk:
 
 def dress(ward: SharedWard) -> None:
     """Give the short wire what a page tells of a network."""
-    ward.wire.nodes = (NodeAddress("node-1", "http://127.0.0.1:2"),)  # type: ignore[attr-defined]
     ward.wire.troubles = dict[str, BlockRobotError]()  # type: ignore[attr-defined]
 
 

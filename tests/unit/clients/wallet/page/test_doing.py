@@ -17,6 +17,7 @@ from clients.wallet.page.answering import QUIET_HEADER
 from clients.wallet.page.asking import IDS_MAX_COUNT
 from clients.wallet.page.jobs import Job, Jobs
 from consensus.errors import BlockRobotError
+from consensus.records.handles import encode_short
 from consensus.records.notices import encode_notice
 from consensus.records.vouchers import encode_card_code
 from network.demo_notice import demo_notice
@@ -29,6 +30,12 @@ async def recorded(desk: Desk, count: int = 2) -> list[str]:
     _, ids = desk.ward.record_visit(count)
     await desk.read()
     return [record_id.hex() for record_id in ids]
+
+
+async def judged(desk: Desk, ids: list[str]) -> dict[str, Any]:
+    """Open recordings and write down what was found; return that."""
+    opened = await desk.page.do("/api/clips", {"records": ids})
+    return await desk.page.do(f"/api/clips/{opened['clip']}/verdict")
 
 
 async def test_a_clip_is_opened_checked_and_shown_frame_by_frame(desk: Desk) -> None:
@@ -55,7 +62,7 @@ async def test_a_clip_is_opened_checked_and_shown_frame_by_frame(desk: Desk) -> 
 async def test_a_changed_frame_makes_the_seal_red_and_is_not_shown(desk: Desk) -> None:
     ids = await recorded(desk)
     desk.ward.spoil(bytes.fromhex(ids[0]), 1)
-    opened = await desk.page.do("/api/clips", {"records": [ids[0]], "verify": True})
+    opened = await judged(desk, ids[:1])
     (seal,) = opened["seals"]
     assert (seal["state"], seal["corrupted"]) == ("bad", [1])
     assert {check["code"] for check in seal["checks"] if not check["ok"]} == {"ciphertext"}
@@ -79,7 +86,7 @@ async def test_a_seal_is_red_while_any_check_failed_and_so_says_the_verdict_on_t
     record_id = desk.ward.record(visit, frames=1)
     desk.ward.close_visit(visit)
     await desk.read()
-    opened = await desk.page.do("/api/clips", {"records": [record_id.hex()], "verify": True})
+    opened = await judged(desk, [record_id.hex()])
     (seal,) = opened["seals"]
     assert (seal["state"], seal["frames_ok"], seal["corrupted"]) == ("bad", 1, [])
     assert (seal["frames_counted"], seal["frames_committed"]) == (5, 1)
@@ -92,12 +99,26 @@ async def test_a_seal_is_red_while_any_check_failed_and_so_says_the_verdict_on_t
     assert (await desk.page.post("/api/erasures/plan", wish | {"frames": [0]}))["records"] == [record_id.hex()]
 
 
+async def test_a_clip_whose_empty_room_nobody_has_is_shown_without_it_and_says_why(desk: Desk) -> None:
+    ids = await recorded(desk)
+    desk.ward.custody.rooms.clear()
+    opened = await desk.page.do("/api/clips", {"records": ids})
+    clip = await desk.page.get(f"/api/clips/{opened['clip']}")
+    (reason,) = clip["missing_rooms"]
+    assert reason == {
+        "code": "EMPTY_FRAME_WITHDRAWN",
+        "sentence": "The empty frame was withdrawn: no robot may publish it any more.",
+    }
+    path = f"/api/clips/{opened['clip']}/frames/2/depth"
+    assert await desk.page.get(path) == await desk.page.get(path, own=1)
+
+
 async def test_of_a_robot_that_committed_to_another_picture_the_seal_blames_nobody_who_keeps_it(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     committing_otherwise(monkeypatch, 1)
     ids = await recorded(desk, 1)
-    (seal,) = (await desk.page.do("/api/clips", {"records": ids, "verify": True}))["seals"]
+    (seal,) = (await judged(desk, ids))["seals"]
     assert (seal["state"], seal["corrupted"], seal["damaged"]) == ("bad", [1], [])
     assert [check["sentence"] for check in seal["checks"] if not check["ok"]] == ["Not what the robot committed to: 2"]
     assert desk.ward.chain.value("access", b"verdict/" + bytes.fromhex(ids[0]))["frames"] == [1]
@@ -113,7 +134,7 @@ async def test_a_record_of_which_its_owner_erased_pictures_keeps_its_green_seal(
     frames[1] = msgspec.structs.replace(frames[1], erased=True, ciphertext=b"", sealed_key=b"")
     desk.ward.custody.clips[record_id] = msgspec.structs.replace(clip, frames=frames)
     await desk.read()
-    (seal,) = (await desk.page.do("/api/clips", {"records": [record_id.hex()], "verify": True}))["seals"]
+    (seal,) = (await judged(desk, [record_id.hex()]))["seals"]
     assert (seal["state"], seal["erased"], seal["frames_ok"]) == ("good", [1], 2)
     assert desk.ward.chain.value("access", b"verdict/" + record_id)["verdict"] == "verified"
 
@@ -271,7 +292,7 @@ async def test_sharing_tells_first_asks_for_the_passphrase_and_can_be_ended(desk
     (shown,) = (await desk.page.get("/api/shares"))["shares"]
     assert (shown["grant_id"], shown["status"], shown["name"]) == (made["grant_id"], "open", "Dr Weber")
     assert [row["shared"] for row in (await desk.page.get("/api/records"))["records"]] == [1, 1]
-    whom = wish["with"][:12]
+    whom = encode_short(bytes.fromhex(wish["with"]))
     for language, who in (("pt", f"Dr Weber (identificador {whom})"), ("en", f"Dr Weber (handle {whom})")):
         desk.page.headers["Accept-Language"] = language
         assert (await desk.page.get("/api/shares"))["shares"][0]["who"] == who
@@ -302,8 +323,9 @@ async def test_a_clip_holds_no_more_than_its_limit_and_one_record(desk: Desk, mo
     ids = await recorded(desk)
     assert (await desk.page.do("/api/clips", {"records": ids}))["records"] == len(ids)
     monkeypatch.setattr(clip_routes, "CLIP_MAX_BYTES", 1)
-    opened = await desk.page.do("/api/clips", {"records": ids, "verify": True})
+    opened = await desk.page.do("/api/clips", {"records": ids})
     assert (opened["records"], len(opened["seals"])) == (1, 1)
+    await desk.page.do(f"/api/clips/{opened['clip']}/verdict")
     assert (await desk.page.get(f"/api/clips/{opened['clip']}"))["records"] == ids[:1]
     verdicts = [row["verdict"] for row in (await desk.page.get("/api/records"))["records"]]
     assert verdicts == ["verified", None], "what was not looked at is not called checked"

@@ -128,7 +128,7 @@ async def test_a_node_that_lies_is_named_and_what_was_known_stays(desk: Desk, mo
     desk.ward.record_visit()
     await desk.read()
     error = BlockRobotError("PROOF_INVALID", "The answer is for other keys than were asked for.")
-    desk.ward.wire.troubles["node-1"] = error  # type: ignore[attr-defined]
+    desk.ward.wire.troubles["custodian-1"] = error  # type: ignore[attr-defined]
 
     async def fail() -> None:
         raise error
@@ -137,14 +137,17 @@ async def test_a_node_that_lies_is_named_and_what_was_known_stays(desk: Desk, mo
     await desk.read()
     told = await desk.page.get("/api/overview")
     assert (told["state"], told["problem"]["code"], told["counts"]["records"]) == ("failed", "PROOF_INVALID", 2)
-    assert [(node["name"], node["state"]) for node in told["network"]["nodes"]] == [("node-1", "lied")]
+    assert [(node["name"], node["state"]) for node in told["network"]["nodes"]] == [
+        ("custodian-1", "lied"),
+        ("custodian-2", "fine"),
+    ]
 
 
 async def test_that_a_node_was_away_is_forgotten_after_a_while_that_it_lied_is_not(desk: Desk) -> None:
     for code, states in (("NODE_UNREACHABLE", ["unreachable", "fine"]), ("CERTIFICATE_INVALID", ["lied", "lied"])):
-        desk.ward.wire.troubles["node-1"] = BlockRobotError(code)  # type: ignore[attr-defined]
+        desk.ward.wire.troubles["custodian-1"] = BlockRobotError(code)  # type: ignore[attr-defined]
         for state in states:
-            (node,) = (await desk.page.get("/api/overview"))["network"]["nodes"]
+            node, _ = (await desk.page.get("/api/overview"))["network"]["nodes"]
             assert node["state"] == state
             desk.ward.chain.time_ms += 6 * 60_000
 

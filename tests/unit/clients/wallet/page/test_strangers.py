@@ -59,12 +59,12 @@ async def test_a_node_that_has_not_followed_a_registration_is_no_liar_and_forgot
     desk: Desk,
 ) -> None:
     refusals = desk.session.wallet.network.troubles
-    refusals["node-1"] = BlockRobotError("SESSION_REFUSED")
-    (node,) = (await desk.page.get("/api/overview"))["network"]["nodes"]
+    refusals["custodian-1"] = BlockRobotError("SESSION_REFUSED")
+    node, _ = (await desk.page.get("/api/overview"))["network"]["nodes"]
     assert (node["state"], node["sentence"]) == ("behind", None)
     desk.session.state = "not_registered"
     await desk.read()
-    (node,) = (await desk.page.get("/api/overview"))["network"]["nodes"]
+    node, _ = (await desk.page.get("/api/overview"))["network"]["nodes"]
     assert node["state"] == "fine"
 
 
@@ -73,7 +73,7 @@ async def test_that_a_node_began_to_lie_or_to_be_away_is_news_once_and_so_is_tha
     for code in ("PROOF_INVALID", "NODE_UNREACHABLE", None):
         heard = (await desk.page.get("/api/overview"))["news"]
         troubles.clear()
-        troubles.update({} if code is None else {"node-1": BlockRobotError(code)})
+        troubles.update({} if code is None else {"custodian-1": BlockRobotError(code)})
         await desk.read()
         assert (await desk.page.get("/api/changes", after=heard))["news"] == heard + 1, code
         await desk.read()

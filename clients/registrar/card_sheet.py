@@ -1,0 +1,88 @@
+"""A card to print: the QR code and the letters of an enrolment code, on paper of the size of a bank card or larger."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
+
+from clients.sdk.qr_codes import qr_svg
+from consensus.errors import BlockRobotError
+from consensus.records.vouchers import CODE_PREFIX
+from pages.moments import show_moment
+
+SUFFIXES = (".html", ".svg", ".txt")
+_STYLE = """\
+@page { margin: 12mm; }
+body { color: #000; background: #fff; font: 10pt/1.35 sans-serif; margin: 0; }
+.card { border: 1px solid #000; border-radius: 3mm; display: flex; gap: 5mm; max-width: 170mm; padding: 5mm; }
+.card svg { flex: none; height: 52mm; width: 52mm; }
+h1 { font-size: 13pt; margin: 0 0 2mm; }
+p { margin: 0 0 2mm; }
+code { font: 8pt/1.4 monospace; overflow-wrap: anywhere; }
+"""
+_WORDS = {
+    "en": (
+        "Enrolment card",
+        "Role: {role}. Issued by {organisation}. Works once, until {until}.",
+        "Scan it in your wallet's page, or photograph it: blockrobot wallet register @PICTURE. Until you have registered, "
+        "whoever has this code can register in your place: give it to nobody, and destroy it afterwards.",
+    ),
+    "pt": (
+        "Cartão de inscrição",
+        "Papel: {role}. Emitido por {organisation}. Serve uma vez, até {until}.",
+        "Leia-o na página da sua carteira, ou fotografe-o: blockrobot wallet register @IMAGEM. Até fazer a inscrição, quem "
+        "tiver este código pode inscrever-se em seu lugar: não o dê a ninguém, e destrua-o depois.",
+    ),
+}
+
+
+def qr_text(code: str) -> str:
+    """Return a code as its QR code holds it: without the dashes that help only who types."""
+    return CODE_PREFIX + code.removeprefix(CODE_PREFIX).replace("-", "")
+
+
+def build_card(code: str, *, role: str, organisation: str, until_ms: int) -> str:
+    """Return the page that prints as a card, in both languages."""
+    told = {"role": role, "organisation": organisation, "until": show_moment(until_ms)}
+    words = "".join(
+        f'<section lang="{language}"><h1>{title}</h1><p>{html.escape(line.format(**told))}</p><p>{advice}</p></section>'
+        for language, (title, line, advice) in _WORDS.items()
+    )
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Enrolment card</title>'
+        '<meta name="robots" content="noindex"><meta http-equiv="Content-Security-Policy" '
+        "content=\"default-src 'none'; style-src 'unsafe-inline'\">"
+        f'<style>{_STYLE}</style></head><body><div class="card">{qr_svg(qr_text(code))}<div>{words}'
+        f"<p><code>{html.escape(code)}</code></p></div></div></body></html>\n"
+    )
+
+
+@contextmanager
+def new_card_file(path: Path) -> Iterator[TextIO]:
+    """Make the file of a card, for its owner's eyes only, before there is a code to lose; none is left if that fails.
+
+    Raises FILE_EXISTS, FILE_UNUSABLE.
+    """
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        raise BlockRobotError("FILE_EXISTS", f"{path} is there already.") from None
+    except OSError as error:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror}.") from None
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            yield file
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def describe_card(suffix: str, code: str, *, role: str, organisation: str, until_ms: int) -> str:
+    """Return what such a file holds: a card to print (`.html`), its QR code (`.svg`), or the code alone (`.txt`)."""
+    if suffix == ".html":
+        return build_card(code, role=role, organisation=organisation, until_ms=until_ms)
+    return qr_svg(qr_text(code)) if suffix == ".svg" else f"{code}\n"

@@ -1,0 +1,75 @@
+"""A card as a file: to print, as a QR code, as letters; readable by its owner alone, and never over another file."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from clients.registrar.card_sheet import build_card, describe_card, new_card_file, qr_text
+from clients.sdk.qr_codes import read_qr
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.vouchers import Card, decode_card_code, encode_card_code, issue_card
+from tests.unit.clients.sdk.test_qr_codes import drawn, packed
+
+UNTIL_MS = 1_801_432_800_000
+
+
+@pytest.fixture
+def card() -> Card:
+    return issue_card(
+        PrivateKey(bytes([7] * 32)),
+        chain_id=bytes(32),
+        handle=bytes(range(32)),
+        card_secret=bytes([9] * 32),
+        role="subject",
+        not_after_ms=UNTIL_MS,
+    )
+
+
+def write(path: Path, code: str, organisation: str = "hospital") -> str:
+    with new_card_file(path) as file:
+        file.write(describe_card(path.suffix, code, role="subject", organisation=organisation, until_ms=UNTIL_MS))
+    assert path.stat().st_mode & 0o777 == 0o600
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("suffix", [".html", ".svg"])
+def test_the_printed_code_registers(tmp_path: Path, card: Card, suffix: str) -> None:
+    code = encode_card_code(card)
+    printed = write(tmp_path / f"card{suffix}", code)
+    svg = re.search(r"<svg.*?</svg>", printed, re.DOTALL)
+    assert svg is not None
+    read = read_qr(packed(drawn(svg[0])))
+    assert read == qr_text(code)
+    assert decode_card_code(read) == card
+    assert (code in printed) == (suffix == ".html")
+
+
+def test_a_text_file_has_the_code_alone(tmp_path: Path, card: Card) -> None:
+    code = encode_card_code(card)
+    assert write(tmp_path / "card.txt", code) == f"{code}\n"
+
+
+def test_a_card_asks_nobody_for_anything_and_is_in_both_languages(card: Card) -> None:
+    page = build_card(encode_card_code(card), role="subject", organisation="<b>ward</b>", until_ms=UNTIL_MS)
+    assert "<script" not in page
+    assert "<b>" not in page
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")
+    assert 'lang="en"><h1>Enrolment card' in page
+    assert 'lang="pt"><h1>Cartão de inscrição' in page
+
+
+def test_no_file_is_written_over_and_none_is_left_without_a_card(tmp_path: Path) -> None:
+    path = tmp_path / "card.html"
+    path.write_text("mine")
+    with pytest.raises(BlockRobotError, match="FILE_EXISTS"), new_card_file(path):
+        pytest.fail("It was opened.")
+    assert path.read_text() == "mine"
+    with pytest.raises(BlockRobotError, match="FILE_UNUSABLE"), new_card_file(tmp_path / "no" / "x.txt"):
+        pytest.fail("It was opened.")
+    with pytest.raises(RuntimeError, match="no card"), new_card_file(tmp_path / "new.txt"):
+        raise RuntimeError("no card")
+    assert not (tmp_path / "new.txt").exists()
