@@ -5,7 +5,6 @@ Must never fill in what no program knows: that is named as open.
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -15,6 +14,7 @@ from clients.sdk.http import NetworkClient
 from clients.sdk.notices import read_notice
 from consensus.errors import BlockRobotError
 from consensus.records.notices import Notice, Party, PublishedNotice
+from pages.moments import show_utc_moment
 
 OPEN = (
     "Representative in the Union, if the controller is not established there: Art. 30(1)(a).",
@@ -126,7 +126,7 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
 def tell_activities(found: Activities) -> str:
     """Return the register as Markdown, in the order of Art. 30(1)."""
     notice, row = found.notice, found.published.row
-    when = datetime.datetime.fromtimestamp(found.time_ms / 1000, datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    when = show_utc_moment(found.time_ms)
     lines = [
         f"# Register of processing activities: {notice.controller.name}",
         "",

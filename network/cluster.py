@@ -23,12 +23,14 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
-from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config
+from consensus.visible_text import split_lines
+from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, reading_headers
 from node.faults import STATE_FILE_NAME
 
 READY_TIMEOUT_S = 40.0
 STOP_TIMEOUT_S = 15.0
 _POLL_S = 0.05
+_PF_EXITING = 4  # include/linux/sched.h
 _STATE_FILE = "cluster.json"
 
 
@@ -39,6 +41,8 @@ class NodeStatusReport:
     name: str
     running: bool
     status: dict[str, Any] | None
+    behaviour: str = ""
+    """How it was told to lie; empty for an honest node."""
 
 
 class _ClusterState(msgspec.Struct):
@@ -244,7 +248,7 @@ class Cluster:
     def last_words(self, name: str) -> str:
         """Return the last line that a node printed outside its log."""
         path = self.config(name).data_dir / "output.log"
-        lines = path.read_text(encoding="utf-8", errors="replace").strip().splitlines() if path.exists() else []
+        lines = split_lines(path.read_text(encoding="utf-8", errors="replace").strip()) if path.exists() else []
         return lines[-1] if lines else "it printed nothing."
 
     def last_lines(self, name: str, count: int) -> list[str]:
@@ -252,7 +256,7 @@ class Cluster:
         config, lines = self.config(name), []
         for path in (config.log_path, config.data_dir / "output.log"):
             if path.exists():
-                lines += path.read_text(encoding="utf-8", errors="replace").splitlines()[-count:]
+                lines += split_lines(path.read_text(encoding="utf-8", errors="replace"))[-count:]
         return lines
 
     async def status(self, timeout_s: float = 2.0) -> list[NodeStatusReport]:
@@ -261,7 +265,10 @@ class Cluster:
             answers = await asyncio.gather(*(fetch_status(session, config) for config in self.configs.values()))
         return [
             NodeStatusReport(
-                name=name, running=self.is_running(name), status=answer if self._is_own(name, answer) else None
+                name=name,
+                running=self.is_running(name),
+                status=answer if self._is_own(name, answer) else None,
+                behaviour=self.behaviour(name),
             )
             for name, answer in zip(self.names, answers, strict=True)
         ]
@@ -271,8 +278,8 @@ async def read_metric(config: NodeConfig, name: str) -> float | None:
     """Return one figure of a node's Prometheus metrics by its full name, or None if the node does not answer."""
     async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=2)) as session:
         try:
-            async with session.get(_operator_url(config, "/metrics")) as response:
-                lines = (await response.text()).splitlines()
+            async with session.get(_operator_url(config, "/metrics"), headers=reading_headers(config)) as response:
+                lines = split_lines(await response.text())
         except (aiohttp.ClientError, TimeoutError):
             return None
     return next((float(line.split()[1]) for line in lines if line.startswith(name + " ")), None)
@@ -285,7 +292,7 @@ def _operator_url(config: NodeConfig, path: str) -> str:
 async def fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> dict[str, Any] | None:
     """Return what a node's operator listener says, or None if nothing that is a status answers there."""
     try:
-        async with session.get(_operator_url(config, "/status")) as response:
+        async with session.get(_operator_url(config, "/status"), headers=reading_headers(config)) as response:
             status: dict[str, Any] = await response.json()
             return status
     except (aiohttp.ClientError, TimeoutError, ValueError):
@@ -304,7 +311,17 @@ def _is_node_process(pid: int, data_dir: Path) -> bool:
         command = Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return True  # no /proc here (macOS): the number is all there is to go by
-    return str(data_dir).encode() in command.split(b"\0")
+    return str(data_dir).encode() in command.split(b"\0") if command else _is_exiting_process(pid)
+
+
+def _is_exiting_process(pid: int) -> bool:
+    """Tell whether a process that has no memory any more still holds its files: a killed node's locks are not free yet."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return False
+    state, flags = fields[0], int(fields[6])
+    return state not in "ZX" and bool(flags & _PF_EXITING)
 
 
 def _is_stopped_process(pid: int) -> bool:

@@ -13,6 +13,7 @@ import secrets
 import shutil
 import tempfile
 import time
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,8 +88,12 @@ def create_network(
     network: str = "blockrobot",
     settings: ChainSettings | None = None,
     faults: bool = False,
+    followers: int = 0,
+    archives: Collection[str] = (),
 ) -> Genesis:
     """Make a network of `nodes` nodes and return its genesis file's content. `faults`: it may be broken on purpose.
+
+    The last `followers` of them are no producers; those named in `archives` keep every block.
 
     Node i (from 0) listens on base_port + 10*i (peers), +1 (clients), +2 (operator). The first node of each
     organisation is a custodian. `store` is `sqlite` or a MongoDB URI. The folder appears whole or not at all. Raises
@@ -101,6 +106,9 @@ def create_network(
         )
     if not 0 < base_port <= 65_535 - PORTS_PER_NODE * nodes:
         raise BlockRobotError("CONFIGURATION_INVALID", "The base port leaves no room for the nodes' ports.")
+    unknown = sorted({*archives} - {f"node-{number + 1}" for number in range(nodes)})
+    if unknown:
+        raise BlockRobotError("CONFIGURATION_INVALID", f"The network has no node {unknown[0]!r} to be an archive.")
     if (directory / "genesis.json").exists():
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is a network in {directory} already.")
     if directory.exists() and any(directory.iterdir()):
@@ -111,7 +119,18 @@ def create_network(
     try:
         making.chmod(NETWORK_FOLDER_MODE)
         with marked_as_making(making):
-            genesis = _write_network(making, nodes, organisations, base_port, store, network, settings, faults=faults)
+            genesis = _write_network(
+                making,
+                nodes,
+                organisations,
+                base_port,
+                store,
+                network,
+                settings,
+                faults=faults,
+                followers=followers,
+                archives=archives,
+            )
             _put_in_place(making, directory)
         (directory / MAKING_MARK).unlink(missing_ok=True)
     except BaseException:
@@ -145,6 +164,8 @@ def _write_network(
     settings: ChainSettings | None,
     *,
     faults: bool,
+    followers: int,
+    archives: Collection[str],
 ) -> Genesis:
     names = [f"node-{number + 1}" for number in range(nodes)]
     keys = [NodeKeys(new_key(), new_key() if number < organisations else None) for number in range(nodes)]
@@ -158,7 +179,11 @@ def _write_network(
             organisations=tuple(entry for _, entry in authorities),
             nodes=tuple(
                 _node_entry(
-                    name, organisation_name(number % organisations), base_port + PORTS_PER_NODE * number, keys[number]
+                    name,
+                    organisation_name(number % organisations),
+                    base_port + PORTS_PER_NODE * number,
+                    keys[number],
+                    produces=number < nodes - followers,
                 )
                 for number, name in enumerate(names)
             ),
@@ -171,8 +196,16 @@ def _write_network(
     text = genesis_to_json(genesis)
     for number, entry in enumerate(genesis.nodes):
         authority = authorities[number % organisations][0]
-        store_uri = store_uri_of(store, network, entry.name)
-        create_node(directory / "nodes" / entry.name, entry, keys[number], authority, text, store_uri, faults=faults)
+        create_node(
+            directory / "nodes" / entry.name,
+            entry,
+            keys[number],
+            authority,
+            text,
+            store_uri_of(store, network, entry.name),
+            faults=faults,
+            archive=entry.name in archives,
+        )
     (directory / "genesis.json").write_text(text, encoding="utf-8")
     return genesis
 
@@ -202,15 +235,15 @@ def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisa
     return authority, entry
 
 
-def _node_entry(name: str, organisation: str, port: int, keys: NodeKeys) -> NodeEntry:
+def _node_entry(name: str, organisation: str, port: int, keys: NodeKeys, *, produces: bool = True) -> NodeEntry:
     return NodeEntry(
         name=name,
         organisation=organisation,
         host=HOST,
         p2p_port=port,
         api_url=f"http://{HOST}:{port + 1}",
-        producer_key=keys.producer.public_key,
-        producer_possession=prove_possession(keys.producer, name),
+        producer_key=keys.producer.public_key if produces else b"",
+        producer_possession=prove_possession(keys.producer, name) if produces else b"",
         custodian_key=b"" if keys.custodian is None else keys.custodian.public_key,
     )
 
@@ -225,6 +258,7 @@ def create_node(
     *,
     faults: bool,
     organisation: str = "",
+    archive: bool = False,
 ) -> None:
     """Make a node's data directory. `organisation` is for a node that the genesis file does not name.
 
@@ -246,6 +280,7 @@ def create_node(
         custody_store=store_uri,
         log_level="info",
         faults_enabled=faults,
+        archive=archive,
         organisation=organisation,
     )
     certificate = issue_node_certificate(authority, entry.name, entry.host)

@@ -39,6 +39,8 @@ class NodeRow:
     peers: int | None
     waiting: int | None
     faults: tuple[str, ...]
+    accused_by: tuple[str, ...] = ()
+    """Other nodes that say they hold evidence that it contradicted itself, or that it is suspended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,15 @@ def state_of(look: NodeLook) -> str:
     return usual if status.get("ready") else "waiting"
 
 
+def accusers_of(name: str, said: Mapping[str, Mapping[str, Any] | None]) -> tuple[str, ...]:
+    """Return the other nodes by whose own words (`said`, by name) this one contradicted itself."""
+    return tuple(
+        other
+        for other, status in said.items()
+        if other != name and any(row["name"] == name for row in (status or {}).get("accused", ()))
+    )
+
+
 class Observer:
     """Makes pictures of looks, one after another."""
 
@@ -93,7 +104,8 @@ class Observer:
 
     def take(self, looks: Sequence[NodeLook], now_s: float) -> Picture:
         """Return the picture of one round of looks, taken at `now_s` of a clock that never goes back."""
-        rows = tuple(_row(look) for look in looks)
+        said = {look.name: look.status for look in looks}
+        rows = tuple(_row(look, accusers_of(look.name, said)) for look in looks)
         height = max(
             [self._finalized_height, *(row.finalized_height for row in rows if row.finalized_height is not None)]
         )
@@ -115,7 +127,7 @@ class Observer:
         )
 
 
-def _row(look: NodeLook) -> NodeRow:
+def _row(look: NodeLook, accused_by: tuple[str, ...]) -> NodeRow:
     seen = look.status or {}
     return NodeRow(
         name=look.name,
@@ -128,6 +140,7 @@ def _row(look: NodeLook) -> NodeRow:
         peers=len(seen["peers"]) if "peers" in seen else None,
         waiting=seen.get("mempool"),
         faults=look.faults,
+        accused_by=accused_by,
     )
 
 
@@ -150,6 +163,8 @@ def _changes_of(before: NodeRow | None, after: NodeRow) -> list[str]:
         lines.append(f"{after.name} is {after.state}{place}")
     if (() if before is None else before.faults) != after.faults:
         lines.append(f"{after.name} faults: {'; '.join(after.faults) or 'none'}")
+    if after.accused_by and (before is None or not before.accused_by):
+        lines.append(f"{after.name} is accused of contradicting itself by {', '.join(after.accused_by)}")
     if before is None or None in (before.epoch, after.epoch, before.peers, after.peers):
         return lines
     if before.epoch != after.epoch:

@@ -52,6 +52,16 @@ class Stage:
         return self.network_dir / "genesis.json"
 
     @property
+    def organisation(self) -> str:
+        """The first organisation, whose robot and registrar's desk these are."""
+        return self.cluster.genesis.organisations[0].name
+
+    @property
+    def approver_file(self) -> Path:
+        """The key of that organisation's admin, who approves the robot's empty frames."""
+        return self.network_dir / "organisations" / self.organisation / "admin.key"
+
+    @property
     def roster_file(self) -> Path:
         """The robot's sealed roster."""
         return self.robots / "robot" / "roster.sealed"
@@ -88,8 +98,12 @@ class Stage:
 
     def desk_arguments(self) -> list[str]:
         """Return the options that name the registrar's desk of the first organisation."""
-        organisation = self.cluster.genesis.organisations[0].name
-        return ["--desk", str(self.network_dir / "organisations" / organisation), "--genesis", str(self.genesis_file)]
+        return [
+            "--desk",
+            str(self.network_dir / "organisations" / self.organisation),
+            "--genesis",
+            str(self.genesis_file),
+        ]
 
     def robot_arguments(self, name: str = "robot") -> list[str]:
         """Return the beginning of a command of a robot."""

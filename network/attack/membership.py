@@ -24,6 +24,7 @@ from network.attack.ledger_view import LedgerView
 from network.attack.schemes import OwnerMark, Scheme, hash_uid
 from network.attack.scoring import Rate, choice_score, grouped_rate
 from node.api.sessions import SessionTable
+from node.intake import as_told_to_clients
 from node.mempool import Mempool
 from node.transaction_cache import TransactionCache
 
@@ -190,7 +191,7 @@ def _answers(table: SessionTable, pool: Mempool, chain: Chain, key: bytes) -> tu
         pool.admit(forged, chain.now_ms())
         return session, "OK"
     except BlockRobotError as error:
-        return session, error.code
+        return session, as_told_to_clients(error).code
 
 
 def _with_sender(wire: bytes, sender: bytes) -> bytes:

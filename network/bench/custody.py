@@ -29,6 +29,7 @@ from consensus.records.clips import ClipDownload
 from consensus.records.owner_keys import open_visit_keys, scan_announcement
 from network.bench.conditions import build_result, measure_conditions, percentile
 from network.bench.custody_clips import ClipRobot, SealedClip, seal_clip
+from network.bench.custody_held import measure_held
 from network.bench.fresh_network import FreshNetwork
 from node.offchain.custodian import Custodian
 from node.offchain.erase_keys import EraseKeys
@@ -49,13 +50,17 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class CustodyOptions:
-    """Which store; how many erasures, how many records behind, and what a clip is (frames, bytes a frame)."""
+    """Which store; how many erasures, how many records behind, and what a clip is (frames, bytes a frame).
+
+    `held` are numbers of kept clips beside which erasing is measured; with any, nothing else is.
+    """
 
     store: str = "sqlite"
     erasures: int = 50
     behind: int = 10_000
     frames: int = 5
     frame_bytes: int = 12_000
+    held: tuple[int, ...] = ()
 
 
 class _Custody:
@@ -190,6 +195,24 @@ async def _measure_erasing(options: CustodyOptions, tell: Tell) -> tuple[list[fl
     return took_ms, errors
 
 
+async def _run_held(options: CustodyOptions, tell: Tell) -> dict[str, Any]:
+    """Measure erasing beside each number of kept clips.
+
+    Figures: `held`, a row for each; `cpu_ratio`, the dearest median beside the cheapest. `ok` is False if a byte of an
+    erased clip is left.
+    """
+    conditions = measure_conditions(nodes=0, store="sqlite", erasures=options.erasures, held=list(options.held))
+    folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
+    try:
+        rows = [await measure_held(held, options.erasures, folder / str(held), tell) for held in options.held]
+    finally:
+        await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+    costs = [row["erase_block_cpu_p50_ms"] for row in rows]
+    figures = {"held": rows, "cpu_ratio": round(max(costs) / min(costs), 2)}
+    ok = not any(row["bytes_left"] for row in rows)
+    return build_result("custody", ok=ok, figures=figures, conditions=conditions)
+
+
 async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _text: None) -> dict[str, Any]:
     """Measure custody over one store.
 
@@ -200,6 +223,8 @@ async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _te
     `store_overhead`, bytes on disk a byte of ciphertext, erase keys too (of a server: what its `dbStats` says). `ok` is
     False after any error, or if a clip is not where it should be.
     """
+    if options.held:
+        return await _run_held(options, tell)
     conditions = measure_conditions(
         nodes=NODES_COUNT,
         store="mongodb" if options.store.startswith(MONGO_SCHEMES) else options.store,

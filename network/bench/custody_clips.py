@@ -103,6 +103,7 @@ class ClipRobot:
             ciphertexts=clip.upload.ciphertexts,
             sealed_keys=clip.upload.sealed_keys,
             commitment_leaves=clip.upload.commitment_leaves,
+            owner=owner.public_key,
         )
         await (send or self._send_to_all)(upload)
         receipt = await self.client.submit_and_wait(transaction)

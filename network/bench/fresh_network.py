@@ -80,11 +80,15 @@ class LoadRobot:
 class FreshNetwork:
     """A network that lasts for one measurement. Use as `async with`."""
 
-    def __init__(self, nodes: int, *, custodians: int = 2, faults: bool = False, store: str = "sqlite") -> None:
+    def __init__(
+        self, nodes: int, *, custodians: int = 2, faults: bool = False, store: str = "sqlite", stolen: int = 0
+    ) -> None:
         """`faults`: the network may be broken on purpose; `store`: where its custodians keep what they keep.
 
-        Each custodian is of an organisation of its own.
+        Each custodian is of an organisation of its own. `stolen` further nodes are in the genesis file, produce nothing
+        and are never started: somebody else has their certificates.
         """
+        self._stolen_count = stolen
         self._nodes_count = nodes
         self._custodians_count = min(custodians, nodes)
         self._store = store
@@ -100,6 +104,10 @@ class FreshNetwork:
         assert self._genesis is not None
         return self._genesis
 
+    def stolen_folder(self, name: str) -> Path:
+        """Return where the data directory of a node is that was never started."""
+        return self._folder / f"stolen-{name}"
+
     @property
     def cluster(self) -> Cluster:
         """The network's processes."""
@@ -111,13 +119,16 @@ class FreshNetwork:
             place = self._folder / "network"
             self._genesis = create_network(
                 place,
-                nodes=self._nodes_count,
+                nodes=self._nodes_count + self._stolen_count,
+                followers=self._stolen_count,
                 organisations=self._custodians_count,
-                base_port=find_base_port(self._nodes_count),
+                base_port=find_base_port(self._nodes_count + self._stolen_count),
                 faults=self._faults,
                 store=self._store,
                 network=f"bench-{secrets.token_hex(4)}",
             )
+            for entry in self._genesis.nodes[self._nodes_count :]:
+                (place / "nodes" / entry.name).rename(self.stolen_folder(entry.name))
             self._cluster = Cluster(place)
             self._cluster.start_all()
             await self._cluster.wait_ready()
@@ -141,7 +152,7 @@ class FreshNetwork:
 
     def client_of(self, number: int) -> NetworkClient:
         """Return a new client that speaks to one node, the nodes taking turns by `number`."""
-        node = self.genesis.nodes[number % len(self.genesis.nodes)]
+        node = self.genesis.nodes[number % self._nodes_count]
         client = NetworkClient(self.genesis, {node.name: node.api_url})
         self._clients.append(client)
         return client

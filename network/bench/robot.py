@@ -156,6 +156,7 @@ async def _play(
             tell(f"playing: {min(one.frames_read for one in robots)} of {options.frames} frames, {waiting} waiting")
 
         where = {"folder": robot.folder, "genesis": stage.genesis_file, "bag": bag, "events": robot.log}
+        where["approver"] = stage.approver_file
         what = {"loop-ms": loop_ms, "frames": options.frames, "purpose": PURPOSE}
         arguments = [word for name, value in {**where, **what}.items() for word in (f"--{name}", str(value))]
         command = LongCommand(arguments, progress, module="network.bench.robot_player")

@@ -22,6 +22,8 @@ from clients.robot.replay import ReplayOptions, replay_recording
 from clients.robot.sources.rosbag import BagSource
 from clients.sdk.terminal import load_genesis
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.visible_text import split_lines
 from network.bench.robot_scene import LoopedSource
 
 _PROGRESS_EVERY_S = 0.5
@@ -45,7 +47,7 @@ def read_peak_bytes(status: Path = Path("/proc/self/status")) -> int:
     include the program that started it.
     """
     try:
-        lines = status.read_text(encoding="ascii", errors="replace").splitlines()
+        lines = split_lines(status.read_text(encoding="ascii", errors="replace"))
     except OSError:
         lines = []
     for line in lines:
@@ -69,6 +71,7 @@ async def _play(chosen: argparse.Namespace) -> dict[str, Any]:
         events=chosen.events,
         at_once=False,
         real_time=True,
+        approver=PrivateKey(chosen.approver.read_bytes()),
     )
     started_s, cpu_before_s = time.monotonic(), _cpu_s()
     summary = await replay_recording(chosen.folder, source, load_genesis(chosen.genesis), options, _Progress())
@@ -83,7 +86,7 @@ async def _play(chosen: argparse.Namespace) -> dict[str, Any]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print what came of it; a refusal is printed as `error`."""
     parser = argparse.ArgumentParser(prog="network.bench.robot_player")
-    for name in ("--folder", "--genesis", "--bag", "--events"):
+    for name in ("--folder", "--genesis", "--bag", "--events", "--approver"):
         parser.add_argument(name, type=Path, required=True)
     for name in ("--loop-ms", "--frames"):
         parser.add_argument(name, type=int, required=True)

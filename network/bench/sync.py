@@ -16,6 +16,7 @@ from datetime import datetime
 from typing import Any
 
 from consensus.errors import BlockRobotError
+from consensus.visible_text import split_lines
 from network.bench.conditions import build_result, measure_conditions
 from network.bench.fresh_network import FreshNetwork, LoadRobot
 from node.config import NodeConfig
@@ -111,7 +112,7 @@ async def _settle(network: FreshNetwork) -> bool:
 
 def read_first_link(log: str, since: datetime) -> datetime | None:
     """Return when a node had its first peer after a moment, by its own log: before that it cannot catch up."""
-    for line in log.splitlines():
+    for line in split_lines(log):
         entry = json.loads(line)
         at = datetime.fromisoformat(str(entry.get("timestamp")).replace("Z", "+00:00"))
         if at >= since and entry.get("event") == "peer_connected":

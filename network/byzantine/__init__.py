@@ -12,6 +12,7 @@ does I/O or draws chance of its own: chance comes from a seeded `random.Random`,
     partial-proposals     its block goes to some only: the others must fetch it from them
     stale-certificates    timeouts and proposals that deny all newer certificates, and notices of old ones
     forged-certificates   certificates with too few, doubled, moved or wrongly made signatures
+    wrong-epochs          words of epochs that are over or to come, and old quorums' certificates as of now
     wrong-roots           blocks whose roots or gas are not what their transactions give
     time-limit            blocks stamped as far ahead as the chain's settings allow
     garbage               a bounded flood: bytes that are no message, and messages that are nearly right

@@ -9,6 +9,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from network.byzantine.behaviour import Accomplices, Behaviour, Liar, OwnNode
 from network.byzantine.certificates import ForgedCertificates, StaleCertificates
+from network.byzantine.epochs import WrongEpochs
 from network.byzantine.garbage import Garbage
 from network.byzantine.proposals import Equivocate, PartialProposals, TimeLimit, WithholdBlocks, WrongRoots
 from network.byzantine.votes import DoubleVote, WithholdVotes
@@ -22,6 +23,7 @@ _CLASSES: tuple[type[Behaviour], ...] = (
     PartialProposals,
     StaleCertificates,
     ForgedCertificates,
+    WrongEpochs,
     WrongRoots,
     TimeLimit,
     Garbage,

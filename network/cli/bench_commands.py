@@ -10,10 +10,12 @@ from typing import Any
 import click
 from rich.table import Table
 
+from clients.sdk.safe_output import overwrite_line
 from clients.sdk.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
 from network.bench.ending import run_to_end
 
 LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
+HELD_MAX_COUNT = 1_000_000
 _TELL_PERSON_EVERY_S, _TELL_FILE_EVERY_S = 0.2, 15.0
 
 
@@ -83,18 +85,32 @@ def faults(repeats: int, nodes: int, as_json: bool) -> None:
 )
 @click.option("--profile", is_flag=True, help="Also show where the time of one call goes.")
 @click.option("--worst", is_flag=True, help="Instead: what a million gas is in time, program by program (minutes).")
+@click.option(
+    "--search",
+    "search_min",
+    type=click.FloatRange(0.05, 600.0),
+    help="With --worst: breed dearer programs for so many minutes of CPU time.",
+)
+@click.option("--seed", type=int, default=1, show_default=True, help="Of the search.")
 @json_option
 @plain_errors
-def vm(seconds: float, profile: bool, worst: bool, as_json: bool) -> None:
+def vm(seconds: float, profile: bool, worst: bool, search_min: float | None, seed: int, as_json: bool) -> None:
     """Measure the contract machine alone: no network, no signatures, no disk.
 
+    \b
     Example: blockrobot bench vm --seconds 1 --profile
     Example: blockrobot bench vm --worst --json
+    Example: blockrobot bench vm --worst --search 30 --seed 7 --json
     """
+    if search_min is not None and not worst:
+        raise click.UsageError("--search needs --worst.")
     if worst:
-        from network.bench.vm_worst import run_worst_benchmark  # noqa: PLC0415 - only when it is needed
+        from network.bench.vm_worst import run_worst_benchmark, run_worst_search  # noqa: PLC0415 - when it is needed
 
-        _finish(run_worst_benchmark(), as_json=as_json)
+        if search_min is None:
+            _finish(run_worst_benchmark(), as_json=as_json)
+        else:
+            _finish(run_worst_search(search_min, seed, lambda line: click.echo(line, err=True)), as_json=as_json)
         return
     from network.bench.vm import run_vm_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
 
@@ -123,6 +139,14 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
     _finish(run_to_end(run_sync_benchmark(options)), as_json=as_json)
 
 
+def _read_counts(_context: click.Context, _option: click.Parameter, text: str | None) -> tuple[int, ...]:
+    """Read numbers with commas between them."""
+    counts = tuple(int(part) if part.isascii() and part.isdigit() else 0 for part in (text or "").split(",") if text)
+    if not all(0 < count <= HELD_MAX_COUNT for count in counts):
+        raise click.BadParameter(f"Write numbers from 1 to {HELD_MAX_COUNT:,}, such as 250,4000.")
+    return counts
+
+
 @bench.command("custody")
 @click.option(
     "--store", default="sqlite", show_default=True, help="sqlite, mongodb (a server here), or mongodb://host:port."
@@ -131,9 +155,10 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
 @click.option(
     "--behind", default=10_000, show_default=True, type=click.IntRange(50, 1_000_000), help="Records to catch up."
 )
+@click.option("--held", callback=_read_counts, help="Only erasing, beside so many kept clips: 250,4000,100000. SQLite.")
 @json_option
 @plain_errors
-def custody_command(store: str, erasures: int, behind: int, as_json: bool) -> None:
+def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...], as_json: bool) -> None:
     """Measure what custody costs: erasing until every receipt is final, following, catching up, scanning, room.
 
     A server for --store has to run already; its databases are the benchmark's own and are dropped. A line of progress
@@ -144,8 +169,42 @@ def custody_command(store: str, erasures: int, behind: int, as_json: bool) -> No
     from network.bench.custody import CustodyOptions, run_custody_benchmark  # noqa: PLC0415 - only when it is needed
 
     uri = LOCAL_MONGO_URI if store == "mongodb" else store
-    options = CustodyOptions(store=uri, erasures=erasures, behind=behind)
+    if held and uri != "sqlite":
+        raise click.UsageError("--held measures the embedded store; leave --store out.")
+    options = CustodyOptions(store=uri, erasures=erasures, behind=behind, held=held)
     _finish(run_to_end(run_custody_benchmark(options, _Teller())), as_json=as_json)
+
+
+@bench.command("flood")
+@click.option("--kind", default="all", show_default=True, help="What is sent (--list), several with commas, or all.")
+@click.option(
+    "--as",
+    "identity",
+    default="stranger",
+    show_default=True,
+    type=click.Choice(["stranger", "member", "robot", "node"]),
+    help="Whose keys the attacker has; a node's: of one that is known and does not run.",
+)
+@click.option("--seconds", default=6.0, show_default=True, type=click.FloatRange(1.0, 120.0), help="How long each.")
+@click.option("--list", "lists", is_flag=True, help="Only show what there is to send.")
+@json_option
+@plain_errors
+def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json: bool) -> None:
+    """Flood a network of four nodes, from one core and with at most 20 MB a second, and measure what it does to others.
+
+    Exits 1 if a goal is missed: finality at most five times as late (p95), `/status` within a second, the attacker named
+    in logs and by the doctor (unless nothing was refused or late), and all as before 2 s after the end. A line for each
+    kind goes to standard error.
+
+    Example: blockrobot bench flood --kind TRANSACTIONS --as node --json
+    """
+    from network.bench.flood import FloodOptions, run_flood_benchmark  # noqa: PLC0415 - only when it is needed
+    from network.bench.flood_kinds import kinds_of  # noqa: PLC0415
+
+    if lists:
+        click.echo("\n".join(kinds_of(identity)))
+        return
+    _finish(run_to_end(run_flood_benchmark(FloodOptions(kind, identity, seconds), _tell_line)), as_json=as_json)
 
 
 @bench.command("hiding")
@@ -200,9 +259,13 @@ def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) 
 
     def tell(done: int, of: int) -> None:
         if sys.stderr.isatty():
-            click.echo(f"\rdrawn and judged: {done} of {of} hundreds", nl=done == of, err=True)
+            overwrite_line(f"drawn and judged: {done} of {of} hundreds", ends=done == of)
 
     _finish(judge_matcher(tracks, seed, workers=workers, progress=tell), as_json=as_json)
+
+
+def _tell_line(line: str) -> None:
+    click.echo(line, err=True)
 
 
 class _Teller:
@@ -216,7 +279,10 @@ class _Teller:
         if time.monotonic() - self._last < (_TELL_PERSON_EVERY_S if moving else _TELL_FILE_EVERY_S):
             return
         self._last = time.monotonic()
-        click.echo(f"\r{line:<70}" if moving else line, nl=not moving, err=True)
+        if moving:
+            overwrite_line(line)
+        else:
+            click.echo(line, err=True)
 
 
 @bench.command("companions")
@@ -279,6 +345,7 @@ def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, 
     A stretch of at most 20 s is rendered once, kept, and looped; then robots, nodes and wallets run for real. At the
     end each person's wallet opens every picture of hers. A line of progress goes to standard error.
 
+    \b
     Example: blockrobot bench robot --seconds 60 --robots 1 --json
     Example: blockrobot bench robot --seconds 180 --cut 60
     """

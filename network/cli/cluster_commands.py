@@ -6,19 +6,22 @@ import asyncio
 import contextlib
 import secrets
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
+from network.blocks_kept import kept_lines
 from network.cluster import Cluster, NodeStatusReport
 from network.layout import create_network
 from network.notice_publishing import publish_demo_notice
+from network.observing import accusers_of
 from network.removal import remove_network
 
 DEFAULT_BASE_PORT = 7272
@@ -53,6 +56,7 @@ folder_option = click.option(
 @click.option(
     "--store", default="sqlite", show_default=True, help="Where custodians keep data: sqlite or mongodb://..."
 )
+@click.option("--archive", multiple=True, metavar="NODE", help="A node that keeps every block; may be repeated.")
 @click.option("--ephemeral", is_flag=True, help="Begin with an empty network, forgetting the last one.")
 @click.option("--console", "with_console", is_flag=True, help="Then show it in the browser: see blockrobot console.")
 @click.option("--no-browser", is_flag=True, help="With --console: open no browser; say which file opens the page.")
@@ -63,6 +67,7 @@ def up(
     nodes: int,
     base_port: int,
     store: str,
+    archive: tuple[str, ...],
     ephemeral: bool,
     with_console: bool,
     no_browser: bool,
@@ -70,15 +75,19 @@ def up(
 ) -> None:
     """Start the local network, making it first if there is none. Its state survives down and up.
 
-    A new one publishes the demonstration hospital's privacy notice: blockrobot notice show.
+    A new one publishes the demonstration hospital's privacy notice: blockrobot notice show. Nodes drop blocks that are
+    older than any record may be, but for those that --archive names.
 
-    Examples: blockrobot up --nodes 4; blockrobot up --console
+    Examples: blockrobot up --nodes 4; blockrobot up --archive node-4
     """
     place = network_folder(folder)
     if ephemeral and (place / "genesis.json").exists():
         Cluster(place).stop_all()
         remove_network(place)
     is_new = not (place / "genesis.json").exists()
+    if archive and not is_new:
+        text = "The network is there already: set `archive` in [storage] of the node's node.toml, and start it again."
+        raise BlockRobotError("CONFIGURATION_INVALID", text)
     if is_new:
         # A name of its own keeps this network's databases apart from those of earlier ones on the same server.
         name = f"blockrobot-{secrets.token_hex(4)}"
@@ -90,6 +99,7 @@ def up(
             store=store,
             network=name,
             faults=True,
+            archives=archive,
         )
     cluster = Cluster(place)
     cluster.start_all()
@@ -169,7 +179,25 @@ def status(folder: Path | None, is_watching: bool, seconds: float | None, as_jso
         with contextlib.suppress(KeyboardInterrupt):
             asyncio.run(watch(Cluster(place), as_json=as_json, seconds=seconds))
         return
-    report(asyncio.run(Cluster(place).status()), place, as_json=as_json)
+    cluster = Cluster(place)
+    rows = asyncio.run(cluster.status())
+    report(rows, place, as_json=as_json)
+    if as_json:
+        return
+    if not any(row.running for row in rows):
+        console.print(f"Nothing runs. Next: blockrobot up{dir_words(place)}", soft_wrap=True)
+    elif any(config.faults_enabled for config in cluster.configs.values()):
+        _tell_faults(cluster, place)
+
+
+def _tell_faults(cluster: Cluster, place: Path) -> None:
+    """Say what was broken on purpose: the table shows it only once it hurts."""
+    from network.faults.control import FaultControl  # noqa: PLC0415 - only when it is needed
+
+    broken = [state.name for state in asyncio.run(FaultControl(cluster).state()) if state.running and state.describe()]
+    if broken:
+        told = f"Broken on purpose: {', '.join(broken)}. See blockrobot fault list{dir_words(place)}"
+        console.print(f"{escape(told)}; to end it: blockrobot fault heal{dir_words(place)}", soft_wrap=True)
 
 
 @click.command()
@@ -194,7 +222,11 @@ def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> No
         click.echo(f"{name} {line}")
 
 
-def _state_of(row: NodeStatusReport) -> str:
+_TONES = {"ready": "green", "waiting": "yellow", "stopped": "yellow"}
+"""What a state is shown in; any other is a fault, and red."""
+
+
+def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
     """Say in a word or two how a node is: one that runs but gives no answer may be starting or stuck.
 
     One that is ready itself may be cut off with a quorum it cannot hear from, or not be allowed to lead.
@@ -207,7 +239,9 @@ def _state_of(row: NodeStatusReport) -> str:
         return "waiting"
     if row.status.get("finality", {}).get("late"):
         return "stuck"
-    return "ready" if row.status.get("suspended_height") is None else "suspended"
+    suspended = "suspended" if row.status.get("suspended_height") is not None else ""
+    lies = "lies" if row.behaviour else ""
+    return suspended or lies or ("accused" if accused_by else "ready")
 
 
 def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:
@@ -223,23 +257,42 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         table.add_column(
             column, justify="left" if column in _TEXT_COLUMNS else "right", no_wrap=column in _TEXT_COLUMNS
         )
+    said = {row.name: row.status for row in reports}
     for row in reports:
         seen = row.status or {}
-        state = _state_of(row)
+        state = _state_of(row, accusers_of(row.name, said))
         values = [seen.get(key) for key in ("height", "finalized_height", "round", "leader")]
         peers = len(seen["peers"]) if "peers" in seen else None
         custody = seen.get("custody_checkpoint")
         cells = [*values, peers, seen.get("mempool"), custody]
-        table.add_row(row.name, state, *("-" if cell is None else str(cell) for cell in cells))
+        shown = Text(state, style=_TONES.get(state, "red"))
+        table.add_row(row.name, shown, *("-" if cell is None else str(cell) for cell in cells))
     console.print(table)
     told = [row.status for row in reports if row.status is not None and "finality" in row.status]
     if told:
         newest = min(told, key=lambda status: (-status["finalized_height"], status["finality"]["age_s"]))
         age_s = newest["finality"]["age_s"]
         console.print(f"Newest final block: {newest['finalized_height']}, {age_s:.0f} s ago.")
+    for line in kept_lines(said):
+        console.print(escape(line), soft_wrap=True)
     for row in reports:
-        for sentence in _troubles(row.name, row.status or {}):
-            console.print(escape(sentence), soft_wrap=True)
+        lies = _lies(row, accusers_of(row.name, said))
+        for sentence in _troubles(row.name, row.status or {}) + lies:
+            console.print(escape(sentence), soft_wrap=True, style="red" if sentence in lies else "")
+
+
+def _lies(row: NodeStatusReport, accused_by: Sequence[str]) -> list[str]:
+    """Say who knows that a node contradicted itself, and that it was told to."""
+    told = []
+    if row.behaviour:
+        told.append(
+            f"{row.name} was told to lie ({row.behaviour}); that ends with: blockrobot fault restart {row.name}"
+        )
+    if accused_by:
+        many = "say" if len(accused_by) > 1 else "says"
+        names = ", ".join(accused_by)
+        told.append(f"{names} {many} that {row.name} contradicted itself; the evidence: blockrobot producer list")
+    return told
 
 
 def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:

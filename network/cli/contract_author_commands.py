@@ -19,7 +19,8 @@ from rich.markup import escape
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
-from contracts.kit.sources import is_contract_file
+from consensus.visible_text import split_lines
+from contracts.kit.sources import is_contract_file, read_source
 from contracts.kit.template import project_files, write_project
 from contracts.vm import compile_contract
 from network.cli.governing import plain_table
@@ -149,7 +150,7 @@ def _print_lines(source: dict[str, Any]) -> None:
         return
     console.print(escape(f"\n{_shown_file(source)}\n   runs      gas"))
     figures = {line["line"]: line for line in source["lines"]}
-    for number, text in enumerate(Path(source["file"]).read_text(encoding="utf-8").splitlines(), 1):
+    for number, text in enumerate(split_lines(read_source(Path(source["file"]))), 1):
         found = figures.get(number)
         before = " " * 15 if found is None else f"{found['runs']:>7} {found['gas']:>7}"
         console.print(escape(f"{before}  {number:>4}  {text}"))

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.cells import cell_len
 
 from clients.sdk.terminal import json_option, plain_errors, print_json
+from consensus.visible_text import escape_controls
 from contracts import vectors as golden
 from contracts.execution.chain_refusals import find_refusals
 from contracts.vm import LANGUAGE_VERSION, Diagnostic, compile_contract, find_problems
@@ -53,8 +55,8 @@ def source_lines(lines: list[str], problem: Diagnostic) -> tuple[str, str]:
     text = lines[problem.line - 1] if problem.line <= len(lines) else ""
     column = min(problem.column, len(text) + 1)
     start = max(0, column - LINE_SHOWN_MAX_CHARS + 20)
-    shown = "".join(character if character.isprintable() else "�" for character in text[start:][:LINE_SHOWN_MAX_CHARS])
-    return shown, " " * (column - 1 - start) + "^"
+    shown = escape_controls(text[start:][:LINE_SHOWN_MAX_CHARS], "")
+    return shown, " " * cell_len(escape_controls(text[start : column - 1], "")) + "^"
 
 
 def _print_problem(path: Path, lines: list[str], problem: Diagnostic) -> None:

@@ -109,11 +109,10 @@ def last_written(path: Path) -> Place | None:
 
 
 def _place_of_last(path: Path, whole: bytes) -> Place | None:
-    lines = whole.splitlines()
-    if not lines:
+    if not whole:
         return None
     try:
-        place = read_place(json.loads(lines[-1])["place"])
+        place = read_place(json.loads(whole[whole.rfind(b"\n", 0, -1) + 1 :])["place"])
     except (ValueError, KeyError, TypeError, BlockRobotError):
         raise BlockRobotError("EVENTS_FILE_FOREIGN", f"The last line of {path} is no event.") from None
     return Place(place.height, place.index + 1)

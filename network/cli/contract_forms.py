@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from clients.sdk.http import NetworkClient
 from consensus.primitives.keys import PrivateKey
+from consensus.visible_text import split_lines
 from contracts.vm import compile_contract
 from contracts.vm.abi import Abi
 from network.chain_contracts import read_edition
@@ -23,7 +24,7 @@ class ContractForm:
 
     def line(self, number: int | None) -> str:
         """Return a line of the source, stripped; an empty text if there is none of this number."""
-        lines = self.source.splitlines()
+        lines = split_lines(self.source)
         return lines[number - 1].strip() if number is not None and 0 < number <= len(lines) else ""
 
 

@@ -5,6 +5,7 @@ that was not proved.
 from __future__ import annotations
 
 import difflib
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ from rich.syntax import Syntax
 
 from clients.sdk.governance import ID_PREFIX_MIN_CHARS, ProposalRow, find_proposal
 from clients.sdk.http import NetworkClient
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from contracts.execution.describing import ChangeDue, EntryRow, VersionRow
+from contracts.execution.registry import compute_source_hash
 from contracts.kit.sources import read_source
 from network.chain_contracts import (
     ContractsView,
@@ -36,10 +38,10 @@ from network.cli.governing import (
     proposal_json,
     read_with_any,
     shown_id,
-    shown_time,
     summary_of,
     to_json,
 )
+from pages.moments import show_moment
 
 
 def _due_json(change: ChangeDue) -> dict[str, Any]:
@@ -47,7 +49,7 @@ def _due_json(change: ChangeDue) -> dict[str, Any]:
 
 
 def _due_text(change: ChangeDue) -> str:
-    when = f"with block {change.from_height}" if change.from_height else f"at {shown_time(change.from_ms)}"
+    when = f"with block {change.from_height}" if change.from_height else f"at {show_moment(change.from_ms)}"
     words = {
         "activate": f"version {change.version}",
         "disable": "disabled",
@@ -84,7 +86,7 @@ def _print_proposal(row: ProposalRow, needed: int) -> None:
     when = [f"not before block {arguments['height']}"] if arguments.get("height") else []
     when += [f"{arguments['delay']} blocks after the decision"] if arguments.get("delay") else []
     voices = (
-        f"approved by {', '.join(row.approvals) or 'nobody'}, {needed} needed, open until {shown_time(row.expires_ms)}"
+        f"approved by {', '.join(row.approvals) or 'nobody'}, {needed} needed, open until {show_moment(row.expires_ms)}"
     )
     console.print(escape("; ".join([voices, *when])))
 
@@ -247,6 +249,7 @@ def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) ->
 @click.argument("name")
 @click.argument("old")
 @click.argument("new", required=False)
+@click.option("--exit-code", "with_exit_code", is_flag=True, help="Exit with 1 if they differ.")
 @governing_options
 @json_option
 @plain_errors
@@ -254,6 +257,7 @@ def diff(
     name: str,
     old: str,
     new: str | None,
+    with_exit_code: bool,
     folder: Path | None,
     organisation: str | None,
     key_file: Path | None,
@@ -262,10 +266,11 @@ def diff(
     """Compare two versions of a contract: what changes for callers, and the sources line by line.
 
     OLD and NEW are version numbers, files, or the ids of open proposals. With one of them only, it is compared with the
-    version in force. Exit code 0: also if they differ.
+    version in force. They are equal only if their hashes are; letters beyond ASCII, which may look like others, are told
+    by their numbers. Exit code 0, also if they differ; with --exit-code 1 if they do.
 
     \b
-    Example: blockrobot contract diff visitors 1 2
+    Example: blockrobot contract diff visitors 1 2 --exit-code
     Example: blockrobot contract diff visitors visitors.py
     Example: blockrobot contract diff visitors 3fa2c19b07de
     """
@@ -283,11 +288,8 @@ def diff(
     before, after = read_with_any(folder, organisation, key_file, read)
     proposals = [edition.proposal for edition in (before, after) if edition.proposal is not None]
     changes = compare_interfaces(before, after)
-    lines = list(
-        difflib.unified_diff(
-            before.source.splitlines(), after.source.splitlines(), before.title, after.title, lineterm=""
-        )
-    )
+    lines = diff_lines(before, after)
+    is_equal = compute_source_hash(before.source) == compute_source_hash(after.source)
     if as_json:
         print_json(
             {
@@ -295,18 +297,38 @@ def diff(
                 "name": name,
                 "old": before.title,
                 "new": after.title,
-                "equal": not lines,
+                "old_hash": compute_source_hash(before.source).hex(),
+                "new_hash": compute_source_hash(after.source).hex(),
+                "equal": is_equal,
                 "abi": [{"change": kind, "entry": text} for kind, text in changes],
                 "diff": lines,
                 "proposals": [_asked_json(row) for row in proposals],
             }
         )
-        return
-    for row in proposals:
-        console.print(escape(_told_proposal(row)))
-    if not lines:
-        console.print(escape(f"{before.title} and {after.title} are equal."))
-        return
+    else:
+        for row in proposals:
+            console.print(escape(_told_proposal(row)))
+        if is_equal:
+            console.print(escape(f"{before.title} and {after.title} are equal."))
+        else:
+            _print_diff(lines, changes)
+    if with_exit_code and not is_equal:
+        sys.exit(EXIT_FAILED)
+
+
+def diff_lines(before: Edition, after: Edition) -> list[str]:
+    """Return what differs, as a unified diff: none only if the texts are the same, to the last line's end."""
+    old, new = before.source.split("\n"), after.source.split("\n")
+    return list(difflib.unified_diff(old, new, before.title, after.title, lineterm=""))
+
+
+def beyond_ascii(lines: list[str]) -> list[str]:
+    """Return for each changed line with letters beyond ASCII which they are: some look like others."""
+    changed = [line for line in lines[2:] if line[:1] in ("+", "-") and not line.isascii()]
+    return [f"{line[0]} {' '.join(f'U+{ord(one):04X}' for one in line if ord(one) > 127)}" for line in changed]
+
+
+def _print_diff(lines: list[str], changes: list[tuple[str, str]]) -> None:
     console.print("[bold]For callers[/bold]" if changes else "Nothing changes for callers.")
     for kind, text in changes:
         console.print(escape(f"  {kind:<10}  {text}"), soft_wrap=True)
@@ -314,6 +336,11 @@ def diff(
         console.print(Syntax("\n".join(lines), "diff", background_color="default", word_wrap=True))
     else:
         click.echo("\n".join(lines))
+    strange = beyond_ascii(lines)
+    if strange:
+        console.print("Letters beyond ASCII in changed lines, in their order:")
+    for line in strange:
+        console.print(escape(f"  {line}"), soft_wrap=True)
 
 
 def _read_file(name: str, text: str) -> Edition | None:

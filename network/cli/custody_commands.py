@@ -100,6 +100,35 @@ def _print_status(configs: list[NodeConfig], answers: list[dict[str, Any] | Bloc
         cells = [*counts, answer["owed"], overdue, answer["slots_used"], size]
         table.add_row(config.name, describe_position(answer), *(str(cell) for cell in cells))
     console.print(table)
+    _print_uploads(configs, answers)
+
+
+def _print_uploads(configs: list[NodeConfig], answers: list[dict[str, Any] | BlockRobotError]) -> None:
+    """Print who brought how much, and how long the room lasts."""
+    table = Table(title="Uploads", title_justify="left", pad_edge=False, collapse_padding=True)
+    for column in ("node", "organisation", "robot"):
+        table.add_column(column, no_wrap=True)
+    for column in ("staged", "held", "today", "a day", "refused"):
+        table.add_column(column, justify="right")
+    told = []
+    for config, answer in zip(configs, answers, strict=True):
+        if isinstance(answer, BlockRobotError):
+            continue
+        for row in answer["uploads"]:
+            sizes = [
+                f"{row[name] / 1e6:.1f} MB" for name in ("staged_bytes", "held_bytes", "today_bytes", "bytes_a_day")
+            ]
+            robot = f"{row['robot'][:12]}..." if row["robot"] else "(fetched)"
+            table.add_row(config.name, escape(row["organisation"]), robot, *sizes, str(row["refused"]))
+        if answer["disk_free_bytes"] is not None:
+            days = answer["days_until_reserve"]
+            lasts = "" if days is None else f", which last {days} days at {answer['bytes_a_day'] / 1e9:.2f} GB a day"
+            free, reserve = (answer[f"disk_{what}_bytes"] / 1e9 for what in ("free", "reserve"))
+            told.append(f"{config.name}: {free:.1f} GB are free, {reserve:.1f} GB of them are kept back{lasts}.")
+    if table.row_count:
+        console.print(table)
+    for line in told:
+        console.print(escape(line))
 
 
 def _run(configs: list[NodeConfig], work: str, *, as_json: bool) -> list[dict[str, Any]]:

@@ -29,7 +29,8 @@ def doctor(data_dir: Path | None, folder: Path | None, as_json: bool) -> None:
     examination = examine_node(data_dir) if data_dir is not None else examine_network(network_folder(folder))
     if as_json:
         findings = [finding.to_json() for finding in examination.findings]
-        print_json({"ok": examination.ok, "nodes": list(examination.nodes), "findings": findings})
+        kept = list(examination.blocks_kept)
+        print_json({"ok": examination.ok, "nodes": list(examination.nodes), "findings": findings, "blocks_kept": kept})
     else:
         _print(examination)
     if not examination.ok:
@@ -38,6 +39,8 @@ def doctor(data_dir: Path | None, folder: Path | None, as_json: bool) -> None:
 
 def _print(examination: Examination) -> None:
     looked_at = ", ".join(examination.nodes)
+    for line in examination.blocks_kept:
+        console.print(escape(line), soft_wrap=True)
     if not examination.findings:
         console.print(f"Nothing is wrong with {escape(looked_at)}.")
         return

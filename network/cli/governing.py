@@ -6,7 +6,6 @@ The admin's key of an organisation lies in the network's folder, `organisations/
 from __future__ import annotations
 
 import asyncio
-import datetime as dt
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +32,7 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
 from network.cli.cluster_commands import folder_option, network_folder
+from pages.moments import show_day, show_moment
 
 ADMIN_KEY_FILE = "admin.key"
 ID_SHOWN_CHARS = 12
@@ -217,7 +217,7 @@ def _refuse_twice(
             way = f"Approve it: {command} {seat.organisation or 'ORG'}"
             if seat.organisation in row.approvals:
                 way = f"{seat.organisation} stands behind it already; another organisation approves it: {command} ORG"
-            state = f"is proposed already, by {row.organisation}, and open until {shown_time(row.expires_ms)}"
+            state = f"is proposed already, by {row.organisation}, and open until {show_moment(row.expires_ms)}"
             raise BlockRobotError("GOVERNANCE_PROPOSED_ALREADY", f"{summary_of(row)} {state}. {way}")
 
 
@@ -271,11 +271,6 @@ def shown_id(identifier: bytes) -> str:
     return identifier.hex()[:ID_SHOWN_CHARS]
 
 
-def shown_time(time_ms: int) -> str:
-    """Return a chain time as text in UTC."""
-    return dt.datetime.fromtimestamp(time_ms / 1000, dt.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-
-
 def to_json(value: Any) -> Any:
     """Return a value with bytes as hexadecimal text."""
     if isinstance(value, bytes):
@@ -317,7 +312,7 @@ def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:
     table = plain_table("Open proposals", ["id", "what", "approved by", "of", "expires"])
     for row in rows:
         cells = [shown_id(row.id), summary_of(row), ", ".join(row.approvals), str(needed)]
-        table.add_row(*map(escape, cells), shown_time(row.expires_ms)[:10])
+        table.add_row(*map(escape, cells), show_day(row.expires_ms))
     console.print(table)
     console.print(f"Approve with: blockrobot {group} approve {shown_id(rows[0].id)} --as ORG")
 
@@ -350,7 +345,7 @@ def report_decision(told: Told, what: str, group: str, *, as_json: bool, needs_o
         console.print(f"Proposed: {escape(what)}. Its id is {shown_id(proposal.id)}; {voices}.")
         console.print(
             "Next step: an admin of another organisation says "
-            f"blockrobot {group} approve {shown_id(proposal.id)} --as ORG, by {shown_time(proposal.expires_ms)}."
+            f"blockrobot {group} approve {shown_id(proposal.id)} --as ORG, by {show_moment(proposal.expires_ms)}."
         )
         return
     state = "in force" if decision.executed or not needs_others else "final"

@@ -276,6 +276,7 @@ _NODES = (
                     Field("next_step", Kind.TEXT, "what to do"),
                 ),
             ),
+            Field("blocks_kept", Kind.TEXTS, "how far back nodes keep blocks, a sentence for those that keep the same"),
         ),
         not_ok="if there is a problem",
     ),
@@ -297,5 +298,30 @@ _TOOLS = (
     ),
 )
 
-ANSWERS: tuple[CommandAnswer, ...] = (*_ORG, *_PRODUCERS, *_CERTIFICATES, *_NOTICES, *_NODES, *_TOOLS)
+_FRAMES = (
+    CommandAnswer(
+        ("frames approve", "frames withdraw"),
+        (
+            Field("height", Kind.HEIGHT, "the block that holds the last call", null="if nothing was left to do"),
+            Field("frames", Kind.HEXES, "the frames, by their SHA-256"),
+        ),
+    ),
+    CommandAnswer(
+        ("frames list",),
+        (
+            Field(
+                "frames",
+                Kind.ROWS,
+                "what is approved, the oldest first",
+                fields=(
+                    Field("sha256", Kind.HEX, "the frame"),
+                    Field("approver", Kind.HEX, "the key of the admin or officer who approved it"),
+                    Field("approved_ms", Kind.TIME_MS, "when"),
+                ),
+            ),
+        ),
+    ),
+)
+
+ANSWERS: tuple[CommandAnswer, ...] = (*_FRAMES, *_ORG, *_PRODUCERS, *_CERTIFICATES, *_NOTICES, *_NODES, *_TOOLS)
 """What these commands answer."""

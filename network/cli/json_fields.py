@@ -18,13 +18,32 @@ _REFUSALS = (
     Field("peer", Kind.TEXT, "the node"),
     *_WHY,
     Field("since_ms", Kind.TIME_MS, "since when, by its own clock"),
+    Field("count", Kind.COUNT, "how often"),
+)
+_OVER_BUDGET = (Field("peer", Kind.TEXT, "who: a peer, an address, a member's key"), *_REFUSALS[1:])
+_CUT_OFF = (
+    *_REFUSALS[:-2],
+    Field("count", Kind.COUNT, "how often since the node's start"),
+    Field("until_ms", Kind.TIME_MS, "until when, by the node's own clock"),
 )
 _WORKER = (
     Field("pid", Kind.COUNT, "its process", null="if none was needed yet"),
     Field("replaced", Kind.COUNT, "how often it was replaced"),
+    Field("last_loss", Kind.TEXT, "why it was replaced the last time; empty if it never was"),
     Field("missing", Kind.TEXTS_BY_NAME, "parts of the wall that this system has not, and why"),
 )
 
+BLOCKS_KEPT = (
+    Field("archive", Kind.BOOL, "whether it keeps the bodies of all blocks"),
+    Field("earliest_ms", Kind.TIME_MS, "the time of the oldest block whose body it has", null="if it cannot be read"),
+    Field(
+        "held_by",
+        Kind.TEXT,
+        "why older blocks than due are there: `keep_blocks`, `custodian` (has not followed them) or `record` (one under "
+        "a claim)",
+        null="if none are",
+    ),
+)
 _STATUS = (
     Field("organisation", Kind.TEXT, "whose node it is", null="if the chain does not know it", absent=_SILENT),
     Field("membership", Kind.TEXT, "`active`, `removed` or `unknown`, by its own chain", absent=_SILENT),
@@ -34,6 +53,13 @@ _STATUS = (
     Field("height", Kind.HEIGHT, "its newest certified block", absent=_SILENT),
     Field("finalized_height", Kind.HEIGHT, "its newest final block", absent=_SILENT),
     Field("earliest_height", Kind.HEIGHT, "the oldest block whose body it has", absent=_SILENT),
+    Field(
+        "blocks_kept",
+        Kind.OBJECT,
+        "how far back it keeps blocks",
+        absent=_SILENT,
+        fields=BLOCKS_KEPT,
+    ),
     Field("state_root", Kind.HEX, "the root of its state", null="before its first block", absent=_SILENT),
     Field("state_height", Kind.HEIGHT, "the block of that root", null="before its first block", absent=_SILENT),
     Field("round", Kind.COUNT, "its consensus round", absent=_SILENT),
@@ -49,6 +75,27 @@ _STATUS = (
         absent=_SILENT,
     ),
     Field("fault", Kind.TEXT, "why it has stopped taking part", null="if it has not", absent=_SILENT),
+    Field(
+        "execution",
+        Kind.OBJECT,
+        "what it could not execute",
+        absent=_SILENT,
+        fields=(
+            Field("held", Kind.COUNT, "transactions that it proposes in no block now"),
+            Field("failures", Kind.COUNT, "executions that failed since its start"),
+            Field("last_failure", Kind.TEXT, "why the last one failed; empty if none did"),
+            Field(
+                "stuck",
+                Kind.OBJECT,
+                "the block that others could execute and it cannot",
+                null="if there is none",
+                fields=(
+                    Field("height", Kind.HEIGHT, "its height"),
+                    Field("attempts", Kind.COUNT, "how often it was tried"),
+                ),
+            ),
+        ),
+    ),
     Field(
         "silent",
         Kind.OBJECT,
@@ -70,6 +117,17 @@ _STATUS = (
     ),
     Field("suspended_height", Kind.HEIGHT, "where its producer was suspended", null="if it is not", absent=_SILENT),
     Field(
+        "accused",
+        Kind.ROWS,
+        "nodes that are proved to have contradicted themselves, by this node's own words",
+        absent=_SILENT,
+        fields=(
+            Field("name", Kind.TEXT, "the node"),
+            Field("state", Kind.TEXT, "`evidence` (held here, not on the chain yet) or `suspended`"),
+            Field("height", Kind.HEIGHT, "where it was suspended", null="before that"),
+        ),
+    ),
+    Field(
         "certificate",
         Kind.OBJECT,
         "its certificate",
@@ -83,6 +141,14 @@ _STATUS = (
         ),
     ),
     Field("refused_peers", Kind.ROWS, "nodes that it refused in the last minute", absent=_SILENT, fields=_REFUSALS),
+    Field("cut_off_peers", Kind.ROWS, "nodes that sent what no honest one sends", absent=_SILENT, fields=_CUT_OFF),
+    Field(
+        "over_budget",
+        Kind.ROWS,
+        "who asked for more work than he may cause, sent faster than he is read, or shook hands too often",
+        absent=_SILENT,
+        fields=_OVER_BUDGET,
+    ),
     Field("refused_by", Kind.ROWS, "nodes that refused it in the last minute", absent=_SILENT, fields=_REFUSALS),
     Field(
         "problem",
@@ -143,6 +209,7 @@ _WATCHED = (
             Field("peers", Kind.COUNT, "how many nodes it is connected to", null="likewise"),
             Field("waiting", Kind.COUNT, "transactions that wait", null="likewise"),
             Field("faults", Kind.TEXTS, "faults that are on"),
+            Field("accused_by", Kind.TEXTS, "other nodes that say that it contradicted itself, or is suspended"),
         ),
     ),
     Field("changes", Kind.TEXTS, "what changed since the line before, a sentence each"),

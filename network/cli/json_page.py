@@ -12,6 +12,8 @@ from clients.registrar.json_fields import ANSWERS as REGISTRAR
 from clients.robot.json_fields import ANSWERS as ROBOT
 from clients.sdk.json_fields import CommandAnswer, write_section
 from clients.wallet.json_fields import ANSWERS as WALLET
+from clients.wallet.mandate_json_fields import OFFICER_ANSWERS as OFFICER_MANDATES
+from clients.wallet.mandate_json_fields import WALLET_ANSWERS as WALLET_MANDATES
 from clients.wallet.officer_json_fields import ANSWERS as OFFICER
 from clients.wallet.sharing_json_fields import ANSWERS as SHARING
 from network.cli.governing_json_fields import ANSWERS as GOVERNING
@@ -22,8 +24,8 @@ PAGE = "json-output.md"
 
 SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
     "A network on this machine": (*NETWORK, WATCHED),
-    "The wallet": (*WALLET, *SHARING),
-    "Data protection officers": OFFICER,
+    "The wallet": (*WALLET, *SHARING, *WALLET_MANDATES),
+    "Data protection officers": (*OFFICER, *OFFICER_MANDATES),
     "Checking a bundle": BUNDLE,
     "The registrar": REGISTRAR,
     "The robot": ROBOT,
@@ -45,6 +47,7 @@ NOT_LISTED: Mapping[str, str] = {
     "bench": "[commands](cli.md#measuring): `name`, `figures` and `conditions`, which differ from one to the other",
     "privacy attack": "[commands](cli.md#privacy-attack): likewise",
     "sim run": "[commands](cli.md#sim-run): likewise",
+    "sim calibrate": "[commands](cli.md#sim-calibrate): likewise",
 }
 """Commands, or groups of them, whose fields the page does not list, and where something is said of them."""
 

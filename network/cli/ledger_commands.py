@@ -18,10 +18,11 @@ from node.comparing import newest_height
 from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig, load_genesis
 from node.difference import LedgerDiff, describe_difference
 from node.pruning import PRUNE_SLACK_COUNT, prune_stopped_node, request_pruning
-from node.replaying import Base, base_of_genesis, base_of_snapshot, machine_of
+from node.replaying import Base, base_of_genesis, base_of_snapshot
 from node.snapshot.form import SnapshotFolder
 from node.storage.directory_lock import DirectoryLock
 from node.storage.lmdb_reader import LedgerFile
+from node.walled_contracts import open_walled_machine
 
 RUNNING_TIMEOUT_S = 60.0
 _POLL_S = 0.1
@@ -41,11 +42,14 @@ _POLL_S = 0.1
 def prune(node: str, keep: int, folder: Path | None, as_json: bool) -> None:
     """Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.
 
-    A running node is asked to do so within its own work; it prunes by itself if its node.toml says `keep_blocks`.
+    A running node is asked to do so within its own work. Unless it is an archive it drops by itself what is older than
+    any record may be; this command drops more.
 
     Example: blockrobot node prune node-3 --keep 10000
     """
     config = find_node(node, folder)
+    if config.archive:
+        raise BlockRobotError("NODE_IS_ARCHIVE", f"{config.name} is an archive: it keeps every block.")
     try:
         lock = DirectoryLock(config.data_dir)
     except BlockRobotError as error:
@@ -130,8 +134,9 @@ def _compare(configs: tuple[NodeConfig, NodeConfig], base: Path | None, *, full:
         LedgerFile(configs[1].ledger_dir) as two,
         one.snapshot() as first,
         two.snapshot() as second,
+        open_walled_machine(configs[0], genesis, one) as machine,
     ):
-        diff = LedgerDiff((first, second), machine_of(genesis), open_base, progress, full=full)
+        diff = LedgerDiff((first, second), machine, open_base, progress, full=full)
         return describe_difference(diff.run(), (names[0], names[1]), (first, second))
 
 

@@ -21,6 +21,7 @@ _COMMANDS = {
     "org": ("network.cli.org_commands", "org"),
     "producer": ("network.cli.producer_commands", "producer"),
     "settings": ("network.cli.settings_commands", "settings"),
+    "frames": ("network.cli.frames_commands", "frames"),
     "notice": ("network.cli.notice_commands", "notice"),
     "contract": ("network.cli.contract_commands", "contract"),
     "certificate": ("network.cli.certificate_commands", "certificate"),
@@ -42,10 +43,32 @@ _COMMANDS = {
 }
 
 
-@click.group(cls=RootGroup, places=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
+_WITH_SECRETS = frozenset({"robot", "wallet"})
+SECTIONS = {
+    "Patients, and whom they share with": ("wallet", "verify"),
+    "Robot operators": ("robot",),
+    "Registrar's desk": ("card", "roster"),
+    "Data protection officers": ("officer",),
+    "Administrators of an organisation": ("org", "producer", "settings", "notice", "frames"),
+    "Operators of nodes": ("up", "down", "status", "logs", "node", "certificate", "custody", "doctor"),
+    "To watch and to break a network": ("console", "explore", "fault", "demo"),
+    "Contract developers": ("contract",),
+    "Researchers": ("experiment", "bench", "privacy", "sim"),
+    "Everybody": ("completion", "reference"),
+}
+
+
+@click.group(
+    cls=RootGroup, places=_COMMANDS, sections=SECTIONS, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(package_name="blockrobot")
-def main() -> None:
+@click.pass_context
+def main(ctx: click.Context) -> None:
     """BlockRobot: a permissioned ledger that gives patients control of what a social robot records of them."""
+    if ctx.invoked_subcommand in _WITH_SECRETS:
+        from clients.sdk.process_guard import guard_process  # noqa: PLC0415 - only when it is needed
+
+        guard_process()
 
 
 if __name__ == "__main__":

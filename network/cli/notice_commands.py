@@ -25,6 +25,7 @@ from consensus.records.notices import (
     tell_changes,
     tell_notice,
 )
+from consensus.visible_text import split_lines
 from network.activities import Activities, read_activities, tell_activities
 from network.cli.cluster_commands import folder_option
 from network.cli.governing import (
@@ -32,12 +33,12 @@ from network.cli.governing import (
     governing_options,
     read_with_any,
     shown_id,
-    shown_time,
     take_seat,
     with_client,
 )
 from network.demo_notice import DEMO_ORGANISATION, demo_notice_text
 from network.notice_publishing import publish_notice
+from pages.moments import show_moment
 
 _new_file = click.Path(path_type=Path, dir_okay=False)
 _file = click.Path(path_type=Path, exists=True, dir_okay=False)
@@ -66,7 +67,7 @@ def read_notice_file(path: Path) -> Notice:
     try:
         return notice_from(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
-        last = f"at line {len(text.splitlines())}, the last one: is the file whole?"
+        last = f"at line {len(split_lines(text))}, the last one: is the file whole?"
         detail = str(error).replace("at end of document", last)
         raise BlockRobotError("NOTICE_INVALID", f"{path} is no TOML file: {detail}.") from None
 
@@ -204,7 +205,7 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
             {"ok": True, **told, "height": row.height, "time_ms": row.time_ms, "lines": tell_notice(found.notice)}
         )
         return
-    console.print(f"Version {row.version}, of {shown_time(row.time_ms)}, block {row.height}:")
+    console.print(f"Version {row.version}, of {show_moment(row.time_ms)}, block {row.height}:")
     for line in tell_notice(found.notice):
         console.print(escape(line))
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import click
 
 from clients.sdk.plain_letters import prepare_output
+from clients.sdk.safe_output import safe_streams
 from clients.sdk.terminal import EXIT_FAILED, fail
 from consensus.errors import BlockRobotError
 from network.cli.lazy_group import LazyGroup
@@ -23,7 +24,27 @@ def wants_json(arguments: Sequence[str]) -> bool:
 
 
 class RootGroup(LazyGroup):
-    """A lazy group that tells wrong usage as every other error is told, where --json is on the command line."""
+    """A lazy group that tells wrong usage as every other error is told, where --json is on the command line.
+
+    Its help has the commands by who uses them: `sections` names them under each heading.
+    """
+
+    def __init__(self, *args: Any, sections: Mapping[str, Sequence[str]], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.sections = sections
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands with a line on each, section by section."""
+        commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+        width = max(map(len, commands))
+        limit = formatter.width - 6 - width
+        for heading, names in self.sections.items():
+            found = [(name, commands[name]) for name in names]
+            rows = [
+                (name.ljust(width), command.get_short_help_str(limit)) for name, command in found if command is not None
+            ]
+            with formatter.section(heading):
+                formatter.write_dl(rows)
 
     def main(
         self,
@@ -35,6 +56,18 @@ class RootGroup(LazyGroup):
     ) -> Any:
         """Run what a command line says, and exit; see click.Command.main."""
         prepare_output()
+        with safe_streams():
+            return self._run(args, prog_name, complete_var, standalone_mode=standalone_mode, **extra)
+
+    def _run(
+        self,
+        args: Sequence[str] | None,
+        prog_name: str | None,
+        complete_var: str | None,
+        *,
+        standalone_mode: bool,
+        **extra: Any,
+    ) -> Any:
         given = sys.argv[1:] if args is None else list(args)
         if not standalone_mode or not wants_json(given):
             return super().main(args, prog_name, complete_var, standalone_mode=standalone_mode, **extra)

@@ -47,6 +47,12 @@ _MEANINGS = {
     "blocks_per_turn": ("1 to 100", "blocks before the next turn"),
     "production": ("or interval:MS", "when blocks are made"),
     "max_producers": ("1 to 21", "candidates with a seat"),
+    "robot_staged_max_mib": ("1 to 1048576", "a robot's clips that are not recorded yet"),
+    "robot_staged_max_count": ("1 to 1000000", "the same, their number"),
+    "robot_day_max_mib": ("1 to 1073741824", "what a robot may upload a day"),
+    "organisation_staged_max_mib": ("1 to 1048576", "all robots of an organisation: not recorded yet"),
+    "organisation_staged_max_count": ("1 to 1000000", "the same, their number"),
+    "organisation_day_max_mib": ("1 to 1073741824", "what they may upload a day"),
 }
 
 

@@ -43,13 +43,40 @@ def _parse_seeds(_context: click.Context, _parameter: click.Parameter, text: str
     return seeds
 
 
+@sim.command("calibrate")
+@json_option
+@plain_errors
+def calibrate_command(as_json: bool) -> None:
+    """Measure here what the cost model of `sim run --profile flood` charges, in microseconds of CPU.
+
+    \b
+    Example:
+      blockrobot sim calibrate --json
+    """
+    from network.bench.conditions import measure_conditions  # noqa: PLC0415 - a node's code, only when it is needed
+    from network.sim.calibration import measure_costs  # noqa: PLC0415
+    from network.sim.cpu import CORE_SHARE, COSTS  # noqa: PLC0415
+
+    conditions = measure_conditions(nodes=0, core_share=CORE_SHARE)
+    charged = COSTS._asdict()
+    figures = {
+        name: {"measured_us": round(measured_us, 2), "charged_us": charged[name]}
+        for name, measured_us in measure_costs()._asdict().items()
+    }
+    if as_json:
+        print_json({"name": "sim-calibration", "ok": True, "figures": figures, "conditions": conditions})
+        return
+    for name, figure in figures.items():
+        console.print(f"{name:12} {figure['measured_us']:8.2f} us here, {figure['charged_us']:8.2f} us in the model")
+
+
 @sim.command("run")
 @click.option("--seeds", default="1..20", show_default=True, callback=_parse_seeds, help="One seed, or A..B.")
 @click.option(
     "--profile",
     default="faults",
     show_default=True,
-    type=click.Choice(["faults", "grow"]),
+    type=click.Choice(["faults", "grow", "flood"]),
     help="What the seeds play: see above.",
 )
 @click.option(
@@ -92,6 +119,9 @@ def run_command(
               links, wrong clocks, slow, full and old disks; some seeds also change settings, or one producer's seat.
       grow    Four producers and six followers, which governance seats in two steps (7, then 10) and unseats again
               (4), over and over, under load and under the same faults but for old disks.
+      flood   As many producers as the network bears send the others more than anybody should: transactions that are
+              refused, requests, heights, questions. Work takes time of each node's core, by a table of measured costs
+              (blockrobot sim calibrate); calls have to become final in 5x the time that they took before, at most.
 
     \b
     Links of a plan file (`profile` of the plan, or of a fault of kind `links`), delays in ms one way:
@@ -142,9 +172,13 @@ def _read_plan(path: Path) -> Plan:
 
 def _make_plans(seeds: range, profile: str, nodes: int, rounds: int, byzantine: int) -> list[Plan]:
     """Return a plan for each seed. Raises UsageError for what the profile has no room for."""
-    from network.sim.plan import make_growth_plan, max_faulty  # noqa: PLC0415 - a node's code, only when it is needed
+    from network.sim.plan import make_flood_plan, make_growth_plan, max_faulty  # noqa: PLC0415 - a node's code, only when it is needed
     from network.sim.sweep import plan_of  # noqa: PLC0415
 
+    if profile == "flood":
+        if byzantine or max_faulty(nodes) == 0:
+            raise click.UsageError("The profile flood has its own dishonest nodes, one or more of four or more.")
+        return [make_flood_plan(seed, nodes=nodes, rounds=rounds) for seed in seeds]
     if profile == "grow":
         if byzantine or nodes != NODES_DEFAULT_COUNT:
             raise click.UsageError("The profile grow has its own ten nodes, all of them honest.")
@@ -230,6 +264,7 @@ def _report(total: SweepResult, conditions: dict[str, Any], plan_file: Path | No
         "virtual_s": round(total.virtual_s, 1),
         "cpu_s": round(total.cpu_s, 1),
         "elapsed_s": round(total.elapsed_s, 1),
+        "trace": total.trace,
         "failed_seeds": [result.seed for result in total.failed],
     }
     for failure in total.failures:
@@ -257,6 +292,8 @@ def _print_failure(failure: Failure, plan_file: Path | None) -> None:
     for violation in failure.violations[:5]:
         click.echo(f"  {violation}", err=True)
     options = f"--nodes {plan.nodes} --rounds {plan.rounds} --byzantine {len(plan.byzantine)}"
+    if plan.cpu:
+        options = f"--profile flood --nodes {plan.nodes} --rounds {plan.rounds}"
     if plan.governance == "grow":
         options = f"--profile grow --rounds {plan.rounds}"
     replayed = f"--seeds {failure.seed} {options}" if plan_file is None else f"--plan {plan_file}"

@@ -124,12 +124,12 @@ def render(picture: Picture, folder: str) -> Group:
 
 
 def _cells(row: NodeRow) -> list[str]:
-    style = (
-        "green" if row.state == "signing" else "yellow" if row.state in {"waiting", "paused", "suspended"} else "red"
-    )
+    state = "accused" if row.state == "signing" and row.accused_by else row.state
+    is_lying = any(fault.startswith("byzantine") for fault in row.faults)
+    style = "green" if state == "signing" and not is_lying else "yellow" if state in {"waiting", "paused"} else "red"
     figures = (row.height, row.finalized_height, row.round, row.epoch, row.leader, row.peers, row.waiting)
     shown = ["-" if figure is None else str(figure) for figure in figures]
-    return [row.name, f"[{style}]{escape(row.state)}[/{style}]", *shown, escape("; ".join(row.faults)) or "-"]
+    return [row.name, f"[{style}]{escape(state)}[/{style}]", *shown, escape("; ".join(row.faults)) or "-"]
 
 
 def _finality_line(picture: Picture) -> Text:

@@ -142,6 +142,9 @@ def _of_node(before: Mapping[str, Any], node: Mapping[str, Any], at_ms: int) -> 
         is_new = "suspended" in node
         text = f"suspended since height {node['suspended']} and leads nothing" if is_new else "no longer suspended"
         events.append(make_event(at_ms, "suspension", f"{name} is {text}.", "bad" if is_new else "good", [name]))
+    if node.get("accused") and not before.get("accused"):
+        text = f"{name} contradicted itself, say {' and '.join(node['accused'])}."
+        events.append(make_event(at_ms, "suspension", text, "bad", [name]))
     if "epoch" in before and "epoch" in node and before["epoch"] != node["epoch"]:
         events.append(make_event(at_ms, "epoch", f"{name} is in epoch {node['epoch']}.", "", [name]))
     if "peers" in before and "peers" in node and before["peers"] != node["peers"]:

@@ -11,6 +11,7 @@ from typing import Any
 import structlog
 
 from consensus.errors import BlockRobotError
+from consensus.visible_text import split_lines
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
 from network.console.chronicle import Chronicle, make_event
@@ -324,7 +325,7 @@ def describe_plan(plan: FaultPlan) -> dict[str, Any]:
 
 
 def _meaning(behaviour: type) -> str:
-    return (behaviour.__doc__ or "").strip().splitlines()[0]
+    return split_lines((behaviour.__doc__ or "").strip())[0]
 
 
 def read_page_files() -> dict[str, str]:

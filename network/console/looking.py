@@ -13,7 +13,7 @@ import aiohttp
 
 from network.cluster import Cluster, NodeStatusReport
 from network.faults.control import FaultControl, NodeFaults
-from node.config import OPERATOR_HOST, NodeConfig
+from node.config import OPERATOR_HOST, NodeConfig, reading_headers
 
 ANSWER_S = 1.0
 METRICS_MAX_BYTES = 1 << 20
@@ -85,7 +85,8 @@ class Looking:
         if self._session is None:
             raise RuntimeError("looking has not begun")
         try:
-            async with self._session.get(f"http://{OPERATOR_HOST}:{config.operator_port}/metrics") as response:
+            url, headers = f"http://{OPERATOR_HOST}:{config.operator_port}/metrics", reading_headers(config)
+            async with self._session.get(url, headers=headers) as response:
                 text = await _read_whole(response.content.iter_any())
         except (aiohttp.ClientError, TimeoutError, OSError):
             return None

@@ -5,10 +5,10 @@ Pure: it is handed what a look gave, and keeps only the last counts, to make rat
     {"at_ms", "final", "final_since_ms", "stuck_since_ms", "nodes": [...], "links": [...]}
 
 Times are ms since 1970 by the console's clock. A node has `name`, `state` and, where it said them, `height`, `final`,
-`lag` (blocks behind the newest final one), `round`, `epoch`, `leader`, `peers`, `waiting`, `suspended`, `clock_off_ms`,
-`clock_set_ms`, `disks`, `behaviour`, `faults`. A link is one direction, and is there unless it is up and quiet: `from`,
-`to`, `state`, `words` (what is wrong on purpose), `sent` and `arrived` (frames a second), `bytes` (a second, arrived) and
-`kinds` (arrived frames a second, by kind).
+`lag` (blocks behind the newest final one), `round`, `epoch`, `leader`, `peers`, `waiting`, `suspended`, `accused` (the
+nodes by whose words it contradicted itself), `clock_off_ms`, `clock_set_ms`, `disks`, `behaviour`, `faults`. A link is
+one direction, and is there unless it is up and quiet: `from`, `to`, `state`, `words` (what is wrong on purpose), `sent`
+and `arrived` (frames a second), `bytes` (a second, arrived) and `kinds` (arrived frames a second, by kind).
 """
 
 from __future__ import annotations
@@ -92,6 +92,7 @@ def _node(sight: NodeSight, row: NodeRow, picture: Picture) -> dict[str, Any]:
         "peers": row.peers,
         "waiting": row.waiting,
         "suspended": status.get("suspended_height"),
+        "accused": list(row.accused_by) or None,
         "clock_off_ms": None if sight.clock_off_ms is None else _round(sight.clock_off_ms),
         "clock_set_ms": switched.get("clock_offset_ms") or None,
         "disks": list(switched.get("disk", ())) or None,

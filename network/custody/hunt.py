@@ -24,7 +24,9 @@ from node.storage.lmdb_reader import LedgerFile
 
 Tell = Callable[[str], None]
 
-_UNTIL_PRUNED = "what the chain says of it, until the blocks are pruned (`keep_blocks`) and their pages used again"
+_UNTIL_PRUNED = (
+    "what the chain says of it, until its blocks are dropped (an archive never does) and their pages used again"
+)
 _UNTIL_CUT = "blocks that the node voted on, until its journal is cut"
 _UNTIL_NEXT_SNAPSHOT = "the chain's state at an older block, until the next snapshot takes its place"
 _ON_CHAIN = frozenset({"id", "root", "metadata"})

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from consensus.errors import BlockRobotError
+from network.custody.upload_telling import find_upload_troubles
 
 BEHIND_TOLERATED_BLOCKS = 8
 _SHOWN_COUNT = 3
@@ -16,6 +17,7 @@ _SCRUB_FINDINGS = {
     "frames_held_though_erased": ("{count} frames are held though they were erased: {ids}.", _REBUILD),
     "unclaimed_frames": ("{count} records have frames that no clip claims: {ids}.", _REBUILD),
     "parts_held_though_ended": ("{count} parts of keys are held of shares that have ended: {ids}.", _REBUILD),
+    "empty_frames_held_though_withdrawn": ("{count} empty frames are held that are approved no more: {ids}.", _REBUILD),
     "unclaimed_keys": ("{count} erase keys belong to no frame.", _REBUILD),
     "corrupted": ("{count} frames are damaged or gone: {ids}.", _REBUILD + ", which takes another custodian's copy"),
     "other_facts": ("{count} records are kept with another owner, time or root than the chain's: {ids}.", _REBUILD),
@@ -51,6 +53,7 @@ def status_sentences(
             told.append(f"{name} is {answer['behind_blocks']} blocks behind the chain and follows; look again soon.")
         elif not answer["serving"]:
             told.append(f"{name} hands out no clip before it has followed the network; look again soon.")
+        told += [f"{name}: {sentence}" for _, sentence in find_upload_troubles(answer)]
         if answer["clips_missing"]:
             told.append(f"{name} lacks {answer['clips_missing']} clips and fetches them from other custodians.")
     for member, entry in waiting.items():

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from consensus.errors import CATALOGUE, BlockRobotError
+from consensus.visible_text import split_lines
 
 COMMAND_TIMEOUT_S = 600.0
 
@@ -33,7 +34,7 @@ def parse_answer(output: bytes, errors: bytes, arguments: list[str]) -> dict[str
     except ValueError:
         answer = None
     if not isinstance(answer, dict):
-        tail = errors.decode(errors="replace").strip().splitlines()[-1:]
+        tail = split_lines(errors.decode(errors="replace").strip())[-1:]
         detail = f"`blockrobot {' '.join(arguments[:3])}` gave no answer: {' '.join(tail)}"
         raise BlockRobotError("INTERNAL", detail)
     problem = answer.get("error")

@@ -156,12 +156,15 @@ class Demo:
         def progress(figures: dict[str, Any]) -> None:
             nonlocal kill
             read, recorded, waiting = figures["frames_read"], figures["frames_recorded"], figures["waiting"]
-            self._tell(f"recording: {read} frames seen, {recorded} recorded, {waiting} clips on their way")
+            self._tell(
+                f"recording: {read} frames seen, {recorded} recorded (counted for each owner), {waiting} clips on their way"
+            )
             if kill is None and recorded >= expected_kept:
                 self._tell("killing the leading node")
                 kill = asyncio.create_task(kill_and_restart_leader(self.stage.cluster))
 
         arguments = [*self.stage.robot_arguments(), "replay", str(self._bag), "--purpose", PURPOSE]
+        arguments += ["--approve-as", self.stage.organisation]
         arguments += ["--events", str(self.options.out / "events.jsonl")]
         self.state.summary = await LongCommand(arguments, progress).run(RECORDING_TIMEOUT_S)
         self._check_frames()

@@ -9,7 +9,7 @@ from consensus.errors import CATALOGUE
 REASONS = {
     "ambiguous": "it was not sure who is to be seen",
     "contact": "people touched each other",
-    "merged": "people could not be told apart",
+    "merged": "people could not be told apart, or one looked too broad",
     "occluded": "somebody or something stood before her",
     "no-silhouette": "she was near, but not in the picture",
     "no-distance": "the reader gave no distance",

@@ -17,7 +17,6 @@ from node.directory import DirectoryContent
 BEHIND_BLOCKS_COUNT = 32
 SKEW_SHARE = 0.5
 STALE_HEARTBEATS_COUNT = 3
-JUST_STARTED_S = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +54,11 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
         status = answer.status or {}
         if status.get("fault"):
             found.append(Finding("NODE_FAULT", answer.name, str(status["fault"])))
+        execution = status.get("execution") or {}
+        if execution.get("stuck"):
+            stuck = execution["stuck"]
+            detail = f"It has tried block {stuck['height']} {stuck['attempts']} times: {execution['last_failure']}"
+            found.append(Finding("BLOCK_NOT_EXECUTED", answer.name, detail))
         if status.get("silent"):
             found.append(Finding("PRODUCER_SILENT", answer.name, "It waits until it is safe to sign again."))
         if status.get("suspended_height") is not None:
@@ -63,11 +67,27 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
         lacks = _what_the_wall_lacks(status.get("contracts", {}))
         if lacks:
             found.append(Finding("CONTRACT_WALL_INCOMPLETE", answer.name, lacks))
+        if status.get("blocks_kept", {}).get("held_by") == "custodian":
+            detail = f"It has blocks from {status['earliest_height']} on; custody is at {status['custody_checkpoint']}."
+            found.append(Finding("OLD_BLOCKS_HELD", answer.name, detail))
+        found += _check_floods(answer.name, status)
         for refusal in status.get("refused_peers", []):
-            if refusal["code"] == "PEER_REMOVED":
-                continue  # as it should be; `check_membership` names the node
+            if refusal["code"] in {"PEER_REMOVED", "PEER_CUT_OFF"}:
+                continue  # `check_membership` names the one, `_check_floods` the other
             detail = f"{answer.name} refuses {refusal['peer']}: {refusal['code']}. {refusal['detail']}"
             found.append(Finding("PEER_REFUSED", str(refusal["peer"]), detail))
+    return found
+
+
+def _check_floods(name: str, status: dict[str, Any]) -> list[Finding]:
+    """Name whom a node cut off, and who is over his budget there."""
+    found = []
+    for row in status.get("cut_off_peers", []):
+        detail = f"{name} cut {row['peer']} off {row['count']} times, the last time for {row['code']}: {row['detail']}"
+        found.append(Finding("PEER_CUT_OFF", str(row["peer"]), detail))
+    for row in status.get("over_budget", []):
+        detail = f"At {name}, {row['peer']} is over its budget: it was refused or held up {row['count']} times."
+        found.append(Finding("OVER_BUDGET", name, detail))
     return found
 
 
@@ -101,13 +121,18 @@ def check_links(answers: Sequence[Answer], directory: DirectoryContent) -> list[
     }
     found = []
     for name, status in sorted(here.items()):
-        refused = {row["peer"] for row in status.get("refused_peers", [])}
+        refused = _not_heard(status)
         for other, theirs in sorted(here.items()):
-            refuses = {row["peer"] for row in theirs.get("refused_peers", [])}
+            refuses = _not_heard(theirs)
             linked = other in status.get("peers", []) and name in theirs.get("peers", [])
             if name < other and not linked and other not in refused and name not in refuses:
                 found.append(Finding("LINK_MISSING", name, f"{name} and {other} both run, but are not linked."))
     return found
+
+
+def _not_heard(status: dict[str, Any]) -> set[str]:
+    """Return whom a node refuses or has cut off."""
+    return {row["peer"] for key in ("refused_peers", "cut_off_peers") for row in status.get(key, [])}
 
 
 def check_clocks(answers: Sequence[Answer], max_drift_ms: int) -> list[Finding]:
@@ -176,3 +201,14 @@ def check_finality(newest_ms: int, now_ms: int, heartbeat_ms: int, production: s
         f"The newest final block is {(now_ms - newest_ms) // 1000} s old; one is due every {heartbeat_ms // 1000} s."
     )
     return [Finding("FINALITY_STALE", "", detail)]
+
+
+def check_late(answers: Sequence[Answer]) -> list[Finding]:
+    """Say so if nodes themselves find that a final block is overdue, though work waits or a heartbeat is due."""
+    told = {answer.name: (answer.status or {}).get("finality") or {} for answer in answers}
+    late = {name: finality for name, finality in told.items() if finality.get("late")}
+    if not late:
+        return []
+    age_s, waiting_s = (max(finality[key] for finality in late.values()) for key in ("age_s", "waiting_s"))
+    work = f", and work has waited for {waiting_s:.0f} s" if waiting_s else ""
+    return [Finding("FINALITY_STALE", "", f"No new final block for {age_s:.0f} s at {', '.join(late)}{work}.")]

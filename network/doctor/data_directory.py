@@ -17,7 +17,8 @@ from network.doctor.findings import Finding
 from node.config import NodeConfig
 from node.directory import DirectoryContent
 from node.journal import count_records
-from node.p2p.identity import format_time, load_authorities
+from node.p2p.identity import load_authorities
+from pages.moments import show_moment
 
 DISK_FREE_LEAST_BYTES = 512 * 1024 * 1024
 DISK_FREE_LEAST_PER_CENT = 3
@@ -68,7 +69,7 @@ def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]
             continue
         end_ms = max(round(item.not_valid_after_utc.timestamp() * 1000) for item in authorities)
         if end_ms - now_ms < AUTHORITY_WARNING_MS:
-            detail = f"The authority of {organisation.name} counts until {format_time(end_ms)}."
+            detail = f"The authority of {organisation.name} counts until {show_moment(end_ms)}."
             found.append(Finding("AUTHORITY_EXPIRES_SOON", "", detail))
     return found
 

@@ -18,6 +18,7 @@ import aiohttp
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
+from network.blocks_kept import kept_lines
 from network.certificates import now_ms
 from network.cluster import Cluster, fetch_status
 from network.doctor import answers as words
@@ -25,6 +26,7 @@ from network.doctor.answers import Answer
 from network.doctor.data_directory import check_authorities, check_directory
 from network.doctor.findings import Finding, in_order
 from network.doctor.ledger_probe import LedgerFacts, probe_ledgers
+from network.doctor.uploads import check_uploads
 from network.faults.control import FaultControl
 from network.joining import newest_directory
 from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, load_genesis
@@ -36,10 +38,11 @@ DRIFT_DEFAULT_MS = 5_000
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """What was found, problems first, and which nodes were looked at."""
+    """What was found, problems first, which nodes were looked at, and how far back those that run keep blocks."""
 
     nodes: tuple[str, ...]
     findings: tuple[Finding, ...]
+    blocks_kept: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -60,7 +63,7 @@ def examine_network(network: Path) -> Examination:
     genesis = genesis_from_json((network / "genesis.json").read_text(encoding="utf-8"))
     found = examine(directories, genesis, whole=True)
     faults = [] if any(item.code == "CONFIGURATION_WRONG" for item in found.findings) else _faults_on_purpose(network)
-    return Examination(found.nodes, tuple(in_order([*found.findings, *faults])))
+    return Examination(found.nodes, tuple(in_order([*found.findings, *faults])), found.blocks_kept)
 
 
 def _faults_on_purpose(network: Path) -> list[Finding]:
@@ -101,10 +104,12 @@ def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool
     answers = asyncio.run(_ask_all(configs, genesis))
     membership = words.check_membership([config.name for config in configs], directory)
     removed = frozenset(finding.node for finding in membership if finding.code == "NODE_REMOVED")
+    findings += asyncio.run(check_uploads(configs, answers))
     findings += [*membership, *words.check_presence(answers, removed), *_check_answers(answers, ledgers)]
     if whole:
         findings += words.check_links(answers, directory)
-    return Examination(tuple(path.name for path in directories), tuple(in_order(findings)))
+    kept = kept_lines({answer.name: answer.status for answer in answers})
+    return Examination(tuple(path.name for path in directories), tuple(in_order(findings)), tuple(kept))
 
 
 def _load(path: Path, genesis: Genesis | None, findings: list[Finding]) -> NodeConfig | None:
@@ -184,6 +189,8 @@ def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -
         *words.check_roots(roots),
     ]
     up_s = max((float(item.status.get("uptime_s", 0)) for item in answers if item.status is not None), default=0.0)
-    if facts is not None and facts.height > 0:
+    late = words.check_late(answers)
+    found += late
+    if not late and facts is not None and facts.height > 0:
         found += words.check_finality(facts.timestamp_ms, now_ms(), facts.heartbeat_ms, facts.production, up_s)
     return found

@@ -38,7 +38,49 @@ KINDS: dict[str, FindingKind] = _table(
         "The node is of another network: its genesis file is not that of the others.",
         "Put the network's genesis file into the data directory, or move the node out of the network's folder.",
     ),
-    FindingKind("NODE_DOWN", "problem", "The node does not run.", "Start it: blockrobot node run NODE --detach."),
+    FindingKind(
+        "UPLOADS_PAUSED",
+        "problem",
+        "The custodian's disk is down to its reserve, so it takes no uploads.",
+        "Give its disk more room, see who fills it with blockrobot custody status, or lower [custody] reserve_mib.",
+    ),
+    FindingKind(
+        "UPLOADS_REFUSED",
+        "warning",
+        "A robot was refused uploads: a quota, the disk's reserve, or no open visit.",
+        "See blockrobot custody status; ask its organisation, which may remove the robot; raise a quota that is too low "
+        "with blockrobot settings propose.",
+    ),
+    FindingKind(
+        "UPLOAD_QUOTA_NEAR",
+        "warning",
+        "A robot has used most of what it may upload.",
+        "See blockrobot custody status; raise a quota that is too low with blockrobot settings propose.",
+    ),
+    FindingKind(
+        "DISK_FILLS_UP",
+        "warning",
+        "At this rate the custodian's disk reaches its reserve within a week.",
+        "Give its disk more room, or let organisations lower robot_day_max_mib with blockrobot settings propose.",
+    ),
+    FindingKind(
+        "CUSTODY_SILENT",
+        "warning",
+        "The custodian does not say how it stands.",
+        "See blockrobot custody status NODE, and blockrobot logs NODE for the first error.",
+    ),
+    FindingKind(
+        "OLD_BLOCKS_HELD",
+        "warning",
+        "The node keeps older blocks than due: its custodian has not followed the chain that far.",
+        "See blockrobot custody status NODE, and blockrobot logs NODE for what stops it; it drops them once it has.",
+    ),
+    FindingKind(
+        "NODE_DOWN",
+        "problem",
+        "The node does not run.",
+        "Start it: blockrobot node run NODE --detach; all that are down: blockrobot up.",
+    ),
     FindingKind(
         "NODE_SILENT",
         "problem",
@@ -80,6 +122,12 @@ KINDS: dict[str, FindingKind] = _table(
         "blockrobot producer approve NODE --as ORG (docs/how-to/govern-a-network.md).",
     ),
     FindingKind(
+        "BLOCK_NOT_EXECUTED",
+        "problem",
+        "The node cannot execute a block that others could: it tries again and again, and serves an older state.",
+        "Give it memory, raise memory_mib in [contracts] of node.toml, or put the newest program on it; start it again.",
+    ),
+    FindingKind(
         "CONTRACT_WALL_INCOMPLETE",
         "warning",
         "The wall around the processes that run contracts lacks something, or is switched off.",
@@ -96,6 +144,18 @@ KINDS: dict[str, FindingKind] = _table(
         "problem",
         "Two nodes that run are not linked.",
         "Look at what stands between them: network, firewall, faults that are on (blockrobot fault list).",
+    ),
+    FindingKind(
+        "PEER_CUT_OFF",
+        "problem",
+        "A node hears no more of a peer for a while: it sent what no honest node sends.",
+        "Look at that node's machine and program; if its key may be stolen: blockrobot certificate renew NODE --new-key.",
+    ),
+    FindingKind(
+        "OVER_BUDGET",
+        "warning",
+        "Somebody asks a node for more work than he may cause; the others go on.",
+        "Find out who that is (an address, a member's key, a peer); suspend the member or block the address if need be.",
     ),
     FindingKind(
         "PEER_REFUSED",

@@ -19,6 +19,7 @@ from consensus.block import Block, compute_header_id
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import verify_proof
+from consensus.visible_text import split_lines
 from contracts.execution.epochs import EPOCH_KEY, read_epoch
 from node.config import NodeConfig, load_config, load_genesis
 from node.directory import MEMBERSHIP_PREFIX
@@ -127,7 +128,7 @@ def _run_child(configs: Sequence[NodeConfig]) -> dict[str, LedgerFacts]:
     except subprocess.TimeoutExpired as error:
         output = error.stdout or b""
     seen = {}
-    for line in output.decode().splitlines():
+    for line in split_lines(output.decode()):
         if line.endswith("}"):
             fields = json.loads(line)
             fields["roots"] = {int(height): root for height, root in fields["roots"].items()}

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from consensus.errors import BlockRobotError
+from consensus.visible_text import split_lines
 from network.experiments.event_table import EventTable, LoggedEvent
 from network.experiments.published_log import invalid_line, parse_published_log
 
@@ -50,7 +51,7 @@ def parse_log(text: str) -> EventTable:
         return EventTable.of("XES", _XesReader().read(text))
     if beginning.startswith("case,"):
         return EventTable.of("CSV", _parse_csv(text))
-    return parse_published_log(text.splitlines())
+    return parse_published_log(split_lines(text))
 
 
 def _event(time_ms: object, activity: object, case: object, alias: object, number: int) -> LoggedEvent:
@@ -65,7 +66,7 @@ def _event(time_ms: object, activity: object, case: object, alias: object, numbe
 
 
 def _parse_json_lines(text: str) -> Iterator[LoggedEvent]:
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(split_lines(text), 1):
         if not line.strip():
             continue
         try:
@@ -78,7 +79,7 @@ def _parse_json_lines(text: str) -> Iterator[LoggedEvent]:
 
 
 def _parse_csv(text: str) -> Iterator[LoggedEvent]:
-    reader = csv.DictReader(text.splitlines())
+    reader = csv.DictReader(split_lines(text))
     missing = [name for name in CSV_COLUMNS if name not in (reader.fieldnames or ())]
     if missing:
         raise invalid_line(1, f"the column {missing[0]} is missing")

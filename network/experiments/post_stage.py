@@ -158,7 +158,7 @@ class PostStage:
             detail=f"{len(verdicts) - 1} frames: {', '.join(sorted(rest))}",
         )
         trail = await self._stage.wallet(alias, "audit")
-        told = [row for row in trail["entries"] if row["kind"] == "verdict" and row["record_id"] == record_id]
+        told = [row for row in trail["entries"] if row["kind"] == "verdict" and record_id in row["records"]]
         self._checks.add("the verdict is on the chain", ok=len(told) == 1, detail=f"{len(told)} about this record")
 
     async def verify_untouched(self, found: dict[str, Belongings]) -> None:

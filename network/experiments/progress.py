@@ -9,7 +9,9 @@ import json
 import time
 
 import click
+from rich.markup import escape
 
+from clients.sdk.terminal import error_console
 from network.demo.checks import Check
 from network.demo.pacing import Pace
 from network.experiments.definitions import Experiment
@@ -34,5 +36,5 @@ class Progress:
             told = {"check": check.name, "ok": check.ok, "detail": check.detail, "experiment": experiment.number}
             click.echo(json.dumps(told), err=True)
         else:
-            mark = click.style("✓", fg="green") if check.ok else click.style("✗", fg="red")
-            click.echo(f"{mark} {experiment.number}: {check.name}: {check.detail}", err=True)
+            mark = "[green]✓[/green]" if check.ok else "[red]✗[/red]"
+            error_console.print(f"{mark} {experiment.number}: {escape(check.name)}: {escape(check.detail)}")

@@ -166,10 +166,13 @@ class ExperimentRun:
         self.outcome.conditions = measure_conditions(nodes=NODES_COUNT, seed=self.outcome.scenario.seed)
 
         def progress(figures: dict[str, Any]) -> None:
-            self._tell(f"run: {figures['frames_read']} frames seen, {figures['frames_recorded']} recorded")
+            self._tell(
+                f"run: {figures['frames_read']} frames seen, {figures['frames_recorded']} recorded (for each owner)"
+            )
 
         scenario, log = self.outcome.scenario, self._folder / "events.jsonl"
         arguments = [*self.stage.robot_arguments(), "replay", str(self._bag), "--purpose", PURPOSE]
+        arguments += ["--approve-as", self.stage.organisation]
         command = LongCommand([*arguments, "--events", str(log)], progress, self._guard.watch_process)
         self.outcome.robot = await command.run(scenario.duration_s + AFTER_RECORDING_MAX_S)
         self.outcome.reading = work_out("ours", await asyncio.to_thread(read_log, log))

@@ -32,6 +32,7 @@ from random import Random
 from typing import Any
 
 from consensus.errors import BlockRobotError
+from consensus.visible_text import split_lines
 from network.byzantine import BEHAVIOURS
 from network.faults.actions import (
     Action,
@@ -98,7 +99,7 @@ def parse_plan(text: str, names: Sequence[str]) -> FaultPlan:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         found = re.search(r"line (\d+)", str(error))
-        line = int(found[1]) if found else max(1, len(text.splitlines()))
+        line = int(found[1]) if found else max(1, len(split_lines(text)))
         raise _wrong(line, f"it is not TOML: {error}.") from None
     reader = _PlanReader(text, document, names)
     steps = sorted(reader.steps(), key=lambda step: step.at_ms)
@@ -117,7 +118,7 @@ class _PlanReader:
     """One document, with the lines that its tables begin on."""
 
     def __init__(self, text: str, document: dict[str, Any], names: Sequence[str]) -> None:
-        self._lines = text.splitlines()
+        self._lines = split_lines(text)
         self._document = document
         self._reader = ActionReader(tuple(names))
         self._names = tuple(names)

@@ -11,12 +11,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from statistics import median
 
-from contracts.execution.call_host import CallHost
 from contracts.state.trie import apply_batch
 from contracts.vm import ContractSourceError
 from contracts.vm.faults import OUT_OF_GAS
 from network.hostile.program import REFUSED, Program
-from network.hostile.running import call_program, compile_program, make_state
+from network.hostile.running import call_before, call_program, compile_program, make_state
 
 GAS_LIMIT = 1_000_000
 GAS_COUNTED_MIN = 40_000
@@ -55,15 +54,17 @@ def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_L
     spent: list[float] = []
     code, used = "", 0
     for _ in range(rounds):
-        host = CallHost(state)
+        host = call_before(program, contracts, state)
+        before = dict(host.writes)
         host.begin()
         gc.collect()
         gc.disable()
         started = time.thread_time()
         outcome = call_program(program, contracts, host, gas_limit)
         host.keep()
-        if host.writes:
-            apply_batch(state, state.state_root, host.writes)
+        writes = {key: value for key, value in host.writes.items() if key not in before or before[key] is not value}
+        if writes:
+            apply_batch(state, state.state_root, writes)
         code, used = outcome.code, outcome.gas_used
         del outcome
         spent.append(time.thread_time() - started)

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from network.hostile.program import SPENT, Program, body
 
 _REPEATS_COUNT = 8
-_HOST_OTHER = "@export\ndef f(x: object = 0) -> object:\n    return x\n\n\n@view\ndef g():\n    pass\n"
-_HELPERS = """\
+HOST_OTHER = "@export\ndef f(x: object = 0) -> object:\n    return x\n\n\n@view\ndef g():\n    pass\n"
+HELPERS = """\
 CONSTANT = [[1, 2], {'a': 3}]
 TEXT = 'abc' * 9
 
@@ -342,7 +342,7 @@ _SIZED: tuple[tuple[str, str, str], ...] = (
     ("bytes-slice-short", "x = b'a' * N", "y = x[1:3]"),
 )
 _SIZES = (1, 40, 2000)
-_STATE = {
+STATE = {
     b"int": 5,
     b"dict": {"owner": b"o" * 33, "height": 7, "status": "active", "list": [], "time": 1_700_000_000_000},
     b"nested": [[n, {"a": n}] for n in range(30)],
@@ -366,7 +366,7 @@ _WRITES: tuple[tuple[str, str], ...] = (
 def _repeat(name: str, setup: str, step: str) -> Program:
     lines = "\n".join([step] * _REPEATS_COUNT).replace("\n", "\n    ")
     text = f"{setup}\nwhile True:\n    {lines}"
-    return body(f"step-{name}", SPENT, text, before=_HELPERS, others={"other": _HOST_OTHER}, state=_STATE)
+    return body(f"step-{name}", SPENT, text, before=HELPERS, others={"other": HOST_OTHER}, state=STATE)
 
 
 def _programs() -> Iterator[Program]:

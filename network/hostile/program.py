@@ -25,6 +25,8 @@ class Program:
     (`A|B`); "OK" where the attack runs and achieves nothing. `others` are sources of further contracts, `state` what is
     stored under the contract's own keys beforehand. `mode` is how the entry is called.
     `at_once`: one step asks for more than any call has, so that the gas is taken and nothing is done.
+    `blocks_before`: the arguments of the calls of `f` that were made before, by blocks that are not final; the last of
+    them are earlier calls of the same block.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Program:
     gas: int = CALL_GAS_MAX
     mode: str = "export"
     at_once: bool = False
+    blocks_before: tuple[tuple[tuple[Any, ...], ...], ...] = ()
 
 
 def body(name: str, expect: str, text: str, *, before: str = "", **more: Any) -> Program:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from consensus.primitives.encoding import encode_value
 from contracts.execution.call_host import CallHost
-from contracts.state.view import MemoryState
+from contracts.state.view import MemoryState, Overlay, StateView
 from contracts.vm import CallContext, CompiledContract, ContractSourceError, Outcome, compile_contract, invoke
+from contracts.vm.sources import compile_once
 from network.hostile.program import REFUSED, Program
 
 CONTRACT = "it"
@@ -55,8 +56,8 @@ def make_state(program: Program) -> MemoryState:
 
 def compile_program(program: Program) -> dict[str, CompiledContract]:
     """Compile the program's contracts. Raises ContractSourceError if one of them is refused."""
-    sources = {CONTRACT: program.source, **program.others}
-    return {name: compile_contract(text, name) for name, text in sources.items()}
+    others = {name: compile_once(text, name) for name, text in program.others.items()}
+    return {CONTRACT: compile_contract(program.source, CONTRACT), **others}
 
 
 def call_program(
@@ -70,6 +71,22 @@ def call_program(
     )  # fmt: skip
 
 
+def call_before(program: Program, contracts: dict[str, CompiledContract], state: StateView) -> CallHost:
+    """Make the calls that come before the program's own; return the host of its block. Raises RuntimeError if one fails."""
+    host = CallHost(state)
+    for number, calls in enumerate(program.blocks_before):
+        if number:
+            state = Overlay.apply(state, host.writes)
+            host = CallHost(state)
+        for args in calls:
+            host.begin()
+            outcome = call_program(replace(program, args=args), contracts, host)
+            if not outcome.ok:
+                raise RuntimeError(f"a call before {program.name} failed: {outcome.code}")
+            host.keep()
+    return host
+
+
 def run_program(program: Program) -> Finding:
     """Compile and call a program over a fresh state. Raises InternalFault if the machine itself fails."""
     try:
@@ -79,7 +96,7 @@ def run_program(program: Program) -> Finding:
         places = "|".join(f"{one.line}:{one.column} {one.code}" for one in refusal.diagnostics)
         said = hashlib.sha256(repr(refusal.verdict).encode("utf-8", "backslashreplace")).hexdigest()
         return Finding(program.name, REFUSED + codes, 0, said, hashlib.sha256(places.encode()).hexdigest())
-    host = CallHost(make_state(program))
+    host = call_before(program, contracts, make_state(program))
     host.begin()
     outcome = call_program(program, contracts, host)
     if outcome.ok:

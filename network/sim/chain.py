@@ -18,6 +18,7 @@ from contracts.execution.genesis import complete_genesis
 from contracts.execution.machine import ContractMachine
 from contracts.execution.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
+from network.sim.cpu import COSTS, charge
 from network.sim.plan import NetworkSize
 from node.machine import genesis_block
 from node.storage.ledger_store import FinalizedBlock
@@ -80,6 +81,7 @@ class TrustedKey(PrivateKey):
 
     def sign_compact(self, tag: str, *parts: bytes) -> bytes:
         """See `PrivateKey.sign_compact`."""
+        charge(COSTS.signing)
         signature = super().sign_compact(tag, *parts)
         self._check.note_signed(self.public_key, tag, signature, *parts)
         return signature

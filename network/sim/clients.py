@@ -15,7 +15,8 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
 from network.sim.contract_workload import contract_turnover
-from network.sim.history import Acknowledged, ClipTaken, CodeFault, Submitted, ValueRead
+from network.sim.cpu import COSTS, charge
+from network.sim.history import Acknowledged, Asked, ClipTaken, CodeFault, Submitted, ValueRead
 from network.sim.plan import NetworkSize
 from network.sim.workload import Call, enrolment, growth, producer_turnover, setting_change, visit
 
@@ -124,8 +125,10 @@ class SimClient:
         custody, upload, sender = parts.custody, call.upload, call.transaction.body.sender
 
         async def stage() -> None:
+            charge(COSTS.call)
             try:
-                await custody.stage(upload, sender)
+                async with custody.admission.clip(upload.record_id, upload.owner, upload.size_bytes, sender):
+                    await custody.stage(upload, sender)
             except BlockRobotError:
                 return
             self.cluster.history.add(ClipTaken(self.cluster.now, node.index, upload.record_id))
@@ -138,6 +141,7 @@ class SimClient:
             return
         node = self._choose()
         if node is not None:
+            self.cluster.history.add(Asked(self.cluster.now, node.index, call.transaction.txid))
             self._travel(lambda: self._submit(node, call))
         self._later(PATIENCE_MS * self.dice.uniform(0.3, 1.0), lambda: self._try(call))
 
@@ -148,6 +152,7 @@ class SimClient:
         cluster = self.cluster
 
         async def submit() -> None:
+            charge(COSTS.call)
             result = (await parts.pool.submit([transaction.wire]))[0]
             code = "" if result.error is None else result.error.code
             cluster.history.add(Submitted(cluster.now, node.index, transaction.txid, code))

@@ -9,7 +9,7 @@ import random
 import sys
 from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import structlog
@@ -20,7 +20,9 @@ from network.byzantine import Accomplices
 from network.sim.audit import audit_custody
 from network.sim.chain import make_chain, node_name
 from network.sim.clients import SimClient, batches_of, decisions_of
-from network.sim.history import CodeFault, Ended, ExecutionDiffered, FaultBegan, Healed, History
+from network.sim.cpu import charging
+from network.sim.floods import Flood
+from network.sim.history import CodeFault, Ended, ExecutionDiffered, FaultBegan, Healed, History, PeerCutOff
 from network.sim.links import LinkQuality, Wires
 from network.sim.loop import Owner, SimLoop
 from network.sim.machine import ComparingMachine
@@ -56,7 +58,7 @@ class SimCluster:
         self.accomplices = Accomplices()
         self.owners: list[Owner] = [self.loop.stage]
         self._indexes = {node_name(index): index for index in range(plan.nodes)}
-        self.wires = Wires(self.loop, self._own_dice("wires"), self._note_frame)
+        self.wires = Wires(self.loop, self._own_dice("wires"), self._note_frame, self._note_cut_off)
         self.wires.quality = LinkQuality(**PROFILES[plan.profile])
         self.nodes = [SimNode(self, index, self._own_dice(f"node {index}")) for index in range(plan.nodes)]
         for index, behaviour in plan.byzantine_nodes.items():
@@ -89,6 +91,11 @@ class SimCluster:
         """The nodes without a behaviour of their own."""
         return [node for node in self.nodes if not node.behaviour]
 
+    @property
+    def is_healed(self) -> bool:
+        """Tell whether all faults are over."""
+        return self._is_healed
+
     def run_on(self, node: SimNode, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
         """Begin a task in a node's name."""
         self.loop.call_for(node.owner, self.loop.time(), lambda: self.loop.create_task(work()))
@@ -109,6 +116,9 @@ class SimCluster:
     def _note_frame(self, sender: str, receiver: str, kind: int, payload: bytes) -> None:
         self.history.note_frame(self.now, self._indexes[sender], self._indexes[receiver], kind, payload)
 
+    def _note_cut_off(self, name: str, peer: str, code: str) -> None:
+        self.history.add(PeerCutOff(self.now, self._indexes[name], self._indexes[peer], code))
+
     def _note_difference(self, height: int, text: str) -> None:
         self.history.add(ExecutionDiffered(self.now, -1, height, text))
 
@@ -116,6 +126,10 @@ class SimCluster:
 
     def run(self) -> None:
         """Play the plan to its end."""
+        with charging(self.loop) if self.plan.cpu else nullcontext():
+            self._play()
+
+    def _play(self) -> None:
         loop, plan = self.loop, self.plan
         for node in self.nodes:
             self._at(self.dice.uniform(0, START_SPREAD_MS), node.start)
@@ -232,6 +246,8 @@ class SimCluster:
             case "slow-store":
                 node.ledger.sync_max_ms = fault.amount
                 self._after(fault.for_ms, lambda: setattr(node.ledger, "sync_max_ms", STORE_SYNC_MS))
+            case "flood":
+                Flood(self, node, fault).start()
             case "full-disk":
                 node.disk.is_full = node.ledger.is_full = True
                 self._after(fault.for_ms, lambda: self._free_disk(node))

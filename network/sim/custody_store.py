@@ -15,6 +15,7 @@ from typing import Any, Self
 
 from consensus.errors import BlockRobotError
 from network.sim.custody_shares import MemoryShares
+from network.sim.custody_uploads import MemoryUploads
 from node.offchain.erase_keys import ERASE_KEY_BYTES
 from node.offchain.store import (
     BlockEffects,
@@ -38,7 +39,7 @@ async def no_pause() -> None:
     """Write at once."""
 
 
-class MemoryCustodyStore(MemoryShares):
+class MemoryCustodyStore(MemoryShares, MemoryUploads):
     """See `node.offchain.store.CustodyStore`. `pause` is awaited before each write."""
 
     def __init__(self, pause: Pause = no_pause) -> None:
@@ -52,6 +53,7 @@ class MemoryCustodyStore(MemoryShares):
         self._standings: dict[bytes, VisitStanding] = {}
         self._outbox: dict[tuple[str, bytes, int], OutboxRow] = {}
         self._backgrounds: dict[bytes, bytes] = {}
+        self._day_uses: dict[tuple[int, bytes], int] = {}
         self._checkpoint: Checkpoint | None = None
 
     async def __aenter__(self) -> Self:
@@ -240,6 +242,17 @@ class MemoryCustodyStore(MemoryShares):
         self._require_open()
         return self._backgrounds.get(digest)
 
+    async def background_digests(self) -> list[bytes]:
+        """See `CustodyStore.background_digests`."""
+        self._require_open()
+        return sorted(self._backgrounds)
+
+    async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
+        """See `CustodyStore.delete_backgrounds`."""
+        await self._begin_writing()
+        for digest in digests:
+            self._backgrounds.pop(digest, None)
+
     async def add_outbox(self, row: OutboxRow) -> None:
         """See `ReceiptOutbox.add_outbox`."""
         await self._begin_writing()
@@ -256,10 +269,10 @@ class MemoryCustodyStore(MemoryShares):
         await self._begin_writing()
         self._outbox.pop(key, None)
 
-    async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
+    async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox`."""
         self._require_open()
-        rows = [row for row in self._outbox.values() if row.status == status]
+        rows = [row for row in self._outbox.values() if (row.status, row.contract) == (status, contract)]
         return sorted(rows, key=lambda row: (row.height, *row.key))[:limit]
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
@@ -363,12 +376,13 @@ class MemoryEraseKeys:
         """Return new slots with keys; a slot is never given out again."""
         taken = [(self._next_slot + offset, self._dice.randbytes(ERASE_KEY_BYTES)) for offset in range(count)]
         self._next_slot += count
-        self._keys.update(taken)
+        self._keys.update((slot, bytes(bytearray(key))) for slot, key in taken)  # the caller wipes its own
         return taken
 
     def read(self, slot: int) -> bytes | None:
         """Return the key in a slot, or None."""
-        return self._keys.get(slot)
+        key = self._keys.get(slot)
+        return None if key is None else bytes(bytearray(key))
 
     def destroy(self, slots: Sequence[int]) -> None:
         """Destroy keys for good."""

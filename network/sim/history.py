@@ -95,6 +95,12 @@ class EpochBegan(Observation, frozen=True):
     boundary: bytes
 
 
+class Asked(Observation, frozen=True):
+    """A client sends a transaction to a node; it may be busy, or never get it."""
+
+    txid: bytes
+
+
 class Submitted(Observation, frozen=True):
     """A client handed a transaction to a node; `code` is empty if the node took it."""
 
@@ -154,6 +160,20 @@ class FaultBegan(Observation, frozen=True):
     """An entry of the fault plan took effect."""
 
     text: str
+
+
+class Flooded(Observation, frozen=True):
+    """A node begins to send the others more than anybody should, until `until_ms`, in a network without other faults."""
+
+    until_ms: float
+    text: str
+
+
+class PeerCutOff(Observation, frozen=True):
+    """A node does not hear a peer for a while, since that sent what no honest node sends."""
+
+    peer: int
+    code: str
 
 
 class Healed(Observation, frozen=True):

@@ -8,14 +8,27 @@ from __future__ import annotations
 import asyncio
 import random
 from collections import deque
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 
 from consensus.errors import BlockRobotError
+from network.sim.cpu import COSTS, charge
 from network.sim.loop import SimLoop
 from node.storage.ledger_store import FinalizedBlock, Position
 from node.storage.memory_store import MemorySnapshot, MemoryStore
 
+KIB = 1024
+
 CommitListener = Callable[[Sequence[FinalizedBlock]], None]
+
+
+class SimSnapshot(MemorySnapshot):
+    """A ledger that one pays to read blocks from, in whichever thread a real node does it."""
+
+    def iter_blocks(self, from_height: int, limit: int) -> Iterator[tuple[int, bytes]]:
+        """See `MemorySnapshot.iter_blocks`."""
+        for height, data in super().iter_blocks(from_height, limit):
+            charge(COSTS.range_kib * len(data) / KIB)
+            yield height, data
 
 
 class SimLedger:
@@ -61,7 +74,7 @@ class SimLedger:
 
     def snapshot(self) -> MemorySnapshot:
         """Open the ledger as it is now."""
-        snapshot = self._inner.snapshot()
+        snapshot = SimSnapshot(self._inner._tables)
         if len(self._open) >= 64:
             self._open = [known for known in self._open if known._tables is not None]
         self._open.append(snapshot)

@@ -26,15 +26,17 @@ class PowerCutError(BaseException):
 
 
 class Owner:
-    """One life of one actor: alive until it is killed, and perhaps paused for a while."""
+    """One life of one actor: alive until it is killed, perhaps paused for a while, its core busy until `free_at_s`."""
 
-    __slots__ = ("alive", "backlog", "name", "paused", "tasks")
+    __slots__ = ("alive", "backlog", "free_at_s", "name", "paused", "queue", "tasks")
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.alive = True
         self.paused = False
         self.backlog: list[_Handle] = []
+        self.free_at_s = 0.0
+        self.queue: deque[_Handle] = deque()
         self.tasks: list[asyncio.Task[Any]] = []
 
 
@@ -131,6 +133,7 @@ class SimLoop:
         """End a life: nothing of it runs any more."""
         owner.alive = False
         owner.backlog.clear()
+        owner.queue.clear()
 
     def pause(self, owner: Owner) -> None:
         """Let nothing of an owner run until `resume`."""
@@ -141,6 +144,31 @@ class SimLoop:
         owner.paused = False
         self._ready.extend(owner.backlog)
         owner.backlog = []
+
+    # Cores
+
+    def occupy(self, work_s: float) -> None:
+        """Let the present owner's core be busy for so long, after what it is busy with already."""
+        owner = self.owner
+        if owner is not self.stage:
+            owner.free_at_s = max(owner.free_at_s, self._now_s) + work_s
+
+    def _wait_for_core(self, handle: _Handle) -> None:
+        queue = handle.owner.queue
+        queue.append(handle)
+        if len(queue) == 1:
+            self.call_for(self.stage, handle.owner.free_at_s, self._serve, handle.owner)
+
+    def _serve(self, owner: Owner) -> None:
+        """The core is free: do what waited for it, in order, until it is busy again."""
+        queue = owner.queue
+        while queue and not owner.paused and owner.free_at_s <= self._now_s:
+            self._execute(queue.popleft())
+        if owner.paused:
+            owner.backlog += queue
+            queue.clear()
+        elif queue:
+            self.call_for(self.stage, owner.free_at_s, self._serve, owner)
 
     # Running
 
@@ -180,8 +208,15 @@ class SimLoop:
             return
         if owner.paused:
             owner.backlog.append(handle)
+        elif owner.queue or owner.free_at_s > self._now_s:
+            self._wait_for_core(handle)
+        else:
+            self._execute(handle)
+
+    def _execute(self, handle: _Handle) -> None:
+        if handle.dropped:
             return
-        self.owner = owner
+        self.owner = handle.owner
         self.steps += 1
         try:
             if handle.context is None:

@@ -16,11 +16,12 @@ from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockResult
 from contracts.state.view import StateView
+from network.sim.cpu import COSTS, charge
 
 RESULTS_MAX_COUNT = 512
 
 OnDifference = Callable[[int, str], None]
-_Place = tuple[bytes, int, int, tuple[bytes, ...]]
+_Place = tuple[bytes, int, int, tuple[bytes, ...], bool]
 _Outcome = tuple[bytes, bytes, int]
 _Kept = TypeVar("_Kept")
 
@@ -36,21 +37,41 @@ class ComparingMachine:
         self._verified: OrderedDict[_Place, BlockResult] = OrderedDict()
 
     def build(
-        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
     ) -> tuple[BlockResult, list[bytes]]:
         """Execute what fits into a block. Only those who verify the block are measured by it; nobody is given it."""
-        result, faulty = self._machine.build(parent, height, time_ms, transactions)
-        self._compare((parent.state_root, height, time_ms, tuple(receipt.txid for receipt in result.receipts)), result)
+        charge(COSTS.block + COSTS.execution * len(transactions))
+        result, faulty = self._machine.build(parent, height, time_ms, transactions, gives_up_change=gives_up_change)
+        txids = tuple(receipt.txid for receipt in result.receipts)
+        self._compare((parent.state_root, height, time_ms, txids, gives_up_change), result)
         return result, faulty
 
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+    def verify(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        effort: int = 0,
+    ) -> BlockResult:
         """Execute exactly these transactions, or return what came of it for another verifier. Raises BLOCK_INVALID."""
-        place = (parent.state_root, height, time_ms, tuple(transaction.txid for transaction in transactions))
+        charge(COSTS.block + COSTS.execution * len(transactions))
+        del effort
+        txids = tuple(transaction.txid for transaction in transactions)
+        place = (parent.state_root, height, time_ms, txids, gives_up_change)
         known = self._verified.get(place) if self._shares else None
         if known is not None:
             return known
         try:
-            result = self._machine.verify(parent, height, time_ms, transactions)
+            result = self._machine.verify(parent, height, time_ms, transactions, gives_up_change=gives_up_change)
         except BlockRobotError as error:
             if place in self._outcomes:
                 self._on_difference(height, f"block {height} was executed once, and refused another time: {error.code}")

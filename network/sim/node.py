@@ -18,6 +18,7 @@ from consensus.messages import Proposal, Timeout, Vote
 from network.byzantine import TICK_MS, byzantine_clock, make_behaviour
 from network.byzantine.engine_view import EngineView
 from network.sim.chain import EPOCH_MS, node_name
+from network.sim.cpu import NodeCheck, NodeTransactions
 from network.sim.custody_store import MemoryCustodyStore, MemoryEraseKeys
 from network.sim.disk import SimDisk
 from network.sim.history import (
@@ -35,7 +36,8 @@ from network.sim.history import (
 from network.sim.ledger import SimLedger
 from network.sim.links import SimNetwork
 from network.sim.loop import Owner, PowerCutError
-from node.assembly import Assembly, CustodyPlace, Surroundings
+from node.assembly import Assembly, Surroundings
+from node.custody_place import CustodyPlace
 from node.engine import Outbox
 from node.epochs import EpochStart
 from node.journal import IDENTITY_SIZE_BYTES, Journal
@@ -179,7 +181,8 @@ class SimNode:
 
     def _surroundings(self, journal: Journal) -> Surroundings:
         cluster, key = self.cluster, self.custody_key
-        chain, loop = cluster.chain, cluster.loop
+        chain, loop, owner = cluster.chain, cluster.loop, self.owner
+        has_cpu = cluster.plan.cpu
         clock = self.now_ms
         if self.behaviour:
             clock = byzantine_clock(self.behaviour, clock, chain.genesis.settings.max_clock_drift_ms)
@@ -192,11 +195,11 @@ class SimNode:
             open_network=self._open_network,
             key=self.key,
             custody=None if key is None else CustodyPlace(key, self.store, self.erase_keys),
-            stopwatch=lambda: loop.time() + self.disk.busy_s,
+            stopwatch=lambda: max(loop.time(), owner.free_at_s) + self.disk.busy_s,
             randomness=self.dice.randbytes,
             machine=cluster.machine,
-            check=chain.check,
-            transactions=chain.transactions,
+            check=NodeCheck(chain.check) if has_cpu else chain.check,
+            transactions=NodeTransactions(chain.transactions) if has_cpu else chain.transactions,
             wrap_outbox=self._wrap_outbox,
         )
 

@@ -15,6 +15,14 @@ OLD_DISK_SHARE = 0.15
 GROWTH_SEATS_COUNT = (4, 7, 10)
 APART_EVERY_SEEDS = 8
 SPARING_NODES_COUNT = 4
+FLOODS: dict[str, tuple[int, int]] = {
+    "expired-transactions": (256, 3_072),
+    "forged-transactions": (256, 3_072),
+    "ranges": (8, 64),
+    "heights": (64, 256),
+    "words": (64, 256),
+}
+"""What a member may flood the others with, and how many KiB a second of it seeds draw, for each peer."""
 CRASH_POINTS = ("now", "before-sync", "torn-sync", "after-sync", "mid-broadcast", "mid-commit")
 PROFILES: dict[str, dict[str, float]] = {
     "lan": {"delay_min_ms": 1, "delay_max_ms": 14},
@@ -23,6 +31,8 @@ PROFILES: dict[str, dict[str, float]] = {
     "lossy": {"delay_min_ms": 2, "delay_max_ms": 60, "loss": 0.15, "duplicates": 0.1, "stragglers": 0.05},
     "storm": {"delay_min_ms": 1, "delay_max_ms": 600, "loss": 0.05, "duplicates": 0.2, "stragglers": 0.2},
 }
+
+_OF_EVERY_FAULT = frozenset({"kind", "at_ms", "for_ms"})
 
 FaultKind = Literal[
     "crash",
@@ -36,19 +46,21 @@ FaultKind = Literal[
     "full-disk",
     "slow-store",
     "old-disk",
+    "flood",
 ]
 
 
 Governance = Literal["", "settings", "producers", "grow", "contracts"]
 
 
-class Fault(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
+class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One fault: `at_ms` after the start, for `for_ms`. Which other fields count depends on the kind.
 
     crash: `node` dies at `point` and is back after `for_ms`. power-cut: all die at once. partition: `groups` are apart.
     one-way: `node` is not heard by `peer`. links: `profile`. pause, skew (`amount` ms), slow-disk (`amount` ms a
     sync), full-disk, slow-store (`amount` ms a commit): of `node`. old-disk: of `node` a backup is taken, `amount` ms
     later it dies, and comes back with what the backup held: its `journal`, or the whole `machine` (`point`).
+    flood: `node` sends every peer `amount` KiB a second of what `point` says, besides what it has to say.
     """
 
     kind: FaultKind
@@ -61,9 +73,14 @@ class Fault(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fiel
     profile: str = ""
     amount: int = 0
 
+    def fields_set(self) -> dict[str, Any]:
+        """Return the fields that are not at their default, by value: what was unpickled is no other fault."""
+        usual = dict(zip(reversed(self.__struct_fields__), reversed(self.__struct_defaults__), strict=False))
+        shown: dict[str, Any] = msgspec.to_builtins(self)
+        return {name: value for name, value in shown.items() if name not in usual or getattr(self, name) != usual[name]}
+
     def __str__(self) -> str:
-        shown = msgspec.to_builtins(self)
-        rest = ", ".join(f"{name} {value}" for name, value in shown.items() if name not in {"kind", "at_ms", "for_ms"})
+        rest = ", ".join(f"{name} {value}" for name, value in self.fields_set().items() if name not in _OF_EVERY_FAULT)
         return f"{self.at_ms} ms: {self.kind} for {self.for_ms} ms" + (f" ({rest})" if rest else "")
 
 
@@ -83,7 +100,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seat and has it again), `grow` (followers become members, are seated step by step and unseated again), or
     `contracts` (they deploy, upgrade with a migration, disable and roll back contracts, `settings` among them). With
     `executes_apart` every node executes each block for itself; otherwise the first node that verifies a block does,
-    after the leader, and the others are given its result.
+    after the leader, and the others are given its result. With `cpu` work takes time of each node's core.
     """
 
     seed: int
@@ -93,6 +110,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     profile: str = "lan"
     governance: Governance = ""
     executes_apart: bool = False
+    cpu: bool = False
     byzantine: dict[str, str] = {}
     faults: tuple[Fault, ...] = ()
 
@@ -165,6 +183,20 @@ def make_growth_plan(seed: int, *, rounds: int = 200) -> Plan:
     drawn = make_plan(seed, nodes=largest, rounds=rounds)
     faults = tuple(fault for fault in drawn.faults if fault.kind != "old-disk")
     return msgspec.structs.replace(drawn, producers=smallest, governance="grow", faults=faults)
+
+
+def make_flood_plan(seed: int, *, nodes: int = 4, rounds: int = 200, kinds: tuple[str, ...] = tuple(FLOODS)) -> Plan:
+    """Draw a plan named `flood`: after a while of quiet, f of the nodes flood the others, and nothing else goes wrong."""
+    dice = random.Random(f"floods {seed} {nodes} {rounds}")  # noqa: S311 - a simulation's dice
+    span_ms = rounds * PLAN_MS_PER_ROUND
+    faults = []
+    for node in sorted(dice.sample(range(nodes), max_faulty(nodes))):
+        kind = dice.choice(kinds)
+        at_ms = round(span_ms * dice.uniform(0.4, 0.5))
+        for_ms = round(span_ms * dice.uniform(0.3, 0.4))
+        amount = dice.randint(*FLOODS[kind])
+        faults.append(Fault(kind="flood", at_ms=at_ms, for_ms=for_ms, node=node, point=kind, amount=amount))
+    return Plan(seed=seed, nodes=nodes, rounds=rounds, cpu=True, faults=tuple(faults))
 
 
 def _draw_governance(dice: random.Random, nodes: int, *, is_whole: bool) -> Governance:

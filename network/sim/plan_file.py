@@ -13,7 +13,7 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
-from network.sim.plan import CRASH_POINTS, PROFILES, Fault, Plan
+from network.sim.plan import CRASH_POINTS, FLOODS, PROFILES, Fault, Plan
 
 PLAN_FILE_MAX_BYTES = 256 * 1024
 FAULTS_MAX_COUNT = 200
@@ -22,8 +22,11 @@ ROUNDS_MIN_COUNT, ROUNDS_MAX_COUNT = 10, 5_000
 SEED_MAX = 1 << 32
 ENDS_MAX_MS = 600_000
 AMOUNT_MAX_MS = 86_400_000
+FLOOD_MAX_KIB_PER_S = 20_480
 OLD_DISK_POINTS = ("journal", "machine")
-_OF_A_NODE = frozenset({"crash", "one-way", "pause", "skew", "slow-disk", "full-disk", "slow-store", "old-disk"})
+_OF_A_NODE = frozenset(
+    {"crash", "one-way", "pause", "skew", "slow-disk", "full-disk", "slow-store", "old-disk", "flood"}
+)
 
 
 def plan_to_toml(plan: Plan) -> str:
@@ -35,11 +38,13 @@ def plan_to_toml(plan: Plan) -> str:
         lines.append(f'governance = "{plan.governance}"')
     if plan.executes_apart:
         lines.append("executes_apart = true")
+    if plan.cpu:
+        lines.append("cpu = true")
     if plan.byzantine:
         lines += ["", "[byzantine]", *(f'{index} = "{behaviour}"' for index, behaviour in plan.byzantine.items())]
     for fault in plan.faults:
         lines += ["", "[[faults]]"]
-        for name, value in msgspec.to_builtins(fault).items():
+        for name, value in fault.fields_set().items():
             shown = (
                 f'"{value}"'
                 if isinstance(value, str)
@@ -88,6 +93,8 @@ def _problems_of_plan(plan: Plan) -> Iterator[str]:
             yield f"there is no behaviour {behaviour!r}; there are {', '.join(sorted(BEHAVIOURS))}"
     if len(plan.faults) > FAULTS_MAX_COUNT:
         yield f"a plan has at most {FAULTS_MAX_COUNT} faults"
+    if any(fault.kind == "flood" for fault in plan.faults) and not plan.cpu:
+        yield "a flood harms nobody whose work takes no time: say cpu = true"
     for number, fault in enumerate(plan.faults, 1):
         for problem in _problems_of_fault(fault, plan.nodes):
             yield f"fault {number} ({fault.kind}): {problem}"
@@ -99,6 +106,8 @@ def _problems_of_fault(fault: Fault, nodes: int) -> Iterator[str]:
     least = -AMOUNT_MAX_MS if fault.kind == "skew" else 0
     if not least <= fault.amount <= AMOUNT_MAX_MS:
         yield f"the amount lies between {least} and {AMOUNT_MAX_MS} ms"
+    if fault.kind == "flood" and not 1 <= fault.amount <= FLOOD_MAX_KIB_PER_S:
+        yield f"a flood has 1 to {FLOOD_MAX_KIB_PER_S} KiB a second"
     if fault.kind in _OF_A_NODE and not 0 <= fault.node < nodes:
         yield f"it is of a node, 0 to {nodes - 1}"
     match fault.kind:
@@ -108,6 +117,8 @@ def _problems_of_fault(fault: Fault, nodes: int) -> Iterator[str]:
             yield f"its peer is another node, 0 to {nodes - 1}"
         case "crash" if fault.point not in CRASH_POINTS:
             yield f"there is no point {fault.point!r}; there are {', '.join(CRASH_POINTS)}"
+        case "flood" if fault.point not in FLOODS:
+            yield f"there is no flood {fault.point!r}; there are {', '.join(FLOODS)}"
         case "old-disk" if fault.point not in OLD_DISK_POINTS:
             yield f"what is put back is the {' or the '.join(OLD_DISK_POINTS)} (point)"
         case "links" if fault.profile not in PROFILES:

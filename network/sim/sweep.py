@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import os
 import time
@@ -34,7 +35,7 @@ class Failure(msgspec.Struct, frozen=True):
 
 @dataclass
 class SweepResult:
-    """Totals over all seeds; `cpu_s` is CPU time, `elapsed_s` time on the wall."""
+    """Totals over all seeds; `cpu_s` is CPU time, `elapsed_s` time on the wall. `traces` has each seed's hash."""
 
     seeds: int = 0
     rounds: int = 0
@@ -46,12 +47,14 @@ class SweepResult:
     virtual_s: float = 0.0
     cpu_s: float = 0.0
     elapsed_s: float = 0.0
+    traces: dict[int, str] = field(default_factory=dict)
     failed: list[RunResult] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
 
     def add(self, result: RunResult) -> None:
         """Count one seed."""
         self.seeds += 1
+        self.traces[result.seed] = result.trace
         self.rounds += result.rounds
         self.blocks += result.height
         self.frames += result.frames
@@ -62,6 +65,12 @@ class SweepResult:
         self.cpu_s += result.cpu_s
         if not result.ok:
             self.failed.append(result)
+
+    @property
+    def trace(self) -> str:
+        """One hash over the histories of all seeds: the same for any number of workers."""
+        told = " ".join(f"{seed}={trace}" for seed, trace in sorted(self.traces.items()))
+        return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
 
     @property
     def violations(self) -> int:

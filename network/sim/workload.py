@@ -189,5 +189,6 @@ def _record(chain: Chain, robot: PrivateKey, owner: PrivateKey, client: int, num
         ciphertexts=texts,
         sealed_keys=keys,
         commitment_leaves=leaves,
+        owner=owner.public_key,
     )
     return Call(transaction, upload, excused=(EXPIRED,) if index == RECORDS_A_VISIT - 1 else ())

@@ -1,6 +1,6 @@
 // Every fault of the command line as buttons and forms. The server reads, refuses and does them as the commands do.
 
-import { announce, ask, h, isAtWork, replace, setAtWork } from "./shared/dom.js";
+import { announce, ask, focusOn, h, isAtWork, replace, setAtWork } from "./shared/dom.js";
 import { fetchJson, keepOpen } from "./shared/fetching.js";
 import { arrange, createKept } from "./keeping.js";
 import { refusals } from "./offers.js";
@@ -56,7 +56,7 @@ export function createFaults({ network, choices, onSelect, onGroups }) {
       panels[key].element.hidden = key !== id;
       tabs[index].setAttribute("aria-selected", String(key === id));
       tabs[index].tabIndex = key === id ? 0 : -1;
-      if (focus && key === id) tabs[index].focus();
+      if (focus && key === id) focusOn(tabs[index]);
     });
     onGroups(id === "partition" ? partition.groups() : null);
   }
@@ -328,7 +328,7 @@ function createPlanPanel({ said }) {
     element,
     show(plan) {
       const isOver = plan?.state !== "running";
-      if (isOver && document.activeElement === stop) begin.focus(); // what is hidden would take the focus with it
+      if (isOver && document.activeElement === stop) focusOn(begin); // what is hidden would take the focus with it
       stop.hidden = isOver;
       if (plan && (isShowingRun || plan.state === "running")) {
         isShowingRun = true;

@@ -1,5 +1,7 @@
 // Keeps what is drawn where it stands while lists and tables change, and the focus with it. Must never draw a kept part anew.
 
+import { focusOn } from "./shared/dom.js";
+
 const FOCUSABLE = "button, a[href], input, select, [tabindex]";
 
 /**
@@ -22,7 +24,7 @@ export function arrange(place, children) {
 
 function focusIn(place) {
   const own = place.matches(FOCUSABLE) ? place : place.querySelector("input:checked") ?? place.querySelector(FOCUSABLE);
-  (own ?? place.closest("[tabindex]"))?.focus({ preventScroll: true });
+  focusOn(own ?? place.closest("[tabindex]"), { stay: true });
 }
 
 /** What is kept by key: `get(key, make)` makes what is not there, `find(key)` does not, `keep(keys)` forgets the others. */

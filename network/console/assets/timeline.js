@@ -1,7 +1,7 @@
 // The line of time of a run: a slider over it, steps from event to event, marks where something happened. The live page and
 // a replay share it. Must never move by itself once somebody looks at the past, but by Play.
 
-import { h, replace } from "./shared/dom.js";
+import { focusOn, h, replace } from "./shared/dom.js";
 import { formatClock, formatDuration } from "./shared/format.js";
 import { ROUTINE_KINDS } from "./words.js";
 
@@ -83,7 +83,7 @@ export function createTimeline({ from, to, events, onShow, live = false }) {
   return {
     element,
     isAtEnd,
-    goTo(ms) { stop(); go(ms); slider.focus(); },
+    goTo(ms) { stop(); go(ms); focusOn(slider); },
     /** Take what came in; who looks at now goes on looking at now. */
     extend(until, more) {
       const follows = isAtEnd();

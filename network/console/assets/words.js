@@ -93,6 +93,15 @@ function shareWords({ apart, together }, taking, all, quorum) {
   return `${together} of ${all} producers reach each other; a quorum is ${quorum}. ${listed(apart)} ${apart.length > 1 ? "stand" : "stands"} apart.`;
 }
 
+/** Which nodes lie, by the switch, or by what others prove of them; null if none does. */
+function liarWords(nodes) {
+  const suspended = nodes.filter((node) => node.state === "suspended").map((node) => node.name);
+  const lying = nodes.filter((node) => node.behaviour || (node.accused && !suspended.includes(node.name))).map((node) => node.name);
+  if (lying.length) return { tone: "bad", title: lying.length > 1 ? "Nodes lie" : "A node lies", text: `${listed(lying)} ${lying.length > 1 ? "do" : "does"} not keep to the protocol${suspended.length ? `; ${listed(suspended)} suspended` : ""}. Nobody is deceived as long as fewer than a third do.` };
+  if (suspended.length) return { tone: "warn", title: suspended.length > 1 ? "Nodes are suspended" : "A node is suspended", text: `${listed(suspended)} contradicted ${suspended.length > 1 ? "themselves" : "itself"}, and may not lead until a majority of the organisations brings it back.` };
+  return null;
+}
+
 /** How the whole is: {tone, title, text}. */
 export function verdict(moment, network) {
   const producers = new Set(network.nodes.filter((node) => node.producer).map((node) => node.name));
@@ -111,6 +120,8 @@ export function verdict(moment, network) {
   if (!isEnough) return { tone: "bad", title: "No quorum", text: `${share} Nothing can become final; nothing that was final is lost.` };
   if (isSplit) return { tone: "bad", title: "No quorum", text: `${split} Nothing that was final is lost.` };
   if (isDoubtful) return { tone: "warn", title: "Links are cut", text: `${share} Perhaps nothing more becomes final.` };
+  const liar = liarWords(moment.nodes);
+  if (liar) return { ...liar, text: `${liar.text} ${share}` };
   if (taking < producers.size) return { tone: "warn", title: "It goes on", text: share };
   if (reach.isCut) return { tone: "warn", title: "Links are cut", text: share };
   const isIdle = moment.at_ms - moment.final_since_ms > IDLE_AFTER_MS && !moment.nodes.some((node) => node.waiting);

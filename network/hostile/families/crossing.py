@@ -5,7 +5,6 @@ from __future__ import annotations
 from network.hostile.program import SPENT, Program, body, source
 
 _BACK = "@export\ndef f():\n    return call('it', 'f')\n\n\n@view\ndef look():\n    return call('it', 'g')\n"
-_PING = "@export\ndef f(n: int = 0):\n    return call('it', 'f', n)\n"
 _WRITER = (
     "@export\ndef write(x: object = 1):\n    state.put(b'k', x)\n\n\n"
     "@view\ndef read() -> object:\n    return state.get(b'k')\n"

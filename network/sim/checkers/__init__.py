@@ -15,6 +15,7 @@ from network.sim.checkers.durability import check_durability
 from network.sim.checkers.equal_state_roots import check_equal_state_roots
 from network.sim.checkers.erased_means_erased import check_erased_means_erased
 from network.sim.checkers.exactly_once import check_exactly_once
+from network.sim.checkers.finality_under_flood import check_finality_under_flood
 from network.sim.checkers.liveness import check_liveness
 from network.sim.checkers.no_double_proposal import check_no_double_proposal
 from network.sim.checkers.no_double_vote import check_no_double_vote
@@ -36,6 +37,7 @@ CHECKERS: dict[str, Checker] = {
     "chain_equals_store": check_chain_equals_store,
     "erased_means_erased": check_erased_means_erased,
     "liveness": check_liveness,
+    "finality_under_flood": check_finality_under_flood,
     "code_faults": check_code_faults,
 }
 

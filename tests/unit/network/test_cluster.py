@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -102,3 +105,31 @@ def test_a_network_is_the_same_however_its_folder_is_named(
         assert {name: each.data_dir for name, each in Cluster(named).configs.items()} == {
             name: each.data_dir for name, each in cluster.configs.items()
         }
+
+
+_HOLDER = """
+import fcntl, sys, time
+file = open(sys.argv[2] + "/lock", "w")
+fcntl.flock(file, fcntl.LOCK_EX)
+memory = b"x" * (128 << 20)
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_killed_process_counts_as_running_until_its_locks_are_free(cluster: Cluster) -> None:
+    """The kernel frees a process's memory first: for a moment it has no command line, and still its files."""
+    data_dir = cluster.config("node-1").data_dir
+    command = [sys.executable, "-c", _HOLDER, "--data-dir", str(data_dir)]
+    for _ in range(5):
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as process, (data_dir / "lock").open("w") as file:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"held\n"
+            (cluster.folder / "cluster.json").write_text(
+                json.dumps({"pids": {"node-1": process.pid}}), encoding="utf-8"
+            )
+            assert cluster.is_running("node-1")
+            process.kill()
+            while cluster.is_running("node-1"):
+                pass
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

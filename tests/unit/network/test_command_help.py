@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 
-from network.cli.main import main
+from network.cli.main import SECTIONS, main
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "cli.md"
 
@@ -33,11 +34,36 @@ def test_all_commands_are_looked_at() -> None:
     assert {"wallet probe", "org propose add-org", "node snapshot create"} <= set(LEAVES)
 
 
+def test_the_help_has_every_command_once_by_who_uses_it() -> None:
+    named = [name for names in SECTIONS.values() for name in names]
+    assert sorted(named) == sorted(main.list_commands(click.Context(main)))
+    shown = CliRunner().invoke(main, ["--help"]).output
+    headings = [shown.index(f"{heading}:\n") for heading in SECTIONS]
+    assert headings == sorted(headings)
+    lines = shown[headings[0] :].splitlines()
+    assert [line.split()[0] for line in lines if line.startswith("  ") and line[2] != " "] == named
+
+
+GROUPS = {"": main, **{words: command for words, command in EVERY.items() if isinstance(command, click.Group)}}
+
+
+@pytest.mark.parametrize("words", GROUPS)
+def test_an_unknown_command_is_answered_with_those_that_are_spelt_alike(words: str) -> None:
+    group = GROUPS[words]
+    for name in group.list_commands(click.Context(group)):
+        told = CliRunner().invoke(main, [*words.split(), f"{name[:-1]}x{name[-1]}"])
+        assert told.exit_code == 2
+        assert "Did you mean" in told.output
+        assert f"'{name}'" in told.output
+
+
 @pytest.mark.parametrize("words", LEAVES)
 def test_every_command_shows_how_it_is_called(words: str) -> None:
-    text = " ".join(LEAVES[words].get_help(click.Context(LEAVES[words], info_name=words)).split())
+    shown = LEAVES[words].get_help(click.Context(LEAVES[words], info_name=words))
+    text = " ".join(shown.split())
     assert "Example" in text
     assert f"blockrobot {words}" in text[text.index("Example") :]
+    assert all(line.count("Example:") <= 1 for line in shown.splitlines()), "each on a line of its own"
 
 
 @pytest.mark.parametrize("words", LEAVES)

@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner, Result
 from nacl import pwhash
 
-from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.sdk.passphrase import PassphraseCost
+from clients.wallet.keystore import Keystore
 from consensus.errors import CATALOGUE
 from network.cli.main import main
 from network.layout import create_network
@@ -234,6 +235,10 @@ def test_a_card_is_issued_from_a_file_and_its_uid_is_not_repeated(network: Path,
     assert (answer["ok"], answer["role"]) == (True, "subject")
     assert answer["code"].startswith("BR1-")
     assert "E28011606000" not in result.output
+    again = run("card", "issue", "--uid-file", str(home / "uid"), "--json")
+    assert (answer["replaced"], json.loads(again.stdout)["replaced"]) == (False, True)
+    plain = run("card", "issue", "--uid-file", str(home / "uid"))
+    assert "Whoever registered with that one is on no roster from now on" in plain.output
 
 
 def test_a_damaged_enrolment_code_is_named(wallet: Path) -> None:

@@ -96,7 +96,7 @@ def test_what_it_waits_for_mounts_and_builds_is_there() -> None:
             context = (FOLDER / service["build"]["context"]).resolve()
             assert context == ROOT
             assert (context / service["build"]["dockerfile"]).is_file()
-    copied = re.findall(r"/opt/blockrobot/([\w.]+)", (FOLDER / "Dockerfile").read_text(encoding="utf-8"))
+    copied = re.findall(r"/opt/blockrobot/([\w./]+)", (FOLDER / "Dockerfile").read_text(encoding="utf-8"))
     assert copied
     assert all((ROOT / name).is_file() for name in copied)
 

@@ -13,9 +13,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 import network.cli.contract_signers as contract_signers
+from clients.sdk.passphrase import PassphraseCost
 from clients.sdk.receipts import FinalReceipt
 from clients.wallet.keys import derive_keys
-from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.genesis import genesis_to_json
 from consensus.primitives.keys import PrivateKey
@@ -100,7 +101,9 @@ def test_a_refused_call_shows_code_line_and_next_step(chain: Consortium) -> None
     lines = result.output.splitlines()
     assert result.exit_code == 4
     assert lines[0] == "Refused: SETTING_UNKNOWN: There is no such setting."
-    assert lines[1].endswith(': require(name in NAMES, "SETTING_UNKNOWN", "There is no such setting.")')
+    assert lines[1].endswith(
+        ': require(name in NAMES or name in QUOTAS, "SETTING_UNKNOWN", "There is no such setting.")'
+    )
     assert lines[-1].startswith("Next step: ")
     document = json.loads(run("call", "settings", "propose", "colour", "1", "--as", "org-01", "--json").stdout)
     assert (document["ok"], document["code"], document["events"]) == (False, "SETTING_UNKNOWN", [])

@@ -95,7 +95,7 @@ def test_list_and_show_as_json(chain: Consortium) -> None:
     listed = answer("list")
     assert listed["due"] == listed["proposals"] == []
     rows = {row["name"]: row for row in listed["contracts"]}
-    assert (rows["visitors"]["version"], rows["visitors"]["enabled"], len(rows)) == (1, True, 14)
+    assert (rows["visitors"]["version"], rows["visitors"]["enabled"], len(rows)) == (1, True, 15)
     shown = answer("show", "visitors")
     assert (shown["status"], shown["source"], shown["organisation"]) == ("active", VISITORS, "org-01")
     assert [entry["name"] for entry in shown["abi"]] == ["enter", "leave", "inside"]
@@ -214,3 +214,31 @@ def test_mistakes_are_found_before_anything_is_sent(chain: Consortium) -> None:
     assert refusal("approve", "abcdef123456", "--as", "org-01") == "GOVERNANCE_PROPOSAL_CLOSED"
     Path("state.py").write_text(VISITORS, encoding="utf-8")
     assert refusal("propose", "state.py", "--as", "org-01") == "GOVERNANCE_CONTRACT_REFUSED"
+
+
+def test_a_check_that_moved_into_a_comment_is_never_called_equal(chain: Consortium) -> None:
+    """What other readers take for the end of a line is none: such a source is refused, and no diff hides it."""
+    deploy(chain)
+    for end in ("\x85", "\u2028", "\u2029", "\x0b", "\x0c", "\x1c", "\r"):
+        joined = VISITORS.replace("\n    ", f"  #{end}    ", 1)
+        Path("visitors.py").write_bytes(joined.encode())
+        assert refusal("diff", "visitors", "visitors.py") == "CONTRACT_SOURCE_INVALID"
+        assert refusal("propose", "visitors.py", "--as", "org-01") == "CONTRACT_SOURCE_INVALID"
+
+
+def test_sources_are_equal_only_if_their_hashes_are(chain: Consortium) -> None:
+    deploy(chain)
+    same = answer("diff", "visitors", "visitors.py", "--exit-code")
+    assert same["equal"]
+    assert same["old_hash"] == same["new_hash"]
+    assert same["diff"] == []
+    for other in (VISITORS.rstrip("\n"), VISITORS + "\n", VISITORS + "# \u0430\n"):
+        Path("visitors.py").write_bytes(other.encode())
+        found = answer("diff", "visitors", "visitors.py")
+        assert not found["equal"]
+        assert found["old_hash"] != found["new_hash"]
+        assert found["diff"]
+        spoken = run("diff", "visitors", "visitors.py")
+        assert "are equal" not in spoken.output
+        assert run("diff", "visitors", "visitors.py", "--exit-code").exit_code == 1
+    assert "+ U+0430" in spoken.output

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +29,10 @@ from consensus.genesis import genesis_to_json
 from consensus.primitives.encoding import encode
 from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
+from contracts.worker.wall import REQUIRED_PARTS
+from network import contract_tracing
 from network.cli.contract_commands import contract
-from network.contract_tracing import trace_transaction
+from network.contract_tracing import WalledTracer, trace_transaction
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
 NODE = NodeAddress("node-01", "http://127.0.0.1:1")
@@ -152,6 +156,28 @@ async def test_blocks_that_do_not_fit_are_not_believed(served: ServedChain) -> N
     served.blocks[2:] = [honest[2], Block(encode(header), bytes(64), honest[3].transactions)]
     with pytest.raises(BlockRobotError, match="not the one that was proved"):
         await trace(served, 3, 1)
+
+
+def test_the_chain_is_executed_behind_the_wall(served: ServedChain) -> None:
+    with WalledTracer(served.genesis, served.receipts[served.txid(3, 1)]) as tracer:
+        wanted = REQUIRED_PARTS if sys.platform == "linux" else frozenset()
+        assert {part.name for part in tracer.parts if part.had} >= wanted
+
+
+def test_a_process_that_ends_is_told_with_a_code(served: ServedChain, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(contract_tracing, "TRACER_MODULE", "no_such_module")
+    with (
+        pytest.raises(BlockRobotError, match="ended") as failed,
+        WalledTracer(served.genesis, served.receipts[served.txid(3, 1)]),
+    ):
+        raise AssertionError("it cannot begin")
+    assert failed.value.code == "CONTRACT_WORKER_FAILED"
+
+
+def test_the_commands_process_cannot_execute_a_contract() -> None:
+    """What executes is imported by the walled process alone."""
+    text = Path(contract_tracing.__file__).read_text(encoding="utf-8")
+    assert not re.search(r"contracts\.(?:execution|vm|state)|node\.replaying|kit\.(?:chain|recorder)", text)
 
 
 def test_the_command_shows_lines_and_values(

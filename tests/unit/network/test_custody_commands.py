@@ -6,10 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
 from consensus.errors import BlockRobotError
+from consensus.upload_quotas import UploadQuotas
 from network.cli.main import main
 from network.layout import create_network
 
@@ -47,8 +49,51 @@ def _answer(name: str, **changes: Any) -> dict[str, Any]:
         "slots_total": 4096,
         "store_bytes": 2_000_000,
         "waiting_for": {},
+        "uploads": [_uploads()],
+        "quotas": msgspec.structs.asdict(UploadQuotas()),
+        "bytes_a_day": 5_000_000_000,
+        "disk_free_bytes": 500_000_000_000,
+        "disk_reserve_bytes": 1_073_741_824,
+        "uploads_paused": False,
+        "days_until_reserve": 99.8,
     }
     return answer | changes
+
+
+def _uploads(**changes: Any) -> dict[str, Any]:
+    row = {
+        "organisation": "hospital",
+        "robot": "02" * 33,
+        "staged_clips": 1,
+        "staged_bytes": 200_000,
+        "refused": 0,
+        "refused_lately": 0,
+    }
+    return row | {"held_clips": 7, "held_bytes": 1_400_000, "today_bytes": 0, "bytes_a_day": 5_000_000_000} | changes
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (
+            {"uploads_paused": True, "disk_free_bytes": 1_000 << 20},
+            "takes no uploads: 1000 MiB are free, 1024 MiB are",
+        ),
+        ({"days_until_reserve": 3.5}, "At 5.0 GB a day its disk reaches the reserve in 3.5 days."),
+        (
+            {"uploads": [_uploads(refused=9, refused_lately=4)]},
+            "Robot 0202020202020202... of hospital was refused 4 uploads lately, 9 since",
+        ),
+        ({"uploads": [_uploads(staged_clips=4_000)]}, "has used 98% of robot_staged_max_count"),
+    ],
+)
+def test_uploads_that_are_too_many_are_named(
+    says: dict[str, Any], folder: Path, changes: dict[str, Any], sentence: str
+) -> None:
+    says["node-2"] = _answer("node-2", **changes)
+    result = _run(folder, "status")
+    assert result.exit_code == 1
+    assert sentence in " ".join(result.stdout.split())
 
 
 @pytest.fixture
@@ -107,7 +152,7 @@ def test_an_erasure_that_a_silent_custodian_owes_is_told_by_the_other(folder: Pa
 
 def _scrubbed(**changes: Any) -> dict[str, Any]:
     lists = ("missing", "held_though_erased", "unknown_to_chain", "other_facts", "unclaimed_frames", "unclaimed_keys")
-    pairs = ("frames_held_though_erased", "corrupted", "parts_held_though_ended")
+    pairs = ("frames_held_though_erased", "corrupted", "parts_held_though_ended", "empty_frames_held_though_withdrawn")
     report: dict[str, Any] = {name: [] for name in (*lists, *pairs)}
     counts = {"height": 9, "records_count": 7, "clips_compared_count": 7, "frames_compared_count": 30}
     files = {"dirty_slots_count": 0, "log_bytes": 0, "dirty_bytes": 0}
@@ -128,6 +173,10 @@ def test_a_clean_scrub_says_so_and_exits_0(folder: Path, says: dict[str, Any]) -
         ({"held_though_erased": ["aa" * 16]}, "erased them: " + "aa" * 16 + ". Next step"),
         ({"corrupted": [{"record": "bb" * 16, "frame": 3}]}, "bb" * 16 + " frame 3"),
         ({"missing": ["cc" * 16] * 5}, "5 records are missing"),
+        (
+            {"empty_frames_held_though_withdrawn": ["dd" * 32]},
+            "1 empty frames are held that are approved no more: dddd",
+        ),
         ({"unclaimed_keys": [4, 5]}, "2 erase keys belong to no frame"),
         ({"dirty_slots_count": 1}, "restart node-1"),
         ({"dirty_bytes": 4096}, "free pages 4096"),

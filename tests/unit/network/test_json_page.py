@@ -26,7 +26,8 @@ from tests.json_answers import (
 
 FOLDER = Path(__file__).parents[3] / "docs" / "reference"
 REFUSED_RECEIPT = {"txid": "ab", "height": 3, "from_height": 4, "count": 1, "status": "withdrawn", "purposes": []}
-WITHDRAWN = {"ok": True, **REFUSED_RECEIPT, "sensors": [], "receipt": None, "receipt_error": "NODE_UNREACHABLE"}
+FOR_ONESELF = {"sensors": [], "for": None, "mandate_id": None}
+WITHDRAWN = {"ok": True, **REFUSED_RECEIPT, **FOR_ONESELF, "receipt": None, "receipt_error": "NODE_UNREACHABLE"}
 
 
 def test_the_page_is_current() -> None:
@@ -148,4 +149,7 @@ def test_what_a_process_of_its_own_answers_is_noted_and_held_against_the_page(tm
     assert read_noted(file) == [("robot new", printed)]
     assert noted_differences(file) == []
     file.write_text(json.dumps({"words": "robot new", "told": {"ok": True, "folder": "robots"}}) + "\n")
-    assert noted_differences(file) == ["robot new: member is documented, and not answered"]
+    assert noted_differences(file) == [
+        "robot new: member is documented, and not answered",
+        "robot new: sealed is documented, and not answered",
+    ]

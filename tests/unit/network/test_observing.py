@@ -27,6 +27,15 @@ def look(name: str = "node-1", *, faults: tuple[str, ...] = (), **status: Any) -
     return NodeLook(name, running=True, paused=False, status=said | status, faults=faults)
 
 
+def test_who_is_accused_by_others_is_told_and_its_own_word_does_not_count() -> None:
+    rows = [{"name": "node-4", "state": "evidence", "height": None}]
+    looks = [look("node-1", accused=rows), look("node-2", accused=[]), look("node-4", accused=rows)]
+    picture = Observer(0.0).take(looks, 0.0)
+    assert {row.name: row.accused_by for row in picture.rows} == {"node-1": (), "node-2": (), "node-4": ("node-1",)}
+    assert "node-4 is accused of contradicting itself by node-1" in changes(None, picture)
+    assert not any("accused" in line for line in changes(picture, picture))
+
+
 @pytest.mark.parametrize(
     ("seen", "state"),
     [

@@ -10,6 +10,7 @@ import pytest
 
 from network.cli.cluster_commands import report
 from network.cluster import NodeStatusReport
+from pages.moments import show_moment
 
 
 def said(capsys: pytest.CaptureFixture[str], *, as_json: bool = False, **status: Any) -> str:
@@ -60,3 +61,25 @@ def test_a_suspended_producer_is_told_with_the_way_back(capsys: pytest.CaptureFi
 def test_a_node_of_an_earlier_version_says_less_and_is_shown_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     report([NodeStatusReport("node-1", running=True, status={"ready": True})], Path("network"), as_json=False)
     assert "ready" in capsys.readouterr().out
+
+
+def test_how_far_back_nodes_keep_blocks_is_told_of_those_that_keep_the_same_at_once(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    kept = {"archive": False, "earliest_ms": 1_700_000_000_000, "held_by": None}
+    rows = [
+        NodeStatusReport("node-1", running=True, status={"earliest_height": 7, "blocks_kept": kept}),
+        NodeStatusReport("node-2", running=True, status={"earliest_height": 7, "blocks_kept": kept}),
+        NodeStatusReport(
+            "node-3", running=True, status={"earliest_height": 0, "blocks_kept": kept | {"archive": True}}
+        ),
+        NodeStatusReport(
+            "node-4", running=True, status={"earliest_height": 5, "blocks_kept": kept | {"held_by": "custodian"}}
+        ),
+        NodeStatusReport("node-5", running=False, status=None),
+    ]
+    report(rows, Path("network"), as_json=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert f"node-1, node-2: blocks from 7 ({show_moment(1_700_000_000_000)}) on." in lines
+    assert f"node-3: blocks from 0 ({show_moment(1_700_000_000_000)}) on, as an archive." in lines
+    assert any(line.startswith("node-4: blocks from 5 ") and "custodian has not followed" in line for line in lines)

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import ast
 
-from network.bench.vm_worst import PROGRAMS, run_worst_benchmark
+import pytest
+from click.testing import CliRunner
+
+from network.bench.vm_worst import PROGRAMS, run_worst_benchmark, run_worst_search
+from network.cli.main import main
 from network.hostile.measuring import cheapest_first, measure_program
 from network.hostile.micro import MICRO
 from network.hostile.program import body, bomb, refused
+from network.hostile.searching import Breeder
 
 LOOP = body("loop", "OUT_OF_GAS", "while True:\n    pass")
 HOARD = body("hoard", "MEMORY_BUDGET", "x = []\nwhile True:\n    x.append(bytes(1000))")
@@ -39,7 +44,8 @@ def test_a_table_of_programs_dearest_first():
     assert result["name"] == "vm-worst"
     assert [program["name"] for program in result["programs"]] in (["loop"], ["loop", "hoard"], ["hoard", "loop"])
     assert result["figures"]["cheapest"] == "loop"
-    assert result["figures"]["ratio"] >= 1
+    assert result["figures"]["ratio"] > 0
+    assert result["figures"]["block_max_ms"] == 125
     assert result["conditions"]["language"] >= 2
 
 
@@ -50,3 +56,32 @@ def test_who_never_gets_to_use_the_gas_is_not_called_cheap():
 
 def test_the_whole_corpus_is_measured():
     assert len({program.name for program in PROGRAMS}) == len(PROGRAMS) > 700
+
+
+def test_a_search_is_named_by_its_seed_and_reaches_everything():
+    one, same, other = (Breeder(seed) for seed in (4, 4, 5))
+    drawn = [breeder.change(breeder.cross(breeder.new(), breeder.new())) for breeder in (one, same, other)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    steps = "\n".join(one.step() for _ in range(4000))
+    from contracts.vm.methods import METHODS
+    from contracts.vm.names import CALLABLES
+
+    assert {name for name in METHODS if f".{name}(" not in steps} == set()
+    assert {
+        name for name in set(CALLABLES) - {"charge_source", "check_source", "require"} if f"{name}(" not in steps
+    } == set()
+
+
+def test_a_search_tells_the_dearest_with_their_sources():
+    told: list[str] = []
+    result = run_worst_search(0.01, 1, told.append)
+    assert result["figures"]["programs"] >= result["figures"]["counted"] > 0
+    prices = [program["ms_per_million_gas"] for program in result["programs"]]
+    assert prices == sorted(prices, reverse=True) != []
+    assert all("while True:" in program["source"] for program in result["programs"])
+
+
+@pytest.mark.parametrize("given", [["--search", "1"], ["--worst", "--search", "0"]])
+def test_a_search_needs_a_time_and_the_word(given):
+    answer = CliRunner().invoke(main, ["bench", "vm", *given])
+    assert answer.exit_code == 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from consensus.block import compute_receipts_root, compute_transactions_root
@@ -261,3 +263,24 @@ def test_a_wrong_name_is_refused(name: str) -> None:
     with pytest.raises(BlockRobotError) as refused:
         check_behaviour(name)
     assert refused.value.code == "FAULT_UNKNOWN"
+
+
+def test_a_liar_about_epochs_signs_for_others_than_it_is_in_and_shows_certificates_of_before() -> None:
+    own = Own(epoch=3, high_qc=qc_of(b"c" * 32, 4))
+    behaviour, kept = liar("wrong-epochs", own)
+    behaviour.broadcast(timeout(5, own.high_qc))
+    own.index = None
+    for _ in range(200):
+        behaviour.tick()
+    said = [message for _, message in kept.sent]
+    votes = [message for message in said if isinstance(message, Vote)]
+    assert {2, 4, 5} <= {message.epoch for message in votes}
+    assert 3 not in {message.epoch for message in votes}
+    assert all(_is_genuine(message) and message.index == LIAR for message in votes)
+    relabelled = [message.qc for message in said if isinstance(message, CertificateNotice) and message.qc.epoch == 3]
+    assert relabelled
+    for qc in relabelled:
+        with pytest.raises(BlockRobotError):
+            verify_qc(qc, replace(SCHEDULE, epoch=3), CHAIN_ID, GENESIS.block_id)
+    assert {type(message) for message in said} >= {Vote, Timeout, CertificateNotice, WordsAnswer}
+    assert own.raw

@@ -11,6 +11,7 @@ from network.doctor.answers import (
     check_clocks,
     check_finality,
     check_heights,
+    check_late,
     check_links,
     check_membership,
     check_presence,
@@ -136,7 +137,7 @@ def test_finality_is_stale_only_after_several_heartbeats_of_running() -> None:
 
 def test_each_kind_says_what_to_do_with_the_nodes_name_in_it() -> None:
     assert all(kind.next_step and kind.meaning for kind in KINDS.values())
-    assert Finding("NODE_DOWN", "node-3", "").next_step == "Start it: blockrobot node run node-3 --detach."
+    assert Finding("NODE_DOWN", "node-3", "").next_step.startswith("Start it: blockrobot node run node-3 --detach;")
 
 
 def test_problems_come_first_and_nothing_twice() -> None:
@@ -149,3 +150,35 @@ def test_the_how_to_lists_every_kind_of_finding() -> None:
     text = page.read_text(encoding="utf-8")
     rows = [f"| `{kind.code}` | {kind.severity} | {kind.meaning} | {kind.next_step} |" for kind in KINDS.values()]
     assert [row for row in rows if row not in text] == []
+
+
+def test_a_node_that_cannot_execute_what_others_could_is_named_with_the_block() -> None:
+    sound = {"held": 1, "failures": 3, "last_failure": "it ended by signal 9", "stuck": None}
+    stuck = sound | {"stuck": {"height": 12, "attempts": 4}}
+    [found] = check_words([answer("a", execution=sound), answer("b", execution=stuck), answer("c")])
+    assert (found.code, found.node) == ("BLOCK_NOT_EXECUTED", "b")
+    assert "block 12 4 times: it ended by signal 9" in found.detail
+
+
+def test_a_custodian_that_keeps_old_blocks_from_going_is_named() -> None:
+    kept = {"archive": False, "earliest_ms": 1, "held_by": None}
+    held = answer("b", blocks_kept=kept | {"held_by": "custodian"}, earliest_height=5, custody_checkpoint=6)
+    [found] = check_words([answer("a", blocks_kept=kept), held, answer("c", blocks_kept=kept | {"held_by": "record"})])
+    assert (found.code, found.node) == ("OLD_BLOCKS_HELD", "b")
+    assert found.detail == "It has blocks from 5 on; custody is at 6."
+
+
+def test_whoever_is_over_his_budget_is_named_once() -> None:
+    row = {"peer": "peer b", "count": 3}
+    (finding,) = check_words([answer("a", over_budget=[row])])
+    assert (finding.code, finding.node) == ("OVER_BUDGET", "a")
+    assert finding.detail == "At a, peer b is over its budget: it was refused or held up 3 times."
+
+
+def test_nodes_that_say_themselves_that_finality_is_late_are_a_problem_at_once() -> None:
+    well = {"finality": {"age_s": 24.0, "waiting_s": 0.0, "late": False}}
+    late = {"finality": {"age_s": 24.0, "waiting_s": 20.4, "late": True}}
+    assert check_late([Answer("node-1", True, well), Answer("node-2", False, None)]) == []
+    (finding,) = check_late([Answer("node-1", True, late), Answer("node-2", True, well), Answer("node-3", True, late)])
+    assert finding.code == "FINALITY_STALE"
+    assert finding.detail == "No new final block for 24 s at node-1, node-3, and work has waited for 20 s."

@@ -50,7 +50,7 @@ class House:
         if arguments[0] == "probe":
             return {"refusals": self.refusals}
         if arguments[0] == "audit":
-            return {"entries": [{"kind": "verdict", "record_id": record["record_id"]}]}
+            return {"entries": [{"kind": "verdict", "records": [record["record_id"]]}]}
         return {"records": [{"record_id": record["record_id"], "frames": frames}]}
 
     async def refusal(self, alias: str, *arguments: str) -> str:

@@ -11,6 +11,7 @@ import pytest
 from network.sim.checkers import CHECKERS
 from network.sim.history import (
     Acknowledged,
+    Asked,
     BlockFinalized,
     ClipTaken,
     CodeFault,
@@ -18,12 +19,14 @@ from network.sim.history import (
     Ended,
     EpochBegan,
     ExecutionDiffered,
+    Flooded,
     Healed,
     History,
     NodeRefusedStart,
     NodeRestored,
     NodeStarted,
     Observation,
+    PeerCutOff,
     ProposalSent,
     TimeoutSent,
     ValueRead,
@@ -58,6 +61,17 @@ class Case:
 
 def audit(**changes: Any) -> CustodyAudit:
     return msgspec.structs.replace(AUDIT, **changes)
+
+
+def flooded(taken_ms: float | None) -> tuple[Observation, ...]:
+    """Twelve calls that take 10 ms each; then a node floods, and one call takes so long."""
+    seen: list[Observation] = []
+    for number in range(1, 13):
+        txid = bytes([number])
+        seen += [Asked(10.0 * number, 0, txid), block(number, txids=(txid,), at_ms=10.0 * number + 10)]
+    seen += [Flooded(500.0, 3, 900.0, "ranges"), Asked(600.0, 0, b"t")]
+    final = () if taken_ms is None else (block(60, txids=(b"t",), at_ms=600 + taken_ms),)
+    return (*seen, *final)
 
 
 MANY = tuple(bytes([number]) for number in range(49, 61))
@@ -163,6 +177,17 @@ CASES = {
     ),
     "fewer rounds than asked for": Case("liveness", (end(3),), (msgspec.structs.replace(end(3), reached=False),)),
     "no end": Case("liveness", (end(3),), (end(3, settled=False),)),
+    "calls that wait while a node floods": Case("finality_under_flood", flooded(40.0), flooded(60.0)),
+    "calls that are never final while a node floods": Case("finality_under_flood", flooded(40.0), flooded(None)),
+    "a flood in which nobody asked for anything": Case("finality_under_flood", flooded(40.0), flooded(40.0)[:-2]),
+    "calls that wait longer than for a round of a peer that was cut off": Case(
+        "finality_under_flood",
+        (*flooded(540.0), PeerCutOff(550.0, 0, 3, "SIGNATURE_INVALID")),
+        (*flooded(560.0), PeerCutOff(550.0, 0, 3, "SIGNATURE_INVALID")),
+    ),
+    "calls that wait though it was no flooding peer that was cut off": Case(
+        "finality_under_flood", flooded(40.0), (*flooded(60.0), PeerCutOff(550.0, 0, 2, "SIGNATURE_INVALID"))
+    ),
     "an exception": Case("code_faults", (), (CodeFault(1.0, 0, "KeyError"),)),
     "a node that will not start": Case(
         "code_faults",

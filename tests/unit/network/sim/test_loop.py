@@ -75,3 +75,37 @@ def test_an_exception_that_nobody_catches_is_noted_with_its_place() -> None:
     loop.run_until(lambda: False, 1.0)
     assert len(loop.faults) == 1
     assert "KeyError('lost') at fails" in loop.faults[0]
+
+
+def test_what_is_due_while_a_core_is_busy_waits_and_is_done_in_its_order() -> None:
+    loop, owner, other, seen = SimLoop(1), Owner("node"), Owner("other"), []
+
+    def work(name: str) -> None:
+        seen.append((name, round(loop.time(), 3)))
+        loop.occupy(0.5)
+
+    for name, at_s in (("a", 1.0), ("b", 1.1), ("c", 1.2), ("d", 3.0)):
+        loop.call_for(owner, at_s, work, name)
+    loop.call_for(other, 1.3, lambda: seen.append(("other", loop.time())))
+    loop.run_until(lambda: False, 10.0)
+    assert seen == [("a", 1.0), ("other", 1.3), ("b", 1.5), ("c", 2.0), ("d", 3.0)]
+
+
+def test_a_busy_owner_that_is_paused_or_killed_does_nothing_more() -> None:
+    for end in ("pause", "kill"):
+        loop, owner, seen = SimLoop(1), Owner("node"), []
+        loop.call_for(owner, 1.0, loop.occupy, 1.0)
+        loop.call_for(owner, 1.5, seen.append, "waited")
+        loop.call_for(loop.stage, 1.7, getattr(loop, end), owner)
+        loop.call_for(loop.stage, 5.0, loop.resume, owner)
+        loop.run_until(lambda: False, 4.0)
+        assert seen == []
+        loop.run_until(lambda: False, 10.0)
+        assert seen == (["waited"] if end == "pause" else [])
+
+
+def test_the_stage_is_never_busy() -> None:
+    loop = SimLoop(1)
+    loop.call_for(loop.stage, 1.0, loop.occupy, 9.0)
+    loop.run_until(lambda: False, 2.0)
+    assert loop.stage.free_at_s == 0.0

@@ -28,10 +28,10 @@ class Contracts:
             raise BlockRobotError(root)
         return BlockResult((), {}, {}, root, b"receipts", 0)
 
-    def build(self, *_: object) -> tuple[BlockResult, list[bytes]]:
+    def build(self, *_: object, **__: object) -> tuple[BlockResult, list[bytes]]:
         return self.execute(), []
 
-    def verify(self, *_: object) -> BlockResult:
+    def verify(self, *_: object, **__: object) -> BlockResult:
         return self.execute()
 
 

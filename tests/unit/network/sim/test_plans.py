@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from click.testing import CliRunner
 from consensus.errors import BlockRobotError
 from network.cli.sim_command import run_command
 from network.sim.checkers import Violation
-from network.sim.plan import Fault, Plan, make_growth_plan, make_plan
+from network.sim.plan import Fault, Plan, make_flood_plan, make_growth_plan, make_plan
 from network.sim.plan_file import find_problem, load_plan, plan_to_toml
 from network.sim.run import RunResult
 from network.sim.shrink import shrink_plan
@@ -68,6 +69,15 @@ def test_a_plan_with_a_misspelt_fault_is_refused_with_what_is_wrong(tmp_path: Pa
         ('seed = 1\n[[faults]]\nkind = "partition"\nat_ms = 4\nfor_ms = 2\ngroups = [[0, 1]]', "groups"),
         ('seed = 1\n[[faults]]\nkind = "partition"\nat_ms = 4\nfor_ms = 2\ngroups = [[0, 1], [1, 2]]', "in two"),
         ('seed = 1\n[[faults]]\nkind = "slow-disk"\nat_ms = 4\nfor_ms = 2\nnode = 2\namount = -3', "amount"),
+        ('seed = 1\n[[faults]]\nkind = "flood"\nat_ms = 4\nfor_ms = 2\nnode = 2\npoint = "ranges"\namount = 9', "cpu"),
+        (
+            'seed = 1\ncpu = true\n[[faults]]\nkind = "flood"\nat_ms = 4\nfor_ms = 2\nnode = 2\npoint = "foo"\namount = 9',
+            "ranges",
+        ),
+        (
+            'seed = 1\ncpu = true\n[[faults]]\nkind = "flood"\nat_ms = 4\nfor_ms = 2\nnode = 2\npoint = "ranges"',
+            "KiB a second",
+        ),
     ],
 )
 def test_a_plan_that_could_not_be_played_as_it_reads_is_refused(text: str, named: str, tmp_path: Path) -> None:
@@ -98,7 +108,16 @@ def test_a_plan_and_an_option_that_says_the_same_are_not_both_taken(tmp_path: Pa
 def test_every_plan_that_is_drawn_can_be_played_as_it_reads() -> None:
     drawn = [make_plan(seed, nodes=nodes, byzantine=(nodes - 1) // 3) for seed in range(60) for nodes in (1, 4, 10)]
     grown = [make_growth_plan(seed) for seed in range(60)]
-    assert {find_problem(plan) for plan in [*drawn, *grown]} == {""}
+    floods = [make_flood_plan(seed, nodes=nodes) for seed in range(60) for nodes in (4, 10)]
+    assert {find_problem(plan) for plan in [*drawn, *grown, *floods]} == {""}
+
+
+def test_a_plan_of_floods_has_f_flooding_nodes_and_is_read_back_as_it_was(tmp_path: Path) -> None:
+    for seed in range(20):
+        plan = make_flood_plan(seed, nodes=7)
+        assert len({fault.node for fault in plan.faults}) == 2
+        (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
+        assert load_plan(tmp_path / "plan.toml") == plan
 
 
 def test_no_plan_makes_more_nodes_faulty_than_the_network_bears() -> None:
@@ -136,3 +155,17 @@ def test_shrinking_does_not_take_another_break_for_the_one_that_it_was_given() -
     plan = Plan(seed=1, faults=tuple(Fault(kind="power-cut", at_ms=n, for_ms=1) for n in range(4)))
     shrunk, _ = shrink_plan(plan, play(plan), play)
     assert len(shrunk.faults) == 2
+
+
+def test_a_plan_that_went_through_pickle_reads_and_prints_as_it_did() -> None:
+    """Workers are given their plans that way, and what a fault prints as is a part of the history."""
+    for seed in range(60):
+        plan = make_plan(seed)
+        sent = pickle.loads(pickle.dumps(plan))
+        assert [str(fault) for fault in sent.faults] == [str(fault) for fault in plan.faults]
+        assert plan_to_toml(sent) == plan_to_toml(plan)
+
+
+def test_a_fault_says_only_what_is_not_as_usual() -> None:
+    assert str(Fault(kind="crash", at_ms=1, for_ms=2, node=3)) == "1 ms: crash for 2 ms (node 3)"
+    assert str(Fault(kind="crash", at_ms=1, for_ms=2, point="".join(["no", "w"]))) == "1 ms: crash for 2 ms"
