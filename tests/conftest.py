@@ -5,6 +5,7 @@ A test must never depend on the language that the developer's system speaks.
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -28,6 +29,10 @@ LEFT_OUT_BY = {
 
 SPOKEN_BY = (LANGUAGE_VARIABLE, "LANGUAGE", "LC_ALL", "LC_CTYPE", "LC_MESSAGES", "LANG")
 """What an environment names its language and its letters with."""
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A suite that was started in the background ignores Ctrl-C, and so would every program that it starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _left_out: dict[str, list[str]] = {marker: [] for marker in LEFT_OUT_BY}
 

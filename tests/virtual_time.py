@@ -8,15 +8,19 @@ from collections.abc import Coroutine
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+THREAD_MAX_S = 5.0
+"""How long the clock stands still, at most, for a thread that works."""
 
 
 class _JumpingSelector(selectors.DefaultSelector):  # type: ignore[misc,valid-type]
-    """Where a loop would sleep, its clock moves on instead; a wait for a thread stays a real one."""
+    """Where a loop would sleep, its clock moves on instead; while a thread works, it stands still."""
 
     now_s = 1_000.0
+    working: set[asyncio.Future[Any]]
 
     def select(self, timeout: float | None = None) -> Any:
-        ready = super().select(0 if timeout is not None else None)
+        real = None if timeout is None else THREAD_MAX_S if timeout and self.working else 0
+        ready = super().select(real)
         if not ready and timeout:
             self.now_s += timeout
         return ready
@@ -27,7 +31,14 @@ class VirtualLoop(asyncio.SelectorEventLoop):
 
     def __init__(self) -> None:
         self._jumping = _JumpingSelector()
+        self._jumping.working = set()
         super().__init__(self._jumping)
+
+    def run_in_executor(self, executor: Any, func: Any, *args: Any) -> asyncio.Future[Any]:
+        future = super().run_in_executor(executor, func, *args)
+        self._jumping.working.add(future)
+        future.add_done_callback(self._jumping.working.discard)
+        return future
 
     def time(self) -> float:
         return self._jumping.now_s

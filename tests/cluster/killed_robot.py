@@ -106,14 +106,19 @@ class KilledRobot:
         self._pieces = _pieces(bag)
         self._destroyed: set[str] = set()
 
+    @property
+    def approved(self) -> tuple[str, str]:
+        """What has its empty frames approved at the start of a run."""
+        return "--approve-as", self.network.organisation
+
     async def live(self, step: str = NO_STEP) -> dict[str, Any]:
         """Let the robot replay its recording until its end, or until it is killed at `step`. Return its summary."""
-        return await self._end(step, await self._start(step, "replay", str(self.bag), "--fast"))
+        return await self._end(step, await self._start(step, "replay", str(self.bag), "--fast", *self.approved))
 
     async def watch(self, seconds: float, killed_after_s: float | None = None) -> dict[str, Any]:
         """Let the robot look at the scene live for so long; kill it so long after it has sealed its first clip."""
         process = await self._start(
-            NO_STEP, "run", "--scenario", str(self.folder / SCENE_FILE), "--seconds", str(seconds)
+            NO_STEP, "run", "--scenario", str(self.folder / SCENE_FILE), "--seconds", str(seconds), *self.approved
         )
         if killed_after_s is not None:
             deadline_s = time.monotonic() + LIFE_TIMEOUT_S
@@ -131,7 +136,7 @@ class KilledRobot:
         self._diary = self.folder / f"diary-{self._lives}"
         return await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "tests.cluster.robot_to_kill", step, str(self._diary)),
-            *("robot", "--robot-dir", str(self.robot.parent), "--genesis", str(self.folder / "genesis.json")),
+            *("robot", "--robot-dir", str(self.robot.parent), "--genesis", str(self.network.folder / "genesis.json")),
             *(*arguments, "--purpose", PURPOSE, "--clip-ms", "300", "--json"),
             cwd=ROOT,
             env={

@@ -96,6 +96,16 @@ class NetworkUnderTest:
         self.registrar = PrivateKey(registrar.read_bytes())
         self.http = aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=HTTP_TIMEOUT_S))
 
+    @property
+    def organisation(self) -> str:
+        """The first organisation, to which the robots of the tests belong."""
+        return self.genesis.organisations[0].name
+
+    @property
+    def approver(self) -> PrivateKey:
+        """The key of that organisation's admin, who approves the robots' empty frames."""
+        return PrivateKey((self.folder / "organisations" / self.organisation / "admin.key").read_bytes())
+
     async def start(self) -> None:
         self.cluster.start_all()
         await self.cluster.wait_ready()

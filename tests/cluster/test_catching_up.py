@@ -60,11 +60,6 @@ async def assert_same(network: NetworkUnderTest, *names: str) -> None:
         assert report["same"], report
 
 
-def keep_few_blocks(network: NetworkUnderTest, name: str) -> None:
-    path = network.cluster.config(name).data_dir / "node.toml"
-    path.write_text(path.read_text().replace("keep_blocks = 0", f"keep_blocks = {KEPT_COUNT}"))
-
-
 def forget_chain(network: NetworkUnderTest, name: str) -> None:
     """Make a stopped node one that has just been made: its keys are all it has. (A journal would hold blocks too.)"""
     config = network.cluster.config(name)
@@ -80,12 +75,11 @@ def log_of(network: NetworkUnderTest, name: str) -> list[dict[str, Any]]:
 
 async def test_a_new_node_takes_blocks_where_there_are_some_and_a_snapshot_where_there_are_none(tmp_path: Path) -> None:
     network = NetworkUnderTest(tmp_path / "network", nodes=4)
-    for name in ("node-1", "node-2"):
-        keep_few_blocks(network, name)
     try:
         await network.start()
         await make_blocks(network, BLOCKS_COUNT)
-        await _wait_pruned(network, "node-1")
+        for name in ("node-1", "node-2"):
+            await run_command(network, "prune", name, "--keep", str(KEPT_COUNT))
 
         network.cluster.stop("node-4")
         forget_chain(network, "node-4")
@@ -111,13 +105,6 @@ async def test_a_new_node_takes_blocks_where_there_are_some_and_a_snapshot_where
         await assert_same(network, "node-2", "node-3", "node-4")
     finally:
         await network.close()
-
-
-async def _wait_pruned(network: NetworkUnderTest, name: str) -> None:
-    deadline = time.monotonic() + FINAL_TIMEOUT_S
-    while (await network.status(name))["earliest_height"] < BLOCKS_COUNT - 2 * KEPT_COUNT:
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.1)
 
 
 async def test_a_custodian_is_restored_from_a_snapshot_of_another_node_that_runs(

@@ -61,7 +61,9 @@ async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
         await Consenting(wallet).give(["demo"], ["depth"])
         folder = tmp_path / "robot"
         identity = create_identity(folder)
-        await register_robot(folder, identity, desk.issue("0BADF00D", "robot"), genesis)
+        code = desk.issue("0BADF00D", "robot")
+        first, again = [await register_robot(folder, identity, code, genesis) for _ in "12"]
+        assert (len(first.txid), again.txid, again.member) == (32, b"", first.member), "twice is harmless"
         sealed, rows = await desk.make_roster(identity.identity.public_key)
         (folder / "roster.sealed").write_bytes(sealed)
         options = ReplayOptions(
@@ -71,6 +73,7 @@ async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
             events=folder / "events.jsonl",
             at_once=False,
             real_time=True,
+            approver=network.approver,
         )
         progress = _Progress(wallet)
         summary = await replay_recording(folder, BagSource(bag), genesis, options, progress)
@@ -79,7 +82,7 @@ async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
         (choice,) = (await Consenting(wallet).choices()).rows
         reports = await wallet.records()
         idle = await Consenting(wallet).withdraw([], [])
-        again = await Consenting(wallet).give(["demo"], ["depth"])
+        anew = await Consenting(wallet).give(["demo"], ["depth"])
 
     frames = summary["frames"]
     assert rows == summary["roster_rows"] == 1
@@ -88,7 +91,7 @@ async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
     assert frames["withheld_reasons"]["no-consent"] > 0
     assert (choice.holds, choice.last.status, choice.last.height) == (False, "withdrawn", word.from_height)
     assert _frame_count(reports) == frames["kept"]
-    assert (idle.count, again.count) == (0, 1), "who has seen her own no final gives again at once"
+    assert (idle.count, anew.count) == (0, 1), "who has seen her own no final gives again at once"
     taken_ms = [entry.metadata.ended_at_ms for report in reports for entry in report.records]
     assert taken_ms
     assert max(taken_ms) < choice.last.since_ms, "nothing of her was taken at or after the moment of her word"

@@ -24,7 +24,8 @@ async def test_ctrl_c_ends_a_live_run_with_everything_sealed_recorded_and_closed
     async with killed_robot(network, tmp_path) as robot:
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "network.cli.main", "robot", "--robot-dir", str(robot.robot.parent)),
-            *("--genesis", str(tmp_path / "genesis.json"), "run", "--scenario", str(tmp_path / SCENE_FILE)),
+            *("--genesis", str(network.folder / "genesis.json"), "run", "--scenario", str(tmp_path / SCENE_FILE)),
+            *robot.approved,
             *("--purpose", PURPOSE, "--json"),
             cwd=ROOT,
             env={**os.environ, "BLOCKROBOT_HOME": str(tmp_path)},

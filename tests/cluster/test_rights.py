@@ -84,6 +84,7 @@ class Ward:
             events=self.folder / "events.jsonl",
             at_once=True,
             real_time=False,
+            approver=self.network.approver,
         )
         summary = await replay_recording(self.robot, BagSource(self.bag), self.genesis, options, nobody)
         await self.told_everywhere()

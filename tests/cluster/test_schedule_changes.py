@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from clients.sdk import NetworkClient
@@ -69,11 +70,11 @@ async def _wait_epoch(network: NetworkUnderTest, number: int, names: list[str]) 
             await asyncio.sleep(0.05)
 
 
-async def _check_everywhere(network: NetworkUnderTest, txids: list[bytes]) -> None:
-    """Each acknowledged transaction stands in the same block on every node, and every node proves its receipt."""
+async def _check_everywhere(network: NetworkUnderTest, txids: list[bytes], names: Sequence[str] = ()) -> None:
+    """Each acknowledged transaction stands in the same block on these nodes (or all), each of which proves its receipt."""
     for txid in txids[:: max(1, len(txids) // 25)]:
-        assert len({await network.block_id(name, txid) for name in network.names}) == 1
-    for name in network.names:
+        assert len({await network.block_id(name, txid) for name in names or network.names}) == 1
+    for name in names or network.names:
         async with NetworkClient(network.genesis, {name: network.genesis.node(name).api_url}) as client:
             receipts = [await client.wait_final(txid) for txid in (txids[0], txids[-1])]
             assert receipts[0].height <= receipts[1].height
@@ -124,3 +125,29 @@ async def test_settings_change_while_a_node_is_away_and_it_comes_back_into_the_n
     assert (await network.status("node-1"))["epoch"] == 2
     await network.finalize("node-3", network.transaction())
     await _check_everywhere(network, load.acknowledged)
+
+
+async def test_a_producer_that_was_taken_out_speaks_of_every_epoch_and_moves_nobody(network: NetworkUnderTest) -> None:
+    """Its node's certificate still counts; its producer key signs as of its old seat, in epochs over, present and far."""
+    honest = ["node-1", "node-2", "node-3"]
+    organisations, removed = Organisations(network), network.genesis.node("node-4")
+    await network.finalize("node-1", network.transaction())
+    await organisations.remove_own(1, removed.producer_key)
+    await _wait_epoch(network, 1, network.names)
+    await asyncio.to_thread(network.cluster.kill, "node-4")
+    network.cluster.start("node-4", behaviour="wrong-epochs", seed=5)
+    await network.cluster.wait_answering("node-4")
+    load = Load(network, honest)
+    await asyncio.sleep(2.0)
+    await organisations.decide("settings", ["base_timeout_ms", 400])
+    await _wait_epoch(network, 2, honest)
+    await asyncio.sleep(2.0)
+    gap_s = await load.end()
+    for name in honest:
+        status = await network.status(name)
+        assert (status["epoch"], status["silent"]) == (2, None), name
+    async with NetworkClient(network.genesis) as client:
+        state = await client.state_values([EPOCH_KEY], network.registrar)
+    assert removed.producer_key not in state.values[EPOCH_KEY]["producers"]
+    await _check_everywhere(network, load.acknowledged, honest)
+    assert gap_s < GAP_MAX_S, f"nothing was acknowledged for {gap_s:.2f} s"

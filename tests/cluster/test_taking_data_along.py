@@ -73,6 +73,7 @@ async def _record(network: NetworkUnderTest, wallet: Wallet, folder: Path) -> No
         events=robot / "events.jsonl",
         at_once=False,
         real_time=True,
+        approver=network.approver,
     )
     summary = await replay_recording(robot, BagSource(bag), genesis, options, lambda figures, *, last=False: None)
     assert summary["frames"]["kept"] > 0

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clients.robot.events import Facing, Sighting
+from clients.robot.hiding.match_evidence import DISTANCE_LOG_ODDS_MIN
 from clients.robot.hiding.matcher import BIND_LOG_ODDS, UNBIND_LOG_ODDS, Matcher
 from clients.robot.hiding.tracking import Track
 
@@ -111,7 +114,38 @@ def test_what_is_bound_is_likelier_than_not_and_what_passes_the_threshold_is_bou
     matcher = weigh(tracks, readings)
     odds, mine = matcher.log_odds("tag"), bound(matcher, tracks)
     assert all(odds[number] >= UNBIND_LOG_ODDS for number in mine)
-    assert {number for number, value in odds.items() if value >= BIND_LOG_ODDS} <= mine
+    speak = {number for number in odds if says(matcher, number) >= DISTANCE_LOG_ODDS_MIN}
+    assert {number for number, value in odds.items() if value >= BIND_LOG_ODDS} & speak <= mine
+
+
+def says(matcher: Matcher, number: int) -> float:
+    """Return what the distances alone say for a track."""
+    evidence = matcher.explain("tag", [number])
+    assert evidence is not None
+    return evidence.distance_log_odds
+
+
+stated_sigmas_m = st.one_of(st.floats(0.01, 2.0), st.floats(2.0, 1e6))
+
+
+@settings(deadline=None, max_examples=100)
+@given(scenes(), st.sampled_from([100.0, 1000.0]), stated_sigmas_m)
+def test_distances_in_a_wrong_unit_bind_nobody_whatever_error_is_stated(scene, factor, sigma_m) -> None:
+    tracks, readings = scene
+    wrong = [
+        replace(r, facing=Facing.FRONT, distance_m=r.distance_m * factor, sigma_m=sigma_m)
+        for r in readings
+        if r.distance_m is not None
+    ]
+    assert bound(weigh(tracks, wrong, stepwise=True), tracks) == set()
+
+
+@settings(deadline=None, max_examples=50)
+@given(scenes(), st.floats(10.0, 1e6))
+def test_distances_that_say_nothing_are_as_none(scene, sigma_m) -> None:
+    tracks, readings = scene
+    vague = [replace(r, facing=Facing.FRONT, sigma_m=sigma_m if r.distance_m else None) for r in readings]
+    assert bound(weigh(tracks, vague, stepwise=True), tracks) == set()
 
 
 @settings(deadline=None, max_examples=30)

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from contracts.execution.call_host import CallHost
-from contracts.kit.chain import watched_stack
+from contracts.kit.engine import watched_stack
 from contracts.kit.recorder import Recorder
 from contracts.state.view import MemoryState
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke

@@ -60,7 +60,7 @@ class LiveRobot:
         """A live run, which listens already."""
         process = await self._start(
             *("run", *self._source, "--topics", str(self._topics), "--viewpoint", VIEWPOINT),
-            *("--purpose", PURPOSE, "--json"),
+            *("--purpose", PURPOSE, "--json", *self.robot.approved),
         )
         try:
             await self.until_it_says(process, '"progress"')
@@ -96,7 +96,7 @@ class LiveRobot:
         home = self.folder / "home"
         return await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "network.cli.main", "robot", "--robot-dir", str(self.robot.robot.parent)),
-            *("--genesis", str(self.folder / "genesis.json"), *arguments),
+            *("--genesis", str(self.robot.network.folder / "genesis.json"), *arguments),
             cwd=ROOT,
             env={**self._environment, "HOME": str(home), "TMPDIR": str(home), "BLOCKROBOT_HOME": str(self.folder)},
             stdout=asyncio.subprocess.PIPE,

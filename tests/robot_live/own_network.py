@@ -1,6 +1,7 @@
 """Runs a test in a network of its own, which has nothing but a loopback interface: middleware may bind what it likes there.
 
 A thread leaves the machine's network, and what it starts is where it is. Must never fall back to the machine's.
+Shared memory is its own too: Fast DDS numbers its queues in /dev/shm by ports, which two networks both have.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 WAY_OUT = "make test ROS2=none"
-_CLONE_NEWNET = 0x4000_0000
+_CLONE_NEWNS, _CLONE_NEWNET = 0x2_0000, 0x4000_0000
+_MS_REC_PRIVATE = 0x4000 | 0x4_0000
+_SHARED_MEMORY = b"/dev/shm"
 _SIOCSIFFLAGS = 0x8914
 _UP_LOOPBACK_RUNNING_MULTICAST = 0x1 | 0x8 | 0x40 | 0x1000
 
@@ -45,10 +48,14 @@ def run_in_own_network(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 def _leave_the_network() -> None:
     library = ctypes.CDLL(None, use_errno=True)
-    if library.unshare(_CLONE_NEWNET) != 0:
+    if (
+        library.unshare(_CLONE_NEWNET | _CLONE_NEWNS) != 0
+        or library.mount(None, b"/", None, _MS_REC_PRIVATE, None) != 0
+        or library.mount(b"tmpfs", _SHARED_MEMORY, b"tmpfs", 0, None) != 0
+    ):
         why = os.strerror(ctypes.get_errno())
         raise NoOwnNetworkError(
-            f"Tests of ROS 2 need a network of their own, and unshare(CLONE_NEWNET) says: {why}.\n"
+            f"Tests of ROS 2 need a network and a /dev/shm of their own, and the system says: {why}.\n"
             "Next step: run them as root, or where users may have namespaces as\n"
             "  unshare --map-root-user make test\n"
             f"or leave them out (they are counted at the end):\n  {WAY_OUT}"

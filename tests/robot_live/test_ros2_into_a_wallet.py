@@ -73,7 +73,7 @@ async def record_viewpoint(live: LiveRobot, graph: Ros2Graph, empty: Path) -> No
     drivers = await graph.talk(scene=str(empty), rate=10, seconds=60, tags="ward", reads_per_s=2, wait=False)
     draft = live.folder / "draft.toml"
     listed, _ = await asyncio.gather(
-        live.do("topics", "--source", "ros2", "--draft", str(draft)), live.approve_viewpoint()
+        live.do("topics", "--source", "ros2", "--seconds", "10", "--draft", str(draft)), live.approve_viewpoint()
     )
     drivers.terminate()
     await drivers.wait()

@@ -21,7 +21,7 @@ os.execv(sys.executable, [sys.executable, "-m", "tests.robot_live.ros2_wheels"])
 def test_without_the_right_to_a_network_of_its_own_the_way_out_is_named() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_RIGHTS], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert "need a network of their own" in done.stderr
+    assert "need a network and a /dev/shm of their own" in done.stderr
     assert "unshare --map-root-user make test" in done.stderr
     assert "make test ROS2=none" in done.stderr
     assert "Traceback" not in done.stderr

@@ -32,6 +32,7 @@ topic = "/rfid/sightings"
 epc = "epc"
 distance = "range_m"
 distance_sigma = 0.1
+distance_unit = "m"
 """
 WARD_DEFINED = WARD + '[definitions]\n"ward_msgs/msg/Tag" = "std_msgs/Header header\\nstring epc\\nfloat32 range_m"\n'
 

@@ -14,6 +14,7 @@ from consensus.primitives.hashing import sha256
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import MSGPACK, Intruder, nothing_changes
 from tests.security.ward import Ward
+from tests.unit.consensus.records.test_png import picture
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -31,18 +32,40 @@ async def test_an_empty_frame_must_have_the_hash_that_names_it(network: NetworkU
     token = await intruder.session(ward.robot.identity)
     content, kind = b"an empty corridor", {"Content-Type": "application/octet-stream"}
     path = "/v1/backgrounds/" + sha256(content).hex()
+    await ward.approve(network.approver, content)
     async with nothing_changes(network):
         for other in (b"", content + b"\x00", b"another corridor"):
             await _put(intruder, "UPLOAD_HASH_MISMATCH", path, other, token, **kind)
+        await _put(intruder, "BACKGROUND_NOT_A_PICTURE", path, content, token, **kind)
         await intruder.refused("NOT_FOUND", "GET", path, headers=token)
+
+
+async def test_a_picture_is_taken_of_the_robot_for_which_it_is_approved_and_of_no_other(
+    network: NetworkUnderTest, intruder: Intruder
+) -> None:
+    """A robot's key alone puts nothing into the clear: neither what nobody looked at nor what another may publish."""
+    mine, theirs = Ward(intruder), Ward(intruder)
+    await mine.enrol(mine.robot, "robot")
+    await theirs.enrol(theirs.robot, "robot")
+    content, kind = picture(2, 2, b"\x00\x00\x01\x00\x02" * 2), {"Content-Type": "application/octet-stream"}
+    path, refused = f"/v1/backgrounds/{sha256(content).hex()}", "EMPTY_FRAME_NOT_APPROVED"
+    tokens = [await intruder.session(ward.robot.identity) for ward in (mine, theirs)]
+    await _put(intruder, refused, path, content, tokens[0], **kind)
+    await mine.approve(network.approver, content)
+    await _put(intruder, refused, path, content, tokens[1], **kind)
+    assert (await intruder.ask("PUT", path, data=content, headers=tokens[0] | kind))[0] == 200
+    robot, digest = mine.robot.identity.public_key, sha256(content)
+    await mine.must(network.approver, "records", "withdraw_empty_frames", robot, [digest])
+    await _put(intruder, refused, path, content, tokens[0], **kind)
+    await intruder.refused("NOT_FOUND", "GET", path, headers=tokens[0])
 
 
 async def test_uploads_of_another_form_are_refused(network: NetworkUnderTest, intruder: Intruder) -> None:
     ward = Ward(intruder)
-    await ward.enrol(ward.robot, "robot")
+    await ward.open()
     token = await intruder.session(ward.robot.identity)
     good = ward.clip().upload
-    path = f"/v1/clips/{good.record_id.hex()}"
+    path = f"/v1/clips/{good.record_id.hex()}?owner={good.owner.hex()}"
     wrong = [
         {"ciphertexts": good.ciphertexts[:1]},
         {"ciphertexts": [], "sealed_keys": [], "commitment_leaves": []},
@@ -54,6 +77,7 @@ async def test_uploads_of_another_form_are_refused(network: NetworkUnderTest, in
         {"valid_until_ms": 1 << 60},
         {"record_id": secrets.token_bytes(16)},
         {"record_id": b""},
+        {"owner": secrets.token_bytes(33)},
     ]
     async with nothing_changes(network):
         for changes in wrong:
@@ -61,7 +85,13 @@ async def test_uploads_of_another_form_are_refused(network: NetworkUnderTest, in
             await _put(intruder, "UPLOAD_INVALID", path, encode(upload), token)
         for content in (b"", b"\x93", encode(good)[:-1], b"\x91" * 50_000):
             await _put(intruder, "ENCODING_INVALID", path, content, token)
-        await _put(intruder, "ENCODING_NOT_CANONICAL", path, b"\xdc\x00\x06" + encode(good)[1:], token)
+        await _put(
+            intruder,
+            "ENCODING_NOT_CANONICAL",
+            path,
+            b"\xdc\x00" + bytes([encode(good)[0] & 15]) + encode(good)[1:],
+            token,
+        )
         await _put(
             intruder, "TRANSACTION_EXPIRED", path, encode(msgspec.structs.replace(good, valid_until_ms=1)), token
         )
@@ -69,13 +99,13 @@ async def test_uploads_of_another_form_are_refused(network: NetworkUnderTest, in
 
 async def test_a_second_clip_under_the_same_name_does_not_replace_the_first(intruder: Intruder) -> None:
     ward = Ward(intruder)
-    await ward.enrol(ward.robot, "robot")
+    await ward.open()
     token = await intruder.session(ward.robot.identity)
     first = ward.clip()
     assert (await ward.upload(first.upload, intruder.node, token))[0] == 200
     assert (await ward.upload(first.upload, intruder.node, token))[0] == 200
     second = ward.clip(record_id=first.upload.record_id)
-    path = f"/v1/clips/{first.upload.record_id.hex()}"
+    path = f"/v1/clips/{first.upload.record_id.hex()}?owner={first.upload.owner.hex()}"
     await _put(intruder, "UPLOAD_CONFLICT", path, encode(second.upload), token)
 
 

@@ -174,7 +174,7 @@ async def test_nothing_secret_is_in_any_answer_or_log_line(house: House, caplog:
         wish = {"records": ids[:1], "with": doctor.store.content.handle.hex(), "purpose": "care"}
         wish |= {"until_ms": house.ward.chain.time_ms + WEEK_MS, "passphrase": PASSPHRASE}
         for path, body in (
-            ("/api/clips", {"records": ids, "verify": True}),
+            ("/api/clips", {"records": ids}),
             ("/api/shares", wish),
             ("/api/shares", wish | {"passphrase": "a secret that was mistyped"}),
             ("/api/exports", {"now": True, "passphrase": PASSPHRASE}),

@@ -11,6 +11,7 @@ from nacl.public import PrivateKey as SealingKey
 from clients.sdk.enrolment import NewMember
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.encoding import encode
+from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
 from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, frame_commitment
@@ -79,6 +80,11 @@ class Ward:
             self.robot.identity, "records", "open_visit", keys.owner, keys.ephemeral, keys.view_tag, _bucket(), "demo"
         )
 
+    async def approve(self, approver: PrivateKey, *contents: bytes) -> None:
+        """Have empty frames of this robot approved by a person of its organisation."""
+        robot = self.robot.identity.public_key
+        await self.must(approver, "records", "approve_empty_frames", robot, [sha256(content) for content in contents])
+
     async def must(self, key: PrivateKey, contract: str, entry: str, *arguments: Any) -> Transaction:
         call = self.intruder.call(key, contract, entry, *arguments)
         receipt = await self.intruder.final(call)
@@ -98,6 +104,7 @@ class Ward:
             "ciphertexts": [seal_frame(key, secrets.token_bytes(24), record_id, i, text) for i, (key, text) in pairs],
             "sealed_keys": [seal_data_key(bytes(self.patient.sealing.public_key), key) for key in data_keys],
             "commitment_leaves": [frame_commitment(key, index, text) for index, (key, text) in pairs],
+            "owner": self.owner.public_key,
         }
         return Clip(ClipUpload(**(fields | changes)), data_keys, plaintexts)
 
@@ -124,7 +131,7 @@ class Ward:
     async def upload(self, upload: ClipUpload, custodian: str, token: dict[str, str]) -> tuple[int, bytes]:
         status, _, body = await self.intruder.ask(
             "PUT",
-            f"/v1/clips/{upload.record_id.hex()}",
+            f"/v1/clips/{upload.record_id.hex()}?owner={upload.owner.hex()}",
             data=encode(upload),
             headers=token | {"Content-Type": MSGPACK},
             node=custodian,

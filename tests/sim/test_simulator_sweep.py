@@ -31,3 +31,13 @@ def test_hundreds_of_seeds_keep_every_promise(nodes: int, byzantine: int, seeds:
     total = sweep([plan_of(seed, nodes, 200, byzantine) for seed in range(1_000, 1_000 + seeds)])
     assert [str(violation) for result in total.failed for violation in result.violations] == []
     assert total.seeds == seeds
+
+
+def test_workers_play_the_same_histories_as_one_process_does() -> None:
+    """A worker is sent its plans; crashes now, which are the default, are among them."""
+    plans = [plan_of(seed, 4, 10, seed % 2) for seed in range(40, 60)]
+    assert any(fault.kind == "crash" and fault.point == "now" for plan in plans for fault in plan.faults)
+    alone, shared = sweep(plans, workers=1), sweep(plans, workers=2)
+    assert alone.traces == shared.traces
+    assert alone.trace == shared.trace
+    assert len(set(alone.traces.values())) == len(plans)

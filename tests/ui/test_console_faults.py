@@ -11,12 +11,14 @@ from typing import Any
 
 import aiohttp
 import pytest
+from click.testing import CliRunner
 from playwright.async_api import Page, Request, expect
 
+from network.cli.main import main
 from network.console.looking import parse_counts
 from network.faults.control import FaultControl
 from network.faults.plan import STEP_FIELDS
-from node.config import OPERATOR_HOST
+from node.config import OPERATOR_HOST, reading_headers
 from tests.cluster.test_membership import until
 from tests.ui.console_page import LONG_MS, choose, expect_cell, expect_done, expect_state, expect_told, open_healed
 from tests.ui.console_under_test import ConsoleUnderTest
@@ -58,8 +60,9 @@ async def clock_off_ms(console: ConsoleUnderTest, name: str) -> int:
 
 async def arrived(console: ConsoleUnderTest, name: str, peer: str) -> int:
     """How many frames a node has had from a peer, by its own count."""
-    url = f"http://{OPERATOR_HOST}:{console.network.cluster.config(name).operator_port}/metrics"
-    async with aiohttp.ClientSession() as session, session.get(url) as response:
+    config = console.network.cluster.config(name)
+    url = f"http://{OPERATOR_HOST}:{config.operator_port}/metrics"
+    async with aiohttp.ClientSession(headers=reading_headers(config)) as session, session.get(url) as response:
         counts = parse_counts(await response.text())
     return sum(frames for (sender, way, _), (frames, _) in counts.items() if (sender, way) == (peer, "received"))
 
@@ -454,8 +457,17 @@ async def test_a_liar_who_contradicts_itself_is_seen_suspended_and_stays_so_when
         await open_healed(console, page)
         await let_lie(page, "node-4", ["equivocate"], 7)
         await expect_told(page, "On at node-4: byzantine: equivocate.")
+        await expect(page.get_by_text("A node lies")).to_be_visible()
         await expect_told(page, "node-4 is suspended since height")
+        await expect_told(page, "node-4 contradicted itself, say ")
         await expect_state(page, "node-4", "suspended")
+        said = (
+            await asyncio.to_thread(CliRunner().invoke, main, ["status", "--dir", str(console.network.folder)])
+        ).output
+        assert re.search(r"node-4 \W+suspended", said)
+        assert "node-4 was told to lie (equivocate)" in said
+        assert re.search(r"node-1.* say that\s+node-4\s+contradicted\s+itself", said)
+        assert await page.get_by_text("All is well").count() == 0
         status = await console.network.status("node-1")
         told = await until(console.network, "node-4", lambda status: status["suspended_height"] is not None)
         assert 0 < told["suspended_height"] <= status["finalized_height"]
@@ -463,6 +475,7 @@ async def test_a_liar_who_contradicts_itself_is_seen_suspended_and_stays_so_when
         await expect_told(page, "Off at node-4: byzantine: equivocate.")
         await expect_cell(page, "node-4", "faults", "-")
         await expect_state(page, "node-4", "suspended")
+        await expect(page.get_by_text("A node is suspended")).to_be_visible()
         await page.goto("about:blank")
     finally:
         await console.close()

@@ -232,6 +232,20 @@ def test_wrong_words_are_refused_and_make_nothing(tmp_path: Path, words: str) ->
     assert list(tmp_path.rglob("*.wallet")) == []
 
 
+def test_words_that_are_typed_wrong_are_asked_for_again(tmp_path: Path) -> None:
+    right = "abandon " * 23 + "art"
+    typed = at_terminal(tmp_path, "restore", "--fast-passphrase")
+    for wrong, sentence in (("abandon " * 23, "There are 23 words"), ("zebro " + "abandon " * 23, "number 1.")):
+        typed.expect("The 24 words: ")
+        typed.sendline(wrong)
+        typed.expect(sentence)
+    typed.expect("The 24 words: ")
+    typed.sendline(right)
+    type_passphrase(typed)
+    typed.expect("records")
+    assert typed.ended() == 0
+
+
 def test_new_words_of_a_change_are_wiped_too_and_ctrl_c_says_that_they_wait(home: Path) -> None:
     file = home / "wallets" / "default.wallet"
     store = Keystore.open(file, "tea and lemon cake")

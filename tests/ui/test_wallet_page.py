@@ -11,6 +11,7 @@ from pathlib import Path
 
 from playwright.async_api import Page, expect
 
+from consensus.records.metadata import NOTICE_SENSOR
 from network.demo.tampering import flip_stored_byte
 from node.offchain.sqlite_store import DATABASE_FILE_NAME
 from tests.ui.accessible import find_accessibility_faults
@@ -79,7 +80,9 @@ async def test_she_opens_it_by_the_file_watches_what_was_recorded_and_sees_a_gre
         await page.get_by_role("button", name="Write this finding").click()
         await expect(page.locator(".seal")).to_contain_text("This finding stands in block", timeout=SETTLED_MS)
         await go(page, "story")
-        await expect(page.locator(".story").first).to_contain_text("You checked it: it is as the robot took it.")
+        await expect(page.locator(".story").first).to_contain_text(
+            "You checked 6 recordings: they are as the robot took them."
+        )
         await expect(page.locator(".story").last).to_contain_text("A robot met you and began to record")
         assert await find_accessibility_faults(page, by_keyboard=False) == []
 
@@ -193,6 +196,10 @@ async def test_consent_shows_the_notice_first_and_a_no_is_one_press(
     async with serve_wallet(recorded_network) as served:
         await open_page(page, served)
         await go(page, "consent")
+        there = len([entry for entry in recorded_network.records if entry.metadata.sensor != NOTICE_SENSOR])
+        await expect(page.locator(".earlier")).to_contain_text(f"{there} recording")
+        await expect(page.locator(".earlier")).to_contain_text("from before")
+        await expect(page.locator("#main")).not_to_contain_text("no robot records you.")
         yes = page.get_by_role("button", name="Yes: Microphone, Care and treatment")
         no = page.get_by_role("button", name="No: Microphone, Care and treatment")
         await expect(yes).to_be_disabled()

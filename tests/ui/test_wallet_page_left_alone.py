@@ -123,7 +123,7 @@ async def test_a_wrong_handle_is_answered_without_naming_a_command(shown: Shown,
         await page.get_by_label("With whom?").fill(wanted)
         await page.get_by_role("button", name="See what that means").click()
         told = page.get_by_role("alert")
-        await expect(told).to_contain_text("A handle has 64 letters and digits", timeout=SOON_MS)
+        await expect(told).to_contain_text("A handle begins with brh1, or has 64 letters and digits", timeout=SOON_MS)
         assert "blockrobot" not in await told.inner_text()
 
 

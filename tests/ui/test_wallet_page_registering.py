@@ -6,9 +6,12 @@ import re
 from pathlib import Path
 
 import msgspec
+from PIL import Image
 from playwright.async_api import Page, expect
 
+from clients.registrar.card_sheet import qr_text
 from clients.sdk import NetworkClient
+from clients.sdk.qr_codes import qr_svg
 from consensus.genesis import genesis_from_json
 from consensus.primitives.keys import PrivateKey
 from network.demo_notice import DEMO_ORGANISATION, demo_notice
@@ -17,6 +20,7 @@ from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, serve_wallet
 from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Watch
+from tests.unit.clients.sdk.test_qr_codes import drawn, packed
 from tests.walking_alone import UID
 
 
@@ -35,6 +39,50 @@ def named_block(words: str) -> int:
     found = re.search(r"[Bb]lock (\d+)", words)
     assert found is not None, words
     return int(found[1])
+
+
+async def read_from_pictures(page: Page, code: str, folder: Path) -> None:
+    """A file that is no picture, one without a code, and a photograph of the card."""
+    choose, letters = page.get_by_label("Read it from a picture"), page.get_by_label("Code on your card")
+    await letters.fill("")
+    (folder / "letter.png").write_bytes(b"no picture")
+    (folder / "wall.png").write_bytes(packed(Image.new("L", (300, 300), 200)))
+    (folder / "card.jpg").write_bytes(packed(drawn(qr_svg(qr_text(code)), 9), "JPEG"))
+    await choose.set_input_files(folder / "letter.png")
+    await expect(page.locator("#main [role=alert]")).to_have_text(
+        "This file is no picture. Choose a photograph of the card."
+    )
+    await choose.set_input_files(folder / "wall.png")
+    await expect(page.locator("#main [role=alert]")).to_contain_text("no QR code in the picture")
+    await expect(letters).to_have_value("")
+    await choose.set_input_files(folder / "card.jpg")
+    await expect(letters).to_have_value(qr_text(code))
+    await expect(page.locator(".notice-words")).to_contain_text("Demonstration Hospital")
+
+
+async def read_by_camera(page: Page, code: str) -> None:
+    """Hold the card before a camera, whose pictures a canvas gives; it is off once the code is read."""
+    await page.evaluate(_CAMERA, list(packed(drawn(qr_svg(qr_text(code)), 6))))
+    await page.get_by_role("button", name="Read it with the camera").click()
+    await expect(page.get_by_label("Code on your card")).to_have_value(qr_text(code), timeout=SETTLED_MS)
+    await expect(page.locator(".notice-words")).to_contain_text("Demonstration Hospital")
+    assert await page.evaluate("() => window.cameraTracks.every((track) => track.readyState === 'ended')")
+    assert await page.locator("video").count() == 0
+
+
+_CAMERA = """async (bytes) => {
+  const picture = await createImageBitmap(new Blob([new Uint8Array(bytes)]));
+  const canvas = document.createElement('canvas');
+  [canvas.width, canvas.height] = [picture.width, picture.height];
+  const paint = () => canvas.getContext('2d').drawImage(picture, 0, 0);
+  setInterval(paint, 100);
+  navigator.mediaDevices.getUserMedia = async ({ video }) => {
+    paint();
+    const stream = canvas.captureStream(10);
+    window.cameraTracks = stream.getTracks();
+    return video ? stream : null;
+  };
+}"""
 
 
 async def test_she_registers_is_told_first_says_yes_and_watches_the_first_recording_come_in(
@@ -66,9 +114,8 @@ async def test_she_registers_is_told_first_says_yes_and_watches_the_first_record
             await page.get_by_label("Code on your card").fill("BR1-ANOTHER")
             assert await register.count() == 0, "what she was told is of another code"
             assert await page.locator(".notice-words").count() == 0
-            await page.get_by_label("Code on your card").fill(code)
-            await page.keyboard.press("Enter")
-            await expect(page.locator(".notice-words")).to_contain_text("Demonstration Hospital")
+            await read_by_camera(page, code)
+            await read_from_pictures(page, code, tmp_path)
             await publish_another_notice(network)
             await register.click()
             await confirm_with(page, network.passphrase)

@@ -1,0 +1,40 @@
+"""Mutants of what a node does before it computes: cheap checks first, and no source for long."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from consensus.transaction import Transaction
+from node import intake
+from node.mempool import Mempool
+from tests.sim.mutants.mutant import Mutant
+from tests.sim.mutants.schedules import EXPIRED_FLOOD
+
+EVERYTHING_US = 10**9
+
+
+def check_signatures_first(patch: pytest.MonkeyPatch) -> None:
+    """Signatures are checked before anything else, also of what is long over, and all that a source sent at once."""
+    require_timely = Mempool._require_timely
+
+    def require(self: Mempool, transaction: Transaction, now_ms: int) -> None:
+        with contextlib.suppress(BlockRobotError):
+            transaction.verify_sender()
+        require_timely(self, transaction, now_ms)
+
+    patch.setattr(Mempool, "_require_timely", require)
+    patch.setattr(intake, "SLICE_MAX_US", EVERYTHING_US)
+
+
+FLOODING = (
+    Mutant(
+        "check signatures first",
+        "cheap first",
+        check_signatures_first,
+        EXPIRED_FLOOD,
+        frozenset({"finality_under_flood"}),
+    ),
+)
