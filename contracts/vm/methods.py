@@ -99,13 +99,13 @@ def _find(runtime: Runtime, text: Any, part: Any) -> int:
 
 @_method((str, bytes), "count", "part")
 def _count(runtime: Runtime, text: Any, part: Any) -> int:
-    charge_search(runtime, text, _same(text, part, "count"))
+    charge_search(runtime, text, _same(text, part, "count"), every=True)
     return int(text.count(part))
 
 
 @_method((str, bytes), "replace", "old new")
 def _replace(runtime: Runtime, text: Any, old: Any, new: Any) -> Any:
-    charge_search(runtime, text, _same(text, old, "replace"), times=3)
+    charge_search(runtime, text, _same(text, old, "replace"), times=3, every=True)
     _same(text, new, "replace")
     hits = text.count(old)
     runtime.charge(10 + (hits >> (5 if type(text) is str else 4)))
@@ -118,7 +118,7 @@ def _replace(runtime: Runtime, text: Any, old: Any, new: Any) -> Any:
 def _split(runtime: Runtime, text: Any, separator: Any = MISSING) -> list[Any]:
     if separator is MISSING:
         separator = " " if type(text) is str else b" "
-    charge_search(runtime, text, _same(text, separator, "split"), times=2)
+    charge_search(runtime, text, _same(text, separator, "split"), times=2, every=True)
     if not separator:
         raise Fault(VALUE_ERROR, "The separator is empty.")
     pieces = text.count(separator) + 1

@@ -5,6 +5,7 @@ Each repeats its one step until the gas is gone: what a step costs in time, its 
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator
 
 from network.hostile.program import SPENT, Program, body
@@ -31,6 +32,11 @@ def h2(a=[1]):
 def h4(a, b, c, d):
     return a
 """
+
+MIXED = "".join(random.Random(4).choices("ab", k=30_000))  # noqa: S311 - no secret
+MIXED_WIDTHS = "".join(random.Random(4).choices("a\xe9\u4e61\U0001f600", k=6_000))  # noqa: S311
+"""No processor foresees the next letter: what decides letter by letter takes its longest on these."""
+MIXED_CONSTANTS = f"\n\nMIXED = {MIXED!r}\nMIXED_WIDTHS = {MIXED_WIDTHS!r}\n"
 
 _STEPS: tuple[tuple[str, str, str], ...] = (
     ("pass", "", "pass"),
@@ -363,10 +369,21 @@ _WRITES: tuple[tuple[str, str], ...] = (
 )
 
 
-def _repeat(name: str, setup: str, step: str) -> Program:
+_MIXED_STEPS = (
+    "count('a')",
+    "count('ab')",
+    "replace('a', 'c')",
+    "split('a')",
+    "find('aaaaaaaac')",
+    "upper()",
+    "encode()",
+)
+
+
+def _repeat(name: str, setup: str, step: str, before: str = HELPERS) -> Program:
     lines = "\n".join([step] * _REPEATS_COUNT).replace("\n", "\n    ")
     text = f"{setup}\nwhile True:\n    {lines}"
-    return body(f"step-{name}", SPENT, text, before=HELPERS, others={"other": HOST_OTHER}, state=STATE)
+    return body(f"step-{name}", SPENT, text, before=before, others={"other": HOST_OTHER}, state=STATE)
 
 
 def _programs() -> Iterator[Program]:
@@ -375,6 +392,9 @@ def _programs() -> Iterator[Program]:
     for name, setup, step in _SIZED:
         for size in _SIZES:
             yield _repeat(f"{name}-{size}", setup.replace("N", str(size)), step.replace("N", str(size)))
+    for step in _MIXED_STEPS:
+        for constant in ("MIXED", "MIXED_WIDTHS"):
+            yield _repeat(f"{constant}.{step}", "", f"y = {constant}.{step}", MIXED_CONSTANTS)
     for name, step in _WRITES:
         yield body(f"step-state-{name}", "OK", f"x = bytes(1000)\nfor i in range(250):\n    {step}")
 

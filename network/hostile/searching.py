@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from contracts.vm.methods import METHODS
 from contracts.vm.names import CALLABLES
 from network.hostile.measuring import Price, measure_program
-from network.hostile.micro import HELPERS, HOST_OTHER, STATE
+from network.hostile.micro import HELPERS, HOST_OTHER, MIXED_CONSTANTS, STATE
 from network.hostile.program import SPENT, Program, body
 
 TRIAL_GAS = 150_000
@@ -73,6 +73,12 @@ TEXTS = (
     "'{a}' * {n} + '\\U0001f600'", "'{a}{b}{c}' * ({n} // 3)", "'{c}'", "'{a}{b}'",
 )  # fmt: skip
 BYTES = (*("b" + text.replace(" + '", " + b'") for text in TEXTS if "U0001" not in text), "bytes({n})", "u64({n})")
+MIXED_TEXTS = ("MIXED[:{n}]", "MIXED[:{n}] + '{a}'", "MIXED_WIDTHS[:{n}]")
+MIXED_BYTES = (
+    "MIXED.encode()[:{n}]",
+    "MIXED_WIDTHS.encode()[:{n}]",
+    "b''.join([sha256(u64(i)) for i in range({n} // 32)])",
+)
 INTS = ("{n}", "-{n}", "2 ** 255 + {n}", "2 ** 59 + {n}", "-(2 ** 255) + {n}", "2 ** 127 + {n}", "7", "0", "1", "3")
 ITEMS = (
     "[{n}] * {n}", "list(range({n}))", "[i * 7919 % 10007 for i in range({n})]", "[str(i) for i in range({n})]",
@@ -81,6 +87,7 @@ ITEMS = (
     "[[1, 2], [3]] * ({n} // 2)", "[{{'a': 1}}] * {n}", "[[[[[[1]]]]]] * ({n} // 4)", "[''] * {n}", "[b''] * {n}",
     "[(i, i) for i in range({n})]", "['{a}', '{b}'] * ({n} // 2)", "[[] for i in range({n})]", "[1, 2, 3]", "[{{}}] * {n}",
     "[None, True, False] * ({n} // 3)", "['{a}' * 120, '{a}' * 120] * ({n} // 2)", "[[b'{x}' * 40]] * {n}",
+    "[i * i % 65537 % 2 for i in range({n})]", "[i * i % 65537 % 2 == 0 for i in range({n})]", "['{a}{b}'[i * i % 65537 % 2] for i in range({n})]",
 )  # fmt: skip
 DICTS = (
     "{{i: i for i in range({n})}}", "{{str(i): i for i in range({n})}}", "{{u64(i): i for i in range({n})}}",
@@ -90,7 +97,7 @@ DICTS = (
 )  # fmt: skip
 HOLES = "for i in list({v})[{keep} :]:\n    del {v}[i]"
 TEMPLATES: dict[str, tuple[str, ...]] = {
-    "s": TEXTS, "b": BYTES, "i": INTS, "l": ITEMS, "t": tuple(f"tuple({items})" for items in ITEMS), "d": DICTS,
+    "s": TEXTS + MIXED_TEXTS, "b": BYTES + MIXED_BYTES, "i": INTS, "l": ITEMS, "t": tuple(f"tuple({items})" for items in ITEMS), "d": DICTS,
     "r": ("range({n})", "range(2 ** 59, 2 ** 59 + {n})", "range({n}, 0, -3)"),
 }  # fmt: skip
 TYPE_LETTERS: dict[type, str] = {str: "s", bytes: "b", int: "i", list: "l", tuple: "t", dict: "d", range: "r"}
@@ -179,7 +186,7 @@ class Genome:
         steps = "\n".join(self.steps * REPEATS_COUNT).replace("\n", "\n    ")
         return body(
             name, SPENT, f"x = 0\ny = 0\n{setup}\nwhile True:\n    {steps}",
-            before=HELPERS, others={"other": OTHER}, state=STATE,
+            before=HELPERS + (MIXED_CONSTANTS if "MIXED" in setup else ""), others={"other": OTHER}, state=STATE,
         )  # fmt: skip
 
 

@@ -120,6 +120,7 @@ ROWS: tuple[tuple[str, str, str, int], ...] = (
     ("`state.scan` | 120", "", "y = state.scan(b'k', 5)", 120),
     ("1 per write of this call", "state.put(b'k', 1)\nstate.delete(b'k')\n", "y = state.scan(b'k', 5)", 120 + 2),
     ("from 64 characters on +1 per 256 for one letter", LONG, "y = x.find('b')", 6 + 1000 // 256),
+    ("which look for all of them: per 32", LONG, "y = x.count('b')", 6 + 1000 // 32),
     ("for longer parts +1 per 32", LONG, "y = x.find('bb')", 6 + 1000 // 32),
     ("`split` searches twice", LONG, "y = x.split('bb')", 6 + 2 * (1000 // 32) + 4 + memory(TEXT + 24 + 64 + 1000)),
     ("`replace` three times", LONG, "y = x.replace('bb', '')", 6 + 3 * (1000 // 32) + 10 + memory(TEXT + 1000)),
