@@ -19,16 +19,13 @@ from network.hostile.corpus import CORPUS
 from network.hostile.measuring import GAS_LIMIT, cheapest_first, measure_all
 from network.hostile.micro import MICRO
 from network.hostile.places import PLACES
-from network.hostile.program import SPENT, Program, body
-from network.hostile.searching import SURE_ROUNDS_COUNT, confirm, measure_reliably, search
+from network.hostile.program import Program
+from network.hostile.searching import REFERENCE, SURE_ROUNDS_COUNT, confirm, measure_reliably, search
 
 RATIO_MAX = 10.0
 BLOCK_MAX_MS = ChainSettings().base_timeout_ms / 4
 """So long a block of nothing but the dearest program may take: two calls fill one."""
 PROGRAMS: tuple[Program, ...] = (*MICRO, *PLACES, *CORPUS)
-REFERENCE = body(
-    "reference", SPENT, "while True:\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass"
-)
 
 
 def measure_reference() -> float:

@@ -27,6 +27,9 @@ SURE_GAS = 250_000
 """What a call has."""
 SURE_ROUNDS_COUNT = 7
 REPORTED_COUNT = 12
+REFERENCE = body(
+    "reference", SPENT, "while True:\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass"
+)
 KEPT_COUNT = 60
 REPEATS_COUNT = 4
 SIZES = (
@@ -302,7 +305,10 @@ class Breeder:
 
 @dataclass(slots=True)
 class Search:
-    """What a search did: how many programs it made, how many of them used gas, and the dearest by what they do."""
+    """What a search did: how many programs it made, how many of them used gas, and the dearest by what they do.
+
+    A program's price is the time of a million gas in that of the reference.
+    """
 
     tried: int = 0
     counted: int = 0
@@ -318,18 +324,22 @@ def measure_reliably(program: Program, rounds: int, gas: int) -> Price | None:
     )
 
 
-def _judge(genome: Genome, number: int, beyond: float) -> float:
-    """Return seconds of a million gas, 0 if it says nothing; one that seems dear runs again before it is believed."""
+def _judge(genome: Genome, number: int, reference_s: float, beyond: float) -> float:
+    """Return the time of a million gas in that of the reference, 0 if it says nothing.
+
+    One that seems dear runs again beside the reference before it is believed: the machine may have been slow for a while.
+    """
     program = genome.program(f"found-{number}")
-    seconds = 0.0
-    for gas, rounds in ((TRIAL_GAS, 1), (TRIAL_GAS, 3)):
-        price = measure_reliably(program, rounds, gas)
-        if price is None or price.code not in ("OUT_OF_GAS", "MEMORY_BUDGET"):
-            return 0.0
-        seconds = price.seconds_per_million_gas
-        if seconds < beyond:
-            break
-    return seconds
+    first = measure_reliably(program, 1, TRIAL_GAS)
+    if first is None or first.code not in ("OUT_OF_GAS", "MEMORY_BUDGET"):
+        return 0.0
+    ratio = first.seconds_per_million_gas / reference_s
+    if ratio < beyond:
+        return ratio
+    again, beside = measure_reliably(program, 3, TRIAL_GAS), measure_reliably(REFERENCE, 3, TRIAL_GAS)
+    if again is None or beside is None:
+        return 0.0
+    return again.seconds_per_million_gas / beside.seconds_per_million_gas
 
 
 def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
@@ -339,6 +349,9 @@ def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
     assert best is not None
     gc.collect()
     gc.freeze()
+    sure = measure_reliably(REFERENCE, SURE_ROUNDS_COUNT, TRIAL_GAS)
+    assert sure is not None
+    reference_s = sure.seconds_per_million_gas
     started = told = time.process_time()
     while (spent := time.process_time() - started) < cpu_s:
         parents = [genome for _, genome in best.values()]
@@ -352,18 +365,16 @@ def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
         done.tried += 1
         known = best.get(genome.kind(), (0.0, genome))[0]
         least = min(price for price, _ in best.values()) if len(best) >= KEPT_COUNT else 0.0
-        seconds = _judge(genome, done.tried, max(known, least))
-        done.counted += seconds > 0
-        if seconds > max(known, least):
-            best[genome.kind()] = seconds, genome
+        price = _judge(genome, done.tried, reference_s, max(known, least))
+        done.counted += price > 0
+        if price > max(known, least):
+            best[genome.kind()] = price, genome
             if len(best) > KEPT_COUNT:
                 del best[min(best, key=lambda kind: best[kind][0])]
         if time.process_time() - told > 30:
             told = time.process_time()
             top = max((price for price, _ in best.values()), default=0.0)
-            tell(
-                f"{spent / 60:.1f} min of CPU time: {done.tried} programs, the dearest {top * 1000:.0f} ms a million gas"
-            )
+            tell(f"{spent / 60:.1f} min of CPU time: {done.tried} programs, the dearest {top:.1f} times the reference")
     done.cpu_s = time.process_time() - started
     return done
 
