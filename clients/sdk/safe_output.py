@@ -13,7 +13,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import IO, Any, TextIO, cast
 
-import structlog
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
@@ -25,7 +24,6 @@ MARKUP_TAGS = frozenset({"bold", "red", "green", "yellow"})
 """The tags that our own sentences use; whatever else stands in brackets is text."""
 _TAG = re.compile(r"(\\*)\[(/?)([^\[\]]*)\]")
 _ALLOWED = "\n\t"
-_OF_FAULTS = frozenset({"exc_info", "stack_info"})
 
 
 class SafeStream:
@@ -116,28 +114,6 @@ def overwrite_line(text: str = "", *, ends: bool = False) -> None:
     end = "\n" if ends else ""
     (stream.trusted if isinstance(stream, SafeStream) else stream).write(f"\r{escape_controls(text, '')}\x1b[K{end}")
     stream.flush()
-
-
-def escape_values(_logger: Any, _method: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    """Make what a log line says safe to show (a processor of structlog)."""
-    return {
-        escape_controls(name, ""): value if name in _OF_FAULTS else _escaped(value) for name, value in event.items()
-    }
-
-
-def show_log_lines_safely() -> None:
-    """Let log lines of a command go to standard error, alone and safe: what it answers goes to standard output."""
-    *first, renderer = structlog.get_config()["processors"]
-    if escape_values not in first:
-        structlog.configure(
-            processors=[*first, escape_values, renderer], logger_factory=structlog.PrintLoggerFactory(sys.stderr)
-        )
-
-
-def _escaped(value: Any) -> Any:
-    if isinstance(value, str):
-        return escape_controls(value, _ALLOWED)
-    return value if isinstance(value, int | float | bool | None) else escape_controls(repr(value), _ALLOWED)
 
 
 @contextmanager

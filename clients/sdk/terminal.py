@@ -16,18 +16,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from rich.text import Text
 
 from clients.sdk.plain_letters import is_utf8
-from clients.sdk.safe_output import SafeConsole, keep_own_tags, show_log_lines_safely, write_trusted
+from clients.sdk.safe_output import SafeConsole, keep_own_tags, write_trusted
 from consensus import exit_codes
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, genesis_from_json
 
-show_log_lines_safely()
+if TYPE_CHECKING:
+    from consensus.genesis import Genesis
 
 EXIT_FAILED = exit_codes.EXIT_FAILED
 
@@ -70,6 +70,8 @@ def _is_home(folder: Path) -> bool:
 
 def load_genesis(path: Path) -> Genesis:
     """Read a genesis file. Raises GENESIS_INVALID, also if there is none."""
+    from consensus.genesis import genesis_from_json  # noqa: PLC0415 - help needs no genesis
+
     try:
         return genesis_from_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -228,6 +230,9 @@ def plain_errors(command: F) -> F:
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> Any:
+        from clients.sdk.safe_logging import show_log_lines_safely  # noqa: PLC0415 - help needs no logging
+
+        show_log_lines_safely()
         try:
             return command(*args, **kwargs)
         except BlockRobotError as error:

@@ -13,9 +13,10 @@ import click
 from clients.sdk.counting import counted
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.breaches import Breach, Breaches, breach_json
+from clients.wallet.group_options import place_wallet, wallet_options
 from clients.wallet.lost_keys_commands import lost_keys
 from clients.wallet.officer_mandates_commands import mandates
-from clients.wallet.opening import place_wallet, reads_only, run_opened, wallet_options
+from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.rights import read_correction, write_correction
 from consensus.records.rights import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
 from pages.moments import show_moment

@@ -3,44 +3,154 @@
 How a wallet is opened: `clients.wallet.opening`; the commands about consent: `clients.wallet.consent_commands`.
 """
 
+# ruff: noqa: E501 - a table reads better in long lines
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
-from clients.wallet.auditing import AuditEntry, audit_all, records_of
-from clients.wallet.consent_commands import consent
-from clients.wallet.erase_command import erase
-from clients.wallet.erasure_status import custodian_names, erasures
-from clients.wallet.export_command import export
-from clients.wallet.guardians_commands import guardians
-from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
-from clients.wallet.keyring_command import keyring
-from clients.wallet.language import DEFAULT_LANGUAGE, language_in_use, text
-from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
-from clients.wallet.mandates_commands import mandates
-from clients.wallet.notice_commands import notice, register
-from clients.wallet.opening import place_wallet, reads_only, run_opened, wallet_options
-from clients.wallet.page.story import event_sentence
-from clients.wallet.receipts_command import receipts as kept_receipts
-from clients.wallet.records_command import records
-from clients.wallet.rights import describe_event
-from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
-from clients.wallet.rotating_commands import COMMANDS as ROTATING_COMMANDS
-from clients.wallet.serve_command import serve
-from clients.wallet.sharing_commands import COMMANDS as SHARING_COMMANDS
+from clients.sdk.lazy_group import CommandPlace
+from clients.wallet.group_options import place_wallet, wallet_options
 from clients.wallet.spoken_help import SpokenGroup
-from clients.wallet.viewing_commands import COMMANDS as VIEWING_COMMANDS
-from clients.wallet.wallet import Wallet
-from consensus.errors import BlockRobotError
-from consensus.primitives.keys import PrivateKey
-from pages.moments import show_moment
+
+_COMMANDS = {
+    "audit": CommandPlace(
+        "clients.wallet.audit_command:audit", "Show everything that happened to your records, in order."
+    ),
+    "confirm-deleted": CommandPlace(
+        "clients.wallet.inbox_commands:confirm_deleted",
+        "Tell the owner that you have deleted your copies of what was erased, ended or denied since it was shared.",
+    ),
+    "consent": CommandPlace(
+        "clients.wallet.consent_commands:consent",
+        "Give, refuse and withdraw consent to being recorded; see what you said.",
+    ),
+    "correct": CommandPlace(
+        "clients.wallet.rights_commands:correct",
+        "Say what is wrong with a visit or records. It stands beside them on the chain; nothing is changed.",
+    ),
+    "erase": CommandPlace(
+        "clients.wallet.erase_command:erase",
+        "Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.",
+    ),
+    "erasures": CommandPlace(
+        "clients.wallet.erasure_status:erasures",
+        "Show what you asked to erase, which custodians have confirmed it, and which are overdue.",
+    ),
+    "export": CommandPlace(
+        "clients.wallet.export_command:export",
+        "Take along what the network holds of you: a ZIP of pictures, JSON and proofs that anybody can check offline.",
+    ),
+    "guardians": CommandPlace(
+        "clients.wallet.guardians_commands:guardians",
+        "Let people you trust bring your wallet back together if you lose it. Without a command: who they are.",
+    ),
+    "handle": CommandPlace(
+        "clients.wallet.sharing_commands:handle",
+        "Show your own handle. Whoever is to share something with you needs it; it is no secret.",
+    ),
+    "inbox": CommandPlace(
+        "clients.wallet.inbox_commands:inbox",
+        "Show what was shared with you and what became of it since, and what is wrong with your own visits.",
+    ),
+    "keyring": CommandPlace(
+        "clients.wallet.keyring_command:keyring",
+        "Keep this wallet's passphrase in the system's keyring, or take it out again.",
+    ),
+    "leave": CommandPlace(
+        "clients.wallet.rotating_commands:leave", "End your membership. Says what stays and what goes, and asks."
+    ),
+    "lift": CommandPlace(
+        "clients.wallet.rights_commands:lift",
+        "Lift a restriction. What has outlived its time under it is erased at once.",
+    ),
+    "look": CommandPlace(
+        "clients.wallet.inbox_commands:look",
+        "Look at what was shared with you (GRANT, by `blockrobot wallet inbox`): all of it, or these records.",
+    ),
+    "mandates": CommandPlace(
+        "clients.wallet.mandates_commands:mandates",
+        "See who acts for you and what was done in your name; accept to act for somebody; end it.",
+    ),
+    "new": CommandPlace(
+        "clients.wallet.making_commands:new",
+        "Make a new wallet and show its 24 words, this once. Write them down: they are the wallet.",
+    ),
+    "notice": CommandPlace(
+        "clients.wallet.notice_commands:notice",
+        "Show what your organisation tells you about your data, and what changed since you consented.",
+    ),
+    "object": CommandPlace(
+        "clients.wallet.rights_commands:object_to",
+        "Object to a purpose: nothing more is recorded of you for it, and nothing that was is released for it.",
+    ),
+    "probe": CommandPlace(
+        "clients.wallet.audit_command:probe",
+        "Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations).",
+        hidden=True,
+    ),
+    "receipts": CommandPlace(
+        "clients.wallet.receipts_command:receipts",
+        "Show the receipts whose proofs this wallet keeps, each checked here. No node is asked: it works without a network.",
+    ),
+    "records": CommandPlace(
+        "clients.wallet.records_command:records",
+        "List what was recorded of you, proven against the chain: all, or what fits.",
+    ),
+    "register": CommandPlace(
+        "clients.wallet.notice_commands:register",
+        "Register with the CODE on your card, and consent to the purposes named, by the depth camera.",
+    ),
+    "restore": CommandPlace(
+        "clients.wallet.making_commands:restore",
+        "Make the wallet again from its 24 words. Your visits are found again on the chain.",
+    ),
+    "restrict": CommandPlace(
+        "clients.wallet.rights_commands:restrict",
+        "Keep records as they are, and let nobody but you see them, until you lift it.",
+    ),
+    "revoke": CommandPlace(
+        "clients.wallet.sharing_commands:revoke",
+        "End what you shared (GRANT: the beginning of its name, by `blockrobot wallet shares`). At once, and for good.",
+    ),
+    "rotate": CommandPlace(
+        "clients.wallet.rotating_commands:rotate",
+        "Get new words after a theft: whoever has the old ones sees, decides and erases nothing any more.",
+    ),
+    "serve": CommandPlace(
+        "clients.wallet.serve_command:serve",
+        "Open your wallet as a page in your browser, for you alone: it is served on this machine, and keys stay here.",
+    ),
+    "share": CommandPlace(
+        "clients.wallet.sharing_commands:share",
+        "Share records of one visit with a member of the staff or an officer, for a purpose and a time.",
+    ),
+    "shares": CommandPlace(
+        "clients.wallet.sharing_commands:shares",
+        "Show what you share, with whom, until when, who looked and when, and who says that copies are deleted.",
+    ),
+    "transfer": CommandPlace(
+        "clients.wallet.rotating_commands:transfer",
+        "Give visits that came late, under former words, a key of the present ones.",
+    ),
+    "verify": CommandPlace(
+        "clients.wallet.viewing_commands:verify",
+        "Check records against the chain on this machine, trusting no node, and put the verdict on the chain.",
+    ),
+    "view": CommandPlace(
+        "clients.wallet.viewing_commands:view",
+        "Fetch, check and decrypt records (all if none is named) and write them as pictures, labels and sounds.",
+    ),
+    "wrong-person": CommandPlace(
+        "clients.wallet.rights_commands:wrong_person",
+        "Say that a visit (the beginning of its name) shows somebody else. Nobody sees it from then on, you neither.",
+    ),
+}
 
 
-@click.group(cls=SpokenGroup)
+@click.group(cls=SpokenGroup, places=_COMMANDS)
 @wallet_options
 @click.pass_context
 def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: Path | None) -> None:
@@ -49,108 +159,3 @@ def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: P
     Example: blockrobot wallet new; blockrobot wallet register BR1-...; blockrobot wallet records
     """
     ctx.obj = place_wallet(profile, wallet_dir, genesis)
-
-
-for command in (
-    *MAKING_COMMANDS,
-    register,
-    records,
-    *VIEWING_COMMANDS,
-    consent,
-    mandates,
-    notice,
-    *RIGHTS_COMMANDS,
-    *SHARING_COMMANDS,
-    *INBOX_COMMANDS,
-    *ROTATING_COMMANDS,
-    export,
-    erase,
-    erasures,
-    kept_receipts,
-    guardians,
-    keyring,
-    serve,
-):
-    wallet.add_command(command)
-
-
-@wallet.command()
-@json_option
-@click.pass_context
-@plain_errors
-@reads_only
-def audit(ctx: click.Context, as_json: bool) -> None:
-    """Show everything that happened to your records, in order.
-
-    Example: blockrobot wallet audit
-    """
-
-    async def action(opened: Wallet) -> tuple[list[AuditEntry], dict[bytes, str]]:
-        return await audit_all(opened), custodian_names(opened, language_in_use())
-
-    entries, names = run_opened(ctx, action)
-    if as_json:
-        rows = [
-            {
-                "visit": entry.owner.hex(),
-                "index": entry.index,
-                "record_id": entry.record_id.hex(),
-                "kind": entry.kind,
-                "time_ms": entry.time_ms,
-                "height": entry.height,
-                "records": [record_id.hex() for record_id in records_of(entry)],
-                "detail": describe_event(entry.kind, entry.data, DEFAULT_LANGUAGE),
-            }
-            for entry in entries
-        ]
-        print_json({"ok": True, "entries": rows})
-        return
-    if not entries:
-        console.print(text("audit.nothing"))
-    for entry in entries:
-        if entry.record_id:
-            subject = text("audit.record", name=entry.record_id.hex())
-        else:
-            subject = text("audit.visit", name=entry.owner.hex()[:12])
-        block = text("audit.block", height=f"{entry.height:>5}")
-        detail = describe_event(entry.kind, entry.data)
-        about = f"{subject}; {detail}" if detail else subject
-        sentence = event_sentence(entry, names, language_in_use())
-        console.print(escape(f"{show_moment(entry.time_ms)}  {block}  {sentence} ({about})"))
-
-
-@wallet.command(hidden=True)
-@click.argument("record_id")
-@json_option
-@click.pass_context
-@plain_errors
-def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
-    """Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations).
-
-    Example: blockrobot wallet probe 3fa2c19b07de5a41b6f0c2d4e8a19377
-    """
-
-    async def action(opened: Wallet) -> dict[str, str]:
-        refusals = {}
-        for custodian in opened.network.custody.custodians:
-            for name, key in (("member", opened.keys.identity), *_own_owner(opened)):
-                try:
-                    await opened.network.custody.download_clip(custodian, bytes.fromhex(record_id), bytes(32), key)
-                except BlockRobotError as error:
-                    refusals[f"{custodian.name} as {name}"] = error.code
-                else:
-                    refusals[f"{custodian.name} as {name}"] = "RELEASED"
-        return refusals
-
-    refusals = run_opened(ctx, action)
-    if as_json:
-        print_json({"ok": True, "refusals": refusals})
-    else:
-        for name, code in refusals.items():
-            console.print(f"{name}: {code}")
-
-
-def _own_owner(opened: Wallet) -> list[tuple[str, PrivateKey]]:
-    """Return the owner key of this wallet's first visit, if it has one."""
-    visits = opened.store.content.visits
-    return [("owner of another visit", opened.owner_key(visits[0]))] if visits else []

@@ -17,18 +17,13 @@ import click
 
 from clients.sdk.terminal import (
     EXIT_FAILED,
-    Answers,
     error_console,
-    home_folder,
-    let_answer,
     load_genesis,
-    say_errors,
 )
-from clients.wallet.calling import DEFAULT_PROFILE, genesis_place
 from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
-from clients.wallet.completing import complete_profiles
+from clients.wallet.group_options import KEYRING_KEY
 from clients.wallet.keystore import Keystore
-from clients.wallet.language import LANGUAGES, WrongUsage, choose_language, say_error, text
+from clients.wallet.language import WrongUsage, text
 from clients.wallet.passphrase_sources import read_from_keyring
 from clients.wallet.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
 from clients.wallet.wallet import Wallet
@@ -39,22 +34,10 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
-_KEYRING_KEY = "blockrobot.keyring"
 _READS_ONLY_MARK = "blockrobot_reads_only"
 _LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 PASSPHRASE_TRIES_MAX_COUNT = 5
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
-
-
-def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
-    choose_language(ctx, language)
-    say_errors(ctx, say_error)
-    words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again", "declined")]
-    let_answer(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), *words[2:]))
-
-
-def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    ctx.meta[_KEYRING_KEY] = wanted
 
 
 def reads_only(command: F) -> F:
@@ -64,51 +47,6 @@ def reads_only(command: F) -> F:
     """
     setattr(command, _READS_ONLY_MARK, True)
     return command
-
-
-def wallet_options(command: F) -> F:
-    """Add the options that name a wallet and its network, to a group."""
-    place = click.Path(path_type=Path, file_okay=False)
-    file = click.Path(path_type=Path, dir_okay=False)
-    for option in (
-        click.option("--genesis", type=file, help="The network's genesis file: all that is trusted."),
-        click.option(
-            "--keyring",
-            is_flag=True,
-            envvar="BLOCKROBOT_KEYRING",
-            expose_value=False,
-            callback=_use_keyring,
-            help="Take the passphrase from the system's keyring (see `wallet keyring store`).",
-        ),
-        click.option("--wallet-dir", type=place, help="The folder of wallets (default: your own)."),
-        click.option(
-            "--language",
-            type=click.Choice(LANGUAGES),
-            expose_value=False,
-            is_eager=True,
-            callback=_speak,
-            help="What to speak (default: BLOCKROBOT_LANGUAGE, else as your system does).",
-        ),
-        click.option(
-            "--profile",
-            default=DEFAULT_PROFILE,
-            show_default=True,
-            shell_complete=complete_profiles,
-            help="Which wallet, if there are several.",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) -> tuple[Path, Path]:
-    """Return the files of a wallet and of its network's genesis, as a group's context holds them."""
-    if not profile.replace("-", "").replace("_", "").isalnum():
-        raise WrongUsage("profile")
-    return (
-        (wallet_dir or home_folder() / "wallets") / f"{profile}.wallet",
-        genesis_place(genesis),
-    )
 
 
 @contextlib.contextmanager
@@ -129,7 +67,7 @@ def read_passphrase(*, from_keyring: bool = True) -> str:
     From the system's keyring, if the group was told so by `--keyring`, and what is to be done may be done with that.
     """
     context = click.get_current_context(silent=True)
-    if from_keyring and context is not None and context.meta.get(_KEYRING_KEY):
+    if from_keyring and context is not None and context.meta.get(KEYRING_KEY):
         return read_from_keyring(context.obj[0])
     given = _passphrase_from_file()
     return _ask_hidden("ask.passphrase") if given is None else given

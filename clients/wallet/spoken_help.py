@@ -17,6 +17,7 @@ import click
 from click.exceptions import NoArgsIsHelpError
 from click.shell_completion import CompletionItem
 
+from clients.sdk.lazy_group import LazyGroup
 from clients.sdk.terminal import EXIT_FAILED
 from clients.wallet.language import (
     DEFAULT_LANGUAGE,
@@ -136,9 +137,9 @@ def _told(english: str | None) -> str:
     )
 
 
-def _told_short(command: click.Command, limit: int) -> str:
+def _told_short(english: str | None, limit: int) -> str:
     """Return a command's line in the list of its group, of so many letters at most."""
-    return click.Command(None, help=_told(command.short_help or command.help)).get_short_help_str(limit)
+    return click.Command(None, help=_told(english)).get_short_help_str(limit)
 
 
 def _told_copy(command: click.Command, ctx: click.Context) -> click.Command:
@@ -150,9 +151,18 @@ def _told_copy(command: click.Command, ctx: click.Context) -> click.Command:
     for param in told.params:
         if isinstance(param, click.Option):
             param.help = _told(param.help)
-    if isinstance(told, click.Group):
+    if isinstance(told, LazyGroup):
+        told.places = {name: place._replace(summary=_told(place.summary)) for name, place in told.places.items()}
+    elif isinstance(told, click.Group):
         told.commands = {name: _told_copy(each, ctx) for name, each in told.commands.items()}
     return told
+
+
+def _shown_commands(group: click.Group) -> dict[str, str | None]:
+    """Return the English of each command that a group's help shows."""
+    if isinstance(group, LazyGroup):
+        return {name: group.places[name].summary for name in group.visible_commands()}
+    return {name: each.short_help or each.help for name, each in group.commands.items() if not each.hidden}
 
 
 class SpokenContext(click.Context):
@@ -171,7 +181,7 @@ class SpokenContext(click.Context):
             options = [param for param in command.get_params(self) if isinstance(param, click.Option)]
             formatter.write_dl([self._option_row(option) for option in options if not option.hidden])
         if isinstance(command, click.Group):
-            shown = {name: each for name, each in command.commands.items() if not each.hidden}
+            shown = _shown_commands(command)
             limit = formatter.width - 6 - max(map(len, shown))
             with formatter.section(_said("Commands")):
                 formatter.write_dl([(name, _told_short(shown[name], limit)) for name in sorted(shown)])
@@ -189,19 +199,20 @@ class SpokenContext(click.Context):
         return _with_placeholders(record[0]), "  ".join(filter(None, (_told(option.help), ending)))
 
 
-class SpokenGroup(click.Group):
+class SpokenGroup(LazyGroup):
     """The group of commands that tell their help in the language of its `--language`, or of the environment."""
 
     context_class = SpokenContext
 
-    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add a command, and with it its own commands; see click.Group.add_command."""
-        super().add_command(cmd, name)
-        below = [cmd]
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command and let it, and its own commands, tell their help in the language."""
+        command = super().get_command(ctx, cmd_name)
+        below = [] if command is None else [command]
         while below:
-            command = below.pop()
-            command.context_class = SpokenContext
-            below.extend(command.commands.values() if isinstance(command, click.Group) else ())
+            each = below.pop()
+            each.context_class = SpokenContext
+            below.extend(each.commands.values() if isinstance(each, click.Group) else ())
+        return command
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
@@ -249,4 +260,4 @@ class SpokenGroup(click.Group):
         """Complete commands and options, with what each does in the language."""
         told: Any = _told_copy(self, ctx)
         ctx.command = told
-        return click.Group.shell_complete(told, ctx, incomplete)
+        return LazyGroup.shell_complete(told, ctx, incomplete)

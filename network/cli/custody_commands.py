@@ -14,10 +14,10 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
+from clients.sdk.lazy_group import CommandPlace, LazyGroup
 from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster_commands import folder_option, network_folder
-from network.cli.lazy_group import LazyGroup
 from network.cli.node_commands import find_node
 from network.cluster import Cluster
 from network.custody.asking import ask_all, run_work
@@ -25,10 +25,22 @@ from network.custody.telling import describe_position, rebuild_sentences, scrub_
 from node.config import NodeConfig, load_genesis
 
 _PLACES = {
-    "status": ("network.cli.custody_commands", "status"),
-    "scrub": ("network.cli.custody_commands", "scrub"),
-    "rebuild": ("network.cli.custody_commands", "rebuild"),
-    "hunt": ("network.cli.custody_hunt_command", "hunt"),
+    "status": CommandPlace(
+        "network.cli.custody_commands:status",
+        "Show how far each custodian is behind the chain, what it holds and lacks, and which erasures are overdue.",
+    ),
+    "scrub": CommandPlace(
+        "network.cli.custody_commands:scrub",
+        "Prove now that chain and store agree, and that of what was erased no ciphertext and no key is left.",
+    ),
+    "rebuild": CommandPlace(
+        "network.cli.custody_commands:rebuild",
+        "Make a custodian's index again from the chain's state, erase what the chain has erased, fetch what is missing.",
+    ),
+    "hunt": CommandPlace(
+        "network.cli.custody_hunt_command:hunt",
+        "Search every file and database of a local network for anything of these records, and say what may be there.",
+    ),
 }
 
 

@@ -7,39 +7,104 @@ from __future__ import annotations
 
 import click
 
+from clients.sdk.lazy_group import CommandPlace
 from network.cli.root_group import RootGroup
 
 _COMMANDS = {
-    "up": ("network.cli.cluster_commands", "up"),
-    "down": ("network.cli.cluster_commands", "down"),
-    "status": ("network.cli.cluster_commands", "status"),
-    "logs": ("network.cli.cluster_commands", "logs"),
-    "console": ("network.cli.console_command", "console"),
-    "node": ("network.cli.node_commands", "node"),
-    "fault": ("network.cli.fault_commands", "fault"),
-    "demo": ("network.cli.demo_command", "demo"),
-    "org": ("network.cli.org_commands", "org"),
-    "producer": ("network.cli.producer_commands", "producer"),
-    "settings": ("network.cli.settings_commands", "settings"),
-    "frames": ("network.cli.frames_commands", "frames"),
-    "notice": ("network.cli.notice_commands", "notice"),
-    "contract": ("network.cli.contract_commands", "contract"),
-    "certificate": ("network.cli.certificate_commands", "certificate"),
-    "doctor": ("network.cli.doctor_command", "doctor"),
-    "explore": ("network.cli.explore_command", "explore"),
-    "bench": ("network.cli.bench_commands", "bench"),
-    "custody": ("network.cli.custody_commands", "custody"),
-    "experiment": ("network.cli.experiment_commands", "experiment"),
-    "privacy": ("network.cli.privacy_commands", "privacy"),
-    "sim": ("network.cli.sim_command", "sim"),
-    "card": ("clients.registrar.cli", "card"),
-    "roster": ("clients.registrar.cli", "roster"),
-    "wallet": ("clients.wallet.cli", "wallet"),
-    "officer": ("clients.wallet.breach_commands", "officer"),
-    "verify": ("clients.bundle.cli", "verify"),
-    "robot": ("clients.robot.cli", "robot"),
-    "completion": ("network.cli.completion_command", "completion"),
-    "reference": ("network.cli.reference_command", "reference"),
+    "up": CommandPlace(
+        "network.cli.cluster_commands:up",
+        "Start the local network, making it first if there is none. Its state survives down and up.",
+    ),
+    "down": CommandPlace("network.cli.cluster_commands:down", "Stop the local network. Nothing final is lost."),
+    "status": CommandPlace(
+        "network.cli.cluster_commands:status",
+        "Show each node's height, finalized height, round, peers and custody checkpoint.",
+    ),
+    "logs": CommandPlace("network.cli.cluster_commands:logs", "Show the last log lines of one node, or of all."),
+    "console": CommandPlace(
+        "network.cli.console_command:console",
+        "Show a local network in the browser: who leads and votes, what flows, buttons for every fault, a time line.",
+    ),
+    "node": CommandPlace(
+        "network.cli.node_commands:node",
+        "Work on one node: NODE is its data directory, or its name in the local network (see --dir).",
+    ),
+    "fault": CommandPlace(
+        "network.cli.fault_commands:fault",
+        "Break the local network on purpose, and mend it; `blockrobot status --watch` shows what happens.",
+    ),
+    "demo": CommandPlace(
+        "network.cli.demo_command:demo",
+        "Run the whole story: four nodes, a robot, two patients, a visitor; check every step.",
+    ),
+    "org": CommandPlace("network.cli.org_commands:org", "The organisations of the network and their nodes."),
+    "producer": CommandPlace(
+        "network.cli.producer_commands:producer",
+        "The producers of blocks: seats, votes, readiness, suspensions with their evidence.",
+    ),
+    "settings": CommandPlace(
+        "network.cli.settings_commands:settings",
+        "The chain's settings: what is in force, and what organisations propose.",
+    ),
+    "frames": CommandPlace(
+        "network.cli.frames_commands:frames",
+        "The empty frames of a robot: pictures that show nobody, on which everybody's own are shown.",
+    ),
+    "notice": CommandPlace(
+        "network.cli.notice_commands:notice",
+        "What people are told before anything is recorded of them (GDPR Art. 13 and 14), and the register of Art. 30.",
+    ),
+    "contract": CommandPlace(
+        "network.cli.contract_commands:contract",
+        "Contracts: write, check, test and trace them; put them on a chain; call them, ask them, follow their events.",
+    ),
+    "certificate": CommandPlace(
+        "network.cli.certificate_commands:certificate",
+        "The certificates of nodes: list, issue, renew, revoke. NODE is a name in the network or a data directory.",
+    ),
+    "doctor": CommandPlace(
+        "network.cli.doctor_command:doctor",
+        "Find what is wrong: nodes, clocks, certificates, disks, ports, ledgers, differing states. Exit code 1 if anything is.",  # noqa: E501
+    ),
+    "explore": CommandPlace(
+        "network.cli.explore_command:explore",
+        "Open a node's explorer in the browser, in your own session: blocks, votes, transactions, contracts, receipts.",
+    ),
+    "bench": CommandPlace("network.cli.bench_commands:bench", "Measure the network; exits 0 only if nothing failed."),
+    "custody": CommandPlace(
+        "network.cli.custody_commands:custody",
+        "See what custodians keep, prove what they erased, and mend what they lost.",
+    ),
+    "experiment": CommandPlace(
+        "network.cli.experiment_commands:experiment",
+        "Run the paper's experiments, and make the same tables from anybody's event log.",
+    ),
+    "privacy": CommandPlace(
+        "network.cli.privacy_commands:privacy", "Attack our own ledger, and see what it gives away."
+    ),
+    "sim": CommandPlace(
+        "network.cli.sim_command:sim", "Play networks of production nodes on a virtual clock, network and disk."
+    ),
+    "card": CommandPlace("clients.registrar.cli:card", "Issue enrolment cards (registrars)."),
+    "roster": CommandPlace("clients.registrar.cli:roster", "Make robots' rosters (registrars)."),
+    "wallet": CommandPlace("clients.wallet.cli:wallet", "See, check, follow and erase what robots recorded of you."),
+    "officer": CommandPlace(
+        "clients.wallet.breach_commands:officer",
+        "Handle visits that were denied, lost keys and mandates (data protection officers, with a wallet of their own).",
+    ),
+    "verify": CommandPlace(
+        "clients.bundle.cli:verify",
+        "Check an export bundle offline: what is proved, against which network, up to which block, and what is not.",
+    ),
+    "robot": CommandPlace("clients.robot.cli:robot", "Record people who carry a tag, each for herself alone."),
+    "completion": CommandPlace(
+        "network.cli.completion_command:completion",
+        "Print the completion script of a shell: commands, options, profiles, records that were viewed here.",
+    ),
+    "reference": CommandPlace(
+        "network.cli.reference_command:reference",
+        "Write http-api.md, errors.md, authorisation.md and json-output.md, made from the tables in the code.",
+    ),
 }
 
 

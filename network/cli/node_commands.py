@@ -6,20 +6,40 @@ from pathlib import Path
 
 import click
 
+from clients.sdk.lazy_group import CommandPlace, LazyGroup
 from consensus.errors import BlockRobotError
 from network.cli.cluster_commands import network_folder
-from network.cli.lazy_group import LazyGroup
 from network.cluster import Cluster
 from node.config import CONFIG_FILE, NodeConfig, load_config
 
 _PLACES = {
-    "add": ("network.cli.node_add_command", "add"),
-    "init": ("network.cli.node_setup_commands", "init"),
-    "directory": ("network.cli.node_setup_commands", "directory"),
-    "run": ("network.cli.run_command", "run"),
-    "snapshot": ("network.cli.snapshot_commands", "snapshot"),
-    "prune": ("network.cli.ledger_commands", "prune"),
-    "diff": ("network.cli.ledger_commands", "diff"),
+    "add": CommandPlace(
+        "network.cli.node_add_command:add",
+        "Add a node to the local network, in one go: for lessons, and for trying things out.",
+    ),
+    "init": CommandPlace(
+        "network.cli.node_setup_commands:init",
+        "Make the data directory of a node that joins a network which runs already.",
+    ),
+    "directory": CommandPlace(
+        "network.cli.node_setup_commands:directory",
+        "Show who the nodes are by a node's chain; with --out, write it for `node init --directory` elsewhere.",
+    ),
+    "run": CommandPlace(
+        "network.cli.run_command:run",
+        "Run a node until Ctrl-C or SIGTERM. NODE is its data directory, or its name in the local network.",
+    ),
+    "snapshot": CommandPlace(
+        "network.cli.snapshot_commands:snapshot", "Bring a node to a block's state without the blocks before it."
+    ),
+    "prune": CommandPlace(
+        "network.cli.ledger_commands:prune",
+        "Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.",
+    ),
+    "diff": CommandPlace(
+        "network.cli.ledger_commands:diff",
+        "Name the first block and state key on which nodes A and B differ, and the transaction that wrote it.",
+    ),
 }
 
 

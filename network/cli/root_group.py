@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 
+from clients.sdk.lazy_group import LazyGroup
 from clients.sdk.plain_letters import prepare_output
 from clients.sdk.safe_output import safe_streams
 from clients.sdk.terminal import EXIT_FAILED, fail
 from consensus.errors import BlockRobotError
-from network.cli.lazy_group import LazyGroup
 
 JSON_OPTION = "--json"
 
@@ -33,18 +33,9 @@ class RootGroup(LazyGroup):
         super().__init__(*args, **kwargs)
         self.sections = sections
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands with a line on each, section by section."""
-        commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
-        width = max(map(len, commands))
-        limit = formatter.width - 6 - width
-        for heading, names in self.sections.items():
-            found = [(name, commands[name]) for name in names]
-            rows = [
-                (name.ljust(width), command.get_short_help_str(limit)) for name, command in found if command is not None
-            ]
-            with formatter.section(heading):
-                formatter.write_dl(rows)
+    def command_sections(self) -> Mapping[str, Sequence[str]]:
+        """Return the headings of the help, and the commands under each."""
+        return self.sections
 
     def main(
         self,

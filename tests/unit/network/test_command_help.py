@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from clients.sdk.lazy_group import LazyGroup
 from network.cli.main import SECTIONS, main
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "cli.md"
@@ -32,6 +34,24 @@ LEAVES = {words: command for words, command in EVERY.items() if not isinstance(c
 def test_all_commands_are_looked_at() -> None:
     assert len(LEAVES) > 60
     assert {"wallet probe", "org propose add-org", "node snapshot create"} <= set(LEAVES)
+
+
+def first_paragraph(command: click.Command) -> str:
+    return " ".join(inspect.cleandoc(command.help or "").split("\n\n")[0].split())
+
+
+def test_the_lists_of_commands_say_what_the_commands_say() -> None:
+    """A list is shown without an import, so it has its own copy of each command's first paragraph."""
+    said, meant = {}, {}
+    for words, group in GROUPS.items():
+        if isinstance(group, LazyGroup):
+            for name, place in group.places.items():
+                command = group.get_command(click.Context(group), name)
+                assert command is not None
+                said[words, name] = place.summary, place.hidden
+                meant[words, name] = first_paragraph(command), command.hidden
+    assert said == meant
+    assert {"", "wallet", "node", "contract", "custody"} <= {words for words, _ in said}
 
 
 def test_the_help_has_every_command_once_by_who_uses_it() -> None:

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from clients.sdk.terminal import ask
-from clients.wallet.opening import wallet_options
+from clients.wallet.group_options import wallet_options
 
 
 @click.command()

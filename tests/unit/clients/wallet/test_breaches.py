@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import breach_commands, records_command, rights_commands, viewing_commands
+from clients.wallet import audit_command, breach_commands, records_command, rights_commands, viewing_commands
 from clients.wallet import cli as wallet_cli
 from clients.wallet.breaches import Breaches, breach_json
 from clients.wallet.rights import Rights, write_correction
@@ -171,7 +171,7 @@ def run(world: World, clock: list[int], saying: Saying, monkeypatch: pytest.Monk
     def opened(_: Any, action: Any) -> Any:
         return asyncio.run(action(world.wallet))
 
-    for module in (rights_commands, breach_commands, records_command, viewing_commands, wallet_cli):
+    for module in (rights_commands, breach_commands, records_command, viewing_commands, audit_command):
         monkeypatch.setattr(module, "run_opened", opened)
 
     def call(*arguments: str) -> Result:

@@ -11,10 +11,10 @@ import pytest
 
 from clients.sdk.terminal import home_folder
 from clients.wallet.calling import WALLET_COMMAND, as_called, called, verify_command
+from clients.wallet.group_options import place_wallet
 from clients.wallet.guardian_sheets import build_sheet
 from clients.wallet.guardians import GuardianSet
 from clients.wallet.language import LANGUAGES, Form, describe_error, load, section, text
-from clients.wallet.opening import place_wallet
 from clients.wallet.shares import split_words
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError

@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet import (
+    audit_command,
     cli,
     consent_commands,
     erase_command,
@@ -56,7 +57,7 @@ def saying(world: World, monkeypatch: pytest.MonkeyPatch) -> Saying:
 @pytest.fixture
 def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Run `wallet ...` in Portuguese, on this wallet and network."""
-    for module in (cli, erase_command, records_command, rights_commands):
+    for module in (audit_command, erase_command, records_command, rights_commands):
         monkeypatch.setattr(module, "run_opened", lambda _, action: asyncio.run(action(world.wallet)))
 
     def call(*arguments: str, language: str = "pt") -> Result:

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 
 from clients.sdk.announcements import AnnouncementPage
 from clients.sdk.receipts import FinalReceipt
-from clients.wallet import breach_commands, lost_keys_commands, records_command, viewing_commands
+from clients.wallet import audit_command, breach_commands, lost_keys_commands, records_command, viewing_commands
 from clients.wallet import cli as wallet_cli
 from clients.wallet.keys import draw_words
 from clients.wallet.keystore import Keystore
@@ -269,7 +269,7 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Any:
     def opened(_: Any, action: Any) -> Any:
         return asyncio.run(action(who[0]))
 
-    for module in (lost_keys_commands, records_command, viewing_commands, wallet_cli):
+    for module in (lost_keys_commands, records_command, viewing_commands, audit_command):
         monkeypatch.setattr(module, "run_opened", opened)
 
     def call(name: str, *arguments: str, typed: str | None = None) -> Result:

@@ -77,7 +77,10 @@ def test_a_command_is_let_through_for_its_mark_and_not_for_its_name(desk: Desk, 
 
 def marked(group: click.Group, above: str = "") -> set[str]:
     found = set()
-    for name, command in group.commands.items():
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
         if isinstance(command, click.Group):
             found |= marked(command, f"{above}{name} ")
         elif getattr(command.callback, opening._READS_ONLY_MARK, False):

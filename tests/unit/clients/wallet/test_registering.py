@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 
 from clients.bundle.cli import verify
 from clients.wallet import (
+    audit_command,
     cli,
     consent_commands,
     erasure_status,
@@ -35,7 +36,7 @@ from tests.unit.clients.bundle.receipting import NoticeWard
 from tests.unit.clients.wallet.conftest import CHEAP
 
 MODULES = (
-    cli,
+    audit_command,
     consent_commands,
     erasure_status,
     export_command,

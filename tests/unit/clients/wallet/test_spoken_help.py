@@ -32,7 +32,10 @@ def commands(
     """Yield every command of the wallet by the words that call it, hidden ones too."""
     yield " ".join(path), command
     if isinstance(command, click.Group):
-        for name, below in command.commands.items():
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
             yield from commands(below, (*path, name))
 
 

@@ -10,7 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import cli
+from clients.wallet.audit_command import audit
 from clients.wallet.language import load
 from clients.wallet.spoken_help import CLICKS_SENTENCES
 from network.cli.main import main
@@ -96,7 +96,7 @@ def test_who_stops_a_command_is_told_so_in_her_language(
     def stop(_: Any) -> None:
         raise ending
 
-    monkeypatch.setattr(cli.wallet.commands["audit"], "invoke", stop)
+    monkeypatch.setattr(audit, "invoke", stop)
     told, english = run("audit"), run("audit", language="en")
     assert (told.exit_code, english.exit_code) == (1, 1)
     assert told.stderr.strip() == "Interrompido."

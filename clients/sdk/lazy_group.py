@@ -1,0 +1,82 @@
+"""A group of commands that are imported when they are called. Must never import a command to list it.
+
+Each place holds the first paragraph of its command's help, so that the list of commands costs no import.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import click
+from click.shell_completion import CompletionItem
+
+
+class CommandPlace(NamedTuple):
+    """Where a command lives (`module:attribute`), and the first paragraph of its help."""
+
+    where: str
+    summary: str
+    hidden: bool = False
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported on first use: `places` says where each is, in the order of the help."""
+
+    def __init__(self, *args: Any, places: Mapping[str, CommandPlace], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.places = dict(places)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
+        """Return the names of all commands."""
+        return list(self.places)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Import and return a command, or None for an unknown name."""
+        if cmd_name not in self.places:
+            return None
+        command: click.Command = pkgutil.resolve_name(self.places[cmd_name].where)
+        return command
+
+    def summary(self, name: str, limit: int) -> str:
+        """Return a command's line in the list, of so many letters at most."""
+        return click.Command(None, help=self.places[name].summary).get_short_help_str(limit)
+
+    def visible_commands(self) -> list[str]:
+        """Return the names of the commands that the help shows."""
+        return [name for name, place in self.places.items() if not place.hidden]
+
+    def command_sections(self) -> Mapping[str, Sequence[str]]:
+        """Return the headings of the help, and the commands under each."""
+        return {"Commands": self.visible_commands()}
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """Write the commands with a line on each, section by section."""
+        width = max(map(len, self.visible_commands()))
+        limit = formatter.width - 6 - width
+        for heading, names in self.command_sections().items():
+            with formatter.section(heading):
+                formatter.write_dl([(name.ljust(width), self.summary(name, limit)) for name in names])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that is called; for an unknown one name those that are spelt alike, see click.Group."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.NoSuchCommand as unknown:
+            raise click.NoSuchCommand(unknown.command_name, possibilities=self.places, ctx=ctx) from None
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete commands and options: to import every command would keep a shell waiting."""
+        named = [
+            CompletionItem(name, help=self.summary(name, _COMPLETION_MAX_CHARS))
+            for name in self.visible_commands()
+            if name.startswith(incomplete)
+        ]
+        return [*named, *click.Command.shell_complete(self, ctx, incomplete)]
+
+
+_COMPLETION_MAX_CHARS = 45
+"""As click cuts them."""
