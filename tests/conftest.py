@@ -15,6 +15,8 @@ import pytest
 from clients.sdk import terminal
 from clients.wallet.language import LANGUAGE_VARIABLE
 
+pytest_plugins = ("tests.spent_time",)
+
 LEFT_OUT_BY = {
     "system_packages": (
         "they need Debian's chromium, graphviz, opencv-doc or rospy (SYSTEM_PACKAGES=none).",
