@@ -305,7 +305,7 @@ def _copy_text(runtime: Runtime, text: str, what: str) -> str:
         runtime.exhausted()
     if is_ascii:
         return text
-    runtime.charge(len(text) >> 4)
+    runtime.charge(2 + (len(text) >> 4))
     try:
         text.encode()
     except UnicodeEncodeError:
