@@ -15,10 +15,14 @@ NEVER = 1 << 30
 class _CountedLock(asyncio.Lock):
     """A lock that tells how many wait for it."""
 
-    waiting = 0
+    def __init__(self, news: asyncio.Event) -> None:
+        super().__init__()
+        self.waiting = 0
+        self._news = news
 
     async def acquire(self) -> Any:
         self.waiting += 1
+        self._news.set()
         try:
             return await super().acquire()
         finally:
@@ -41,7 +45,8 @@ class Interleaving:
     def __init__(self, house: House) -> None:
         self.house = house
         self._stops: dict[str, _Stop] = {}
-        self._lock = _CountedLock()
+        self._news = asyncio.Event()
+        self._lock = _CountedLock(self._news)
         house.custodian._writing = self._lock
         for name, method in inspect.getmembers(house.store, inspect.iscoroutinefunction):
             if not name.startswith("_"):
@@ -64,6 +69,7 @@ class Interleaving:
         stop.passed += 1
         if stop.passed == stop.place:
             stop.is_there = True
+            self._news.set()
             await stop.go_on.wait()
 
     async def play(
@@ -85,8 +91,10 @@ class Interleaving:
         return one, two
 
     async def _until_still(self, work: asyncio.Task[Any], stop: _Stop) -> None:
-        while not work.done() and not stop.is_there and not self._lock.waiting:  # noqa: ASYNC110 - of three things, one
-            await asyncio.sleep(0)
+        work.add_done_callback(lambda _: self._news.set())
+        while not work.done() and not stop.is_there and not self._lock.waiting:
+            self._news.clear()
+            await self._news.wait()
 
     async def count(self, work: Coroutine[Any, Any, Any]) -> int:
         """Run one piece alone and return how many places it passes."""

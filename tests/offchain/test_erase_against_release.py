@@ -13,6 +13,7 @@ from consensus.records.clips import ClipDownload
 from consensus.records.sharing import GrantUpload, SharedDownload
 from network.sim.custody_store import MemoryCustodyStore
 from node.offchain.finalized import FinalizedEvents
+from node.offchain.mongo_store import MongoStore
 from node.offchain.store import RecordFacts
 from tests.fuzz.target import refusing
 from tests.offchain.house import House
@@ -44,6 +45,8 @@ FRAMES_COUNT = 3
 STEP_MS = 10
 SAMPLED_COUNT = 8
 """How many of all pairs of stops are played in the short tests; a quarter of that on stores that take real time."""
+MONGO_PAIRS_COUNT = 100
+"""And in the long ones on MongoDB, where all of them take hours."""
 COMES_LATE = frozenset(("the same upload", "a peer's copy"))
 REFUSALS = (
     "CLIP_ERASED",
@@ -147,8 +150,11 @@ async def sweep(house: House, work: Work, frames: tuple[int, ...], sampled_count
         assert places >= 2
         assert erasing >= 10
         both = [(stop, other) for stop in range(1, places + 1) for other in range(1, erasing + 1)]
-        is_quick = sampled_count == NEVER or isinstance(house.store, MemoryCustodyStore)
-        step = -(-len(both) // (sampled_count if is_quick else sampled_count // 4))
+        if sampled_count == NEVER:
+            count = MONGO_PAIRS_COUNT if isinstance(house.store, MongoStore) else NEVER
+        else:
+            count = sampled_count if isinstance(house.store, MemoryCustodyStore) else sampled_count // 4
+        step = -(-len(both) // count)
         for stops in [*((stop, NEVER) for stop in range(1, places + 1)), *both[::step]]:
             await race(playing, await prepare(house, **given), work, frames, stops)
             for row in await house.custodian.owed(100):
