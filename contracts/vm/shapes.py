@@ -13,6 +13,10 @@ from typing import Any, NamedTuple
 from consensus.primitives.encoding import encoder_of_dicts, sort_keys
 from contracts.vm.meter import Runtime
 
+WALKED_LIST_GAS = 2
+WALKED_DICT_GAS = 4
+WALKED_ENTRY_GAS = 4
+
 _KEYS_MAX_COUNT = 32
 _KEYS_MAX_BYTES = 1024
 _SHAPES_MAX_COUNT = 512
@@ -62,7 +66,8 @@ def _work_out(names: tuple[Any, ...], value: dict[Any, Any]) -> _Shape | None:
     scalars = sum(kind in _SCALARS for kind in kinds)
     if len(texts) + len(containers) + scalars != len(names):
         return None
-    gas = 2 + 3 * len(names) + 2 * len(containers)
+    gas = WALKED_DICT_GAS + WALKED_ENTRY_GAS * len(names)
+    gas += sum(WALKED_DICT_GAS if kinds[place] is dict else WALKED_LIST_GAS for place in containers)
     inner = _select(containers) if containers else None
     return _Shape(kinds, _select(list(keys)), _select(texts), inner, size, gas, encoder_of_dicts(keys))
 

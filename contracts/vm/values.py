@@ -11,7 +11,7 @@ from typing import Any
 from consensus.primitives.encoding import VALUE_DEPTH_MAX, decode_stored_value, encode_ordered, encode_value
 from contracts.vm.faults import INT_OVERFLOW, TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import ALLOCATION_GAS, ALLOCATION_SHIFT, Runtime
-from contracts.vm.shapes import encode_by_shape
+from contracts.vm.shapes import WALKED_DICT_GAS, WALKED_ENTRY_GAS, WALKED_LIST_GAS, encode_by_shape
 
 INT_LIMIT = 1 << 256
 INT_FLOOR = -INT_LIMIT
@@ -243,7 +243,7 @@ def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int
     elif depth >= VALUE_DEPTH_MAX:
         raise Fault(VALUE_ERROR, f"{what} is nested deeper than {VALUE_DEPTH_MAX} levels.")
     elif kind is dict:
-        runtime.charge(2 + 3 * len(value))
+        runtime.charge(WALKED_DICT_GAS + WALKED_ENTRY_GAS * len(value))
         charge_int_keys(runtime, value)
         left -= 2 * len(value)
         for key, item in value.items():
@@ -254,7 +254,7 @@ def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int
             elif inner is not int:
                 left = _walk(runtime, item, depth + 1, left + 1, what)
     elif kind is list or kind is tuple:
-        runtime.charge(2 + 3 * len(value))
+        runtime.charge(WALKED_LIST_GAS + 3 * len(value))
         for item in value:
             left = _walk(runtime, item, depth + 1, left, what)
     else:
