@@ -216,11 +216,12 @@ def _lower(runtime: Runtime, text: str) -> str:
 
 def _ascii_test(name: str, test: Callable[[str], bool]) -> None:
     def run(runtime: Runtime, text: str) -> bool:
-        runtime.charge(1)
+        runtime.charge(1 + (min(len(text), 64) >> 4))
         if not text.isascii() or not test(text[:64]):
             return False
-        if len(text) > 64:
-            runtime.charge(len(text) >> 4)
+        if len(text) <= 64:
+            return True
+        runtime.charge(len(text) >> 4)
         return test(text)
 
     METHODS.setdefault(name, {})[str] = Method(run, (), 0)
