@@ -72,6 +72,7 @@ COMPREHENSION_STEP_GAS = 3
 UNPACKED_GAS = 2
 CHAIN_STEP_GAS = 2
 ITEM_GAS = 1
+DICT_DISPLAY_GAS = 2
 
 
 class FunctionCode:
@@ -276,6 +277,7 @@ class ExpressionCompiler:
 
     def _dict(self, node: ast.Dict) -> Code:
         size = HEADER_BYTES + DICT_ENTRY_BYTES * len(node.keys)
+        self.cost += DICT_DISPLAY_GAS if node.keys else 0
         values = [self.expression(value) for value in node.values]
         if all(_is_plain_key(key) for key in node.keys):
             self.cost += len(node.keys)

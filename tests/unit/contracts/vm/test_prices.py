@@ -37,7 +37,7 @@ OTHER = "call('other', 'g', 1)"
 # What the reference says, the lines before, the step, and its gas beside that of its nodes.
 ROWS: tuple[tuple[str, str, str, int], ...] = (
     ("statement, expression node | 1 each", "", "y = 1 + 2", 0),
-    ("call of anything | +2", "", "y = abs(-5)", 0),
+    ("call of anything, a dict with entries | +2", "", "y = abs(-5)", 0),
     ("`for` | +1; step of a loop", "", "for i in (1, 2, 3):\n    pass", 1 + memory(LIST + 3 * 24) + 2 + 3),
     ("loop / comprehension 1 / 3", MANY, "y = [1 for i in x]", (3 + 1 + 1) * 1000 - 1),
     ("`container[key] += value` +5", "x = [1]\n", "x[0] += 1", 5),
@@ -49,7 +49,7 @@ ROWS: tuple[tuple[str, str, str, int], ...] = (
     ("function of the contract | 10, 1 per 32 variables and constants in it, and the body", "", "y = h(1)", 10 + 2),
     ("`append` 64", MANY, "x.append(1)", memory(64)),
     ("list or tuple 64 + 24 an item", "", "y = [1, 2, 3]", memory(LIST + 72)),
-    ("dict entry 128", "", "y = {'a': 1, 'b': 2, 'c': 3, 'd': 4}", memory(64 + 4 * 128)),
+    ("dict entry 128", "", "y = {'a': 1, 'b': 2, 'c': 3, 'd': 4}", 2 + memory(64 + 4 * 128)),
     (
         "text and bytes 64 + length (4 a character if not ASCII)",
         "x = '\u20ac' * 1000\n",
