@@ -1,0 +1,64 @@
+"""What the contract `consent` keeps: each person's choices as steps, and the notices of organisations."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from consensus.state.keys import HASH, TEXT, U32, ListRow, Prefix, Reader, Row, StateKey
+
+CONSENT = "consent"
+GIVEN = "given"
+
+
+class StepRow(ListRow, frozen=True):
+    """From `height` on `status` holds: see the contract for the times (ms; 0 is no bound) and the mandate's id."""
+
+    height: int
+    status: Literal["given", "refused", "withdrawn", "objected"]
+    since_ms: int
+    from_ms: int
+    until_ms: int
+    mandate: bytes
+
+
+class NoticeRow(Row, frozen=True):
+    """A version of what an organisation tells people."""
+
+    version: int
+    hash: bytes
+    height: int
+    time: int
+
+
+class NoticeTextRow(NoticeRow, frozen=True):
+    """A version with its document."""
+
+    document: bytes
+
+
+ChoicesRow = dict[str, dict[str, list[StepRow]]]
+"""Steps by purpose and sensor."""
+
+CHOICES: Prefix[ChoicesRow] = Prefix(CONSENT, "of/", (HASH,), ChoicesRow)
+NOTHING: Prefix[dict[str, list[str]]] = Prefix(CONSENT, "nothing/", (HASH,), dict[str, list[str]])
+"""The sensors for which a person took back everything, each with the purposes that she gave since."""
+SAID: Prefix[int] = Prefix(CONSENT, "said/", (HASH,), int)
+"""The height of a person's last word."""
+CHANGES: StateKey[int] = StateKey(CONSENT, "changes", int)
+NOTICE: Prefix[NoticeRow] = Prefix(CONSENT, "notice/", (TEXT,), NoticeRow)
+NOTICE_TEXT: Prefix[NoticeTextRow] = Prefix(CONSENT, "notice-text/", (U32, TEXT), NoticeTextRow)
+LAYOUT = (CHOICES, NOTHING, SAID, CHANGES, NOTICE, NOTICE_TEXT)
+
+
+def step_at(steps: list[StepRow], height: int) -> StepRow | None:
+    """Return the step that holds at a height, or None."""
+    return next((step for step in reversed(steps) if step.height <= height), None)
+
+
+def allows(state: Reader, handle: bytes, purpose: str, sensor: str, *, height: int, time_ms: int) -> bool:
+    """Tell whether a consent holds in a block, and its period is open: what the view `allowed` says."""
+    steps = (CHOICES.at(state, handle) or {}).get(purpose, {}).get(sensor, [])
+    now = step_at(steps, height)
+    if now is None or now.status != GIVEN:
+        return False
+    return now.from_ms <= time_ms and (now.until_ms == 0 or time_ms < now.until_ms)

@@ -1,0 +1,171 @@
+"""Keys and rows of the ledger's state: how one is built, taken apart, decoded and encoded. Must never guess a field.
+
+A flat key is the contract's name, a zero byte and the contract's own key. A row that lacks a field, or has one of another
+type, is refused with ENCODING_INVALID.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Generic, Protocol, TypeVar
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value, encode_value
+
+KEY = 33
+HASH = 32
+RECORD_ID = 16
+U32 = 4
+U64 = 8
+TEXT = 0
+"""A part of a key that is text without a slash, of any length. The other parts are sizes in bytes."""
+
+T = TypeVar("T")
+Form = tuple[int | bytes, ...]
+"""The parts of a key after its prefix: sizes, `TEXT`, and bytes that are always the same, such as a slash."""
+
+
+class Reader(Protocol):
+    """Whatever can be asked for the encoded value under a flat key."""
+
+    def get(self, key: bytes, /) -> bytes | None:
+        """Return the encoded value, or None."""
+        ...
+
+
+class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of every row that is a map by name. A field with a default is one that some rows do not have."""
+
+
+class ListRow(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """Base of every row, or part of one, that is a list in field order. Fields with a default may be missing at the end."""
+
+
+class Rows(Generic[T]):
+    """Rows of one kind that a contract keeps: how they are read and written, and whether a flat key is one of theirs."""
+
+    def __init__(self, contract: str, name: str, form: Form, kind: Any) -> None:
+        self.name = f"{contract} {name}"
+        self.flat = contract.encode() + b"\x00" + name.encode()
+        self._form = form
+        self._kind = kind
+        self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kind)
+        self._pattern = re.compile(re.escape(self.flat) + b"".join(map(_pattern_of, form)), re.DOTALL)
+
+    def owns(self, key: bytes) -> bool:
+        """Tell whether a flat key is one of these."""
+        return self._pattern.fullmatch(key) is not None
+
+    def decode(self, data: bytes) -> T:
+        """Read a row from its encoded value, with exactly its fields. Raises ENCODING_INVALID."""
+        try:
+            return self._decoder.decode(data)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise self._invalid(error) from None
+
+    def convert(self, value: Any) -> T:
+        """Read a row from a decoded value. Raises ENCODING_INVALID.
+
+        Fields that a later version of the contract added say nothing here.
+        """
+        if isinstance(value, dict) and isinstance(self._kind, type) and issubclass(self._kind, Row):
+            value = {name: value[name] for name in self._kind.__struct_fields__ if name in value}
+        try:
+            # Without `builtin_types` a text would pass for base64 of bytes.
+            row: T = msgspec.convert(value, self._kind, builtin_types=(bytes,))
+        except msgspec.ValidationError as error:
+            raise self._invalid(error) from None
+        return row
+
+    def convert_or_none(self, value: Any) -> T | None:
+        """Read a row from a decoded value, None for what is absent. Raises ENCODING_INVALID."""
+        return None if value is None else self.convert(value)
+
+    def encode(self, row: T) -> bytes:
+        """Return the value under which the contract stores a row."""
+        return encode_value(to_value(row))
+
+    def _read(self, state: Reader, key: bytes) -> T | None:
+        data = state.get(key)
+        if data is None:
+            return None
+        try:
+            return self._decoder.decode(data)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            return self.convert(decode_value(data))
+
+    def _invalid(self, error: Exception) -> BlockRobotError:
+        return BlockRobotError("ENCODING_INVALID", f"What stands under {self.name} is no such row: {error}.")
+
+
+class StateKey(Rows[T]):
+    """One key of a contract, and how the value under it is read."""
+
+    def __init__(self, contract: str, name: str, kind: Any) -> None:
+        super().__init__(contract, name, (), kind)
+
+    def read(self, state: Reader) -> T | None:
+        """Return the value, as `convert` reads it, or None. Raises ENCODING_INVALID."""
+        return self._read(state, self.flat)
+
+
+class Prefix(Rows[T]):
+    """The keys of a contract that begin alike, and how the rows under them are read."""
+
+    def key(self, *parts: bytes | str | int) -> bytes:
+        """Return the flat key with these parts: bytes and texts as they are, numbers big-endian, so that keys sort."""
+        if len(self._form) == 1 and len(parts) == 1 and type(parts[0]) is bytes:
+            return self.flat + parts[0]
+        left = iter(parts)
+        key = self.flat
+        for size in self._form:
+            key += size if isinstance(size, bytes) else _encode_part(size, next(left))
+        return key
+
+    def start(self, first: bytes) -> bytes:
+        """Return how all keys with this first part begin, to scan them."""
+        return self.flat + first
+
+    def split(self, key: bytes) -> tuple[bytes, ...]:
+        """Return the parts of a flat key. Raises ENCODING_INVALID for a key of another form."""
+        found = self._pattern.fullmatch(key)
+        if found is None:
+            raise BlockRobotError("ENCODING_INVALID", f"{key.hex()} is no key of {self.name}.")
+        return found.groups()
+
+    def at(self, state: Reader, *parts: bytes | str | int) -> T | None:
+        """Return the row under the key with these parts, as `convert` reads it, or None. Raises ENCODING_INVALID."""
+        return self._read(state, self.key(*parts))
+
+    def has(self, state: Reader, *parts: bytes | str | int) -> bool:
+        """Tell whether anything stands under the key with these parts."""
+        return state.get(self.key(*parts)) is not None
+
+
+def to_value(row: Any) -> Any:
+    """Return the value that a row is to its contract: maps, lists and scalars, without fields that are as by default."""
+    value = msgspec.msgpack.decode(msgspec.msgpack.encode(row))
+    if isinstance(row, Row):
+        for name, default in zip(reversed(row.__struct_fields__), reversed(row.__struct_defaults__), strict=False):
+            if value[name] == default:
+                del value[name]
+    elif isinstance(row, ListRow):
+        for default in reversed(row.__struct_defaults__):
+            if value[-1] != default:
+                break
+            value.pop()
+    return value
+
+
+def _pattern_of(size: int | bytes) -> bytes:
+    if isinstance(size, bytes):
+        return re.escape(size)
+    return rb"([^/]+)" if size == TEXT else b"(.{%d})" % size
+
+
+def _encode_part(size: int, part: bytes | str | int) -> bytes:
+    if isinstance(part, int):
+        return part.to_bytes(size, "big")
+    return part.encode() if isinstance(part, str) else part

@@ -1,0 +1,43 @@
+"""The whole layout of the ledger's state: every key that the system's contracts and the machine write, in one place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from consensus.state import (
+    access,
+    audit,
+    consent,
+    erasure,
+    identity,
+    lifecycle,
+    mandates,
+    membership,
+    officers,
+    producers,
+    records,
+    rights,
+    settings,
+)
+from consensus.state.keys import Rows
+
+LAYOUT: tuple[Rows[Any], ...] = (
+    *access.LAYOUT,
+    *audit.LAYOUT,
+    *consent.LAYOUT,
+    *erasure.LAYOUT,
+    *identity.LAYOUT,
+    *lifecycle.LAYOUT,
+    *mandates.LAYOUT,
+    *membership.LAYOUT,
+    *officers.LAYOUT,
+    *producers.LAYOUT,
+    *records.LAYOUT,
+    *rights.LAYOUT,
+    *settings.LAYOUT,
+)
+
+
+def owners_of(key: bytes) -> list[Rows[Any]]:
+    """Return what a flat key may be; exactly one for a key of the system's contracts."""
+    return [each for each in LAYOUT if each.owns(key)]

@@ -1,0 +1,106 @@
+"""What the contract `lifecycle` keeps, and the machine under keys of its own: versions of contracts, changes, sources.
+
+Any version of that contract may write what it likes, so the machine reads its rows with care: see the executor.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from consensus.state.keys import HASH, TEXT, U32, ListRow, Prefix, Row, StateKey
+
+LIFECYCLE = "lifecycle"
+MACHINE = "machine"
+
+
+class ChangeRow(Row, frozen=True):
+    """A change that is due at a height or a time (ms)."""
+
+    kind: str
+    name: str
+    version: int
+    from_height: int
+    from_ms: int
+
+
+class TrialRow(ChangeRow, frozen=True):
+    """A trial: `version` with its source comes back when it ends."""
+
+    source_hash: bytes
+
+
+class VersionRow(Row, frozen=True):
+    """A version of a contract; an entry is [name, kind, parameters, how many are required, type of the result]."""
+
+    source_hash: bytes
+    size_bytes: int
+    entries: list[tuple[str, str, list[tuple[str, str]], int, str]]
+    migrates: bool
+    note: str
+    organisation: str
+    proposal_id: bytes
+    approved_height: int
+    status: str
+    since_height: int
+    failure: str
+
+
+class SourceRow(Row, frozen=True):
+    """In how many parts a source stands."""
+
+    parts: int
+    size_bytes: int
+
+
+class UploadRow(Row, frozen=True):
+    """A source that is being uploaded, and which of its parts are there."""
+
+    source_hash: bytes
+    parts: int
+    places: list[int]
+
+
+class ContractRow(ListRow, frozen=True):
+    """The version of a contract that is in force since a height."""
+
+    version: int
+    source_hash: bytes
+    enabled: bool
+    since_height: int
+
+
+TableRow = dict[str, ContractRow]
+Verdict = tuple[str, dict[str, Any]]
+"""What is wrong with a source (empty: nothing), and the facts of it."""
+
+DUE: StateKey[list[ChangeRow]] = StateKey(LIFECYCLE, "due", list[ChangeRow])
+TABLE: StateKey[TableRow] = StateKey(LIFECYCLE, "table", TableRow)
+TRIALS: StateKey[list[TrialRow]] = StateKey(LIFECYCLE, "trials", list[TrialRow])
+VERSIONS: Prefix[int] = Prefix(LIFECYCLE, "versions/", (TEXT,), int)
+"""How many versions a contract has."""
+VERSION: Prefix[VersionRow] = Prefix(LIFECYCLE, "version/", (TEXT, b"/", U32), VersionRow)
+SOURCE: Prefix[SourceRow] = Prefix(LIFECYCLE, "source/", (HASH,), SourceRow)
+SOURCE_PART: Prefix[bytes] = Prefix(LIFECYCLE, "source/", (HASH, b"/", U32), bytes)
+UPLOADS: Prefix[list[UploadRow]] = Prefix(LIFECYCLE, "uploads/", (TEXT,), list[UploadRow])
+UPLOAD_PART: Prefix[bytes] = Prefix(LIFECYCLE, "upload/", (TEXT, b"/", HASH, U32), bytes)
+VERDICT: Prefix[Verdict] = Prefix(LIFECYCLE, "verdict/", (TEXT, b"/", HASH), Verdict)
+MACHINE_TABLE: StateKey[TableRow] = StateKey(MACHINE, "table", TableRow)
+MACHINE_TRIALS: StateKey[list[TrialRow]] = StateKey(MACHINE, "trials", list[TrialRow])
+MACHINE_SOURCE: Prefix[SourceRow] = Prefix(MACHINE, "source/", (HASH,), SourceRow)
+MACHINE_SOURCE_PART: Prefix[bytes] = Prefix(MACHINE, "source/", (HASH, b"/", U32), bytes)
+LAYOUT = (
+    DUE,
+    TABLE,
+    TRIALS,
+    VERSIONS,
+    VERSION,
+    SOURCE,
+    SOURCE_PART,
+    UPLOADS,
+    UPLOAD_PART,
+    VERDICT,
+    MACHINE_TABLE,
+    MACHINE_TRIALS,
+    MACHINE_SOURCE,
+    MACHINE_SOURCE_PART,
+)

@@ -1,0 +1,88 @@
+"""What the contract `mandates` keeps: who acts for whom, and what was done under each mandate."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from consensus.state.audit import DayRow
+from consensus.state.identity import HANDLE, REMOVED, active_role
+from consensus.state.keys import HASH, U32, U64, Prefix, Reader, Row, StateKey
+
+MANDATES = "mandates"
+REPRESENTATIVE_ROLES = frozenset({"officer", "staff", "subject"})
+
+
+class MandateRow(Row, frozen=True):
+    """A mandate or a proposal of one. Persons are handles, officers the keys that they had; times not reached are 0."""
+
+    number: int
+    handle: bytes
+    representative: bytes
+    org: str
+    papers: bytes
+    acts: list[str]
+    until_ms: int
+    status: Literal["proposed", "approved", "active", "ended"]
+    proposer: bytes
+    approver: bytes
+    proposed_ms: int
+    approved_ms: int
+    accepted_ms: int
+    ends_ms: int
+    ended_ms: int
+    ended_by: bytes
+
+
+class ActRow(Row, frozen=True):
+    """What was done under a mandate."""
+
+    kind: str
+    time: int
+    height: int
+    txid: bytes
+    data: dict[str, Any]
+
+
+MANDATE: Prefix[MandateRow] = Prefix(MANDATES, "mandate/", (HASH,), MandateRow)
+MANDATE_NUMBER: Prefix[bytes] = Prefix(MANDATES, "mandate-number/", (U64,), bytes)
+MANDATE_COUNT: StateKey[int] = StateKey(MANDATES, "mandate-count", int)
+OF: Prefix[bytes] = Prefix(MANDATES, "of/", (HASH,), bytes)
+"""The mandate of a represented person that has not ended."""
+ACT: Prefix[ActRow] = Prefix(MANDATES, "act/", (HASH, U32), ActRow)
+ACT_COUNT: Prefix[int] = Prefix(MANDATES, "act-count/", (HASH,), int)
+DAY: Prefix[DayRow] = Prefix(MANDATES, "day/", (HASH,), DayRow)
+PERSON: Prefix[bytes] = Prefix(MANDATES, "person/", (HASH, U32), bytes)
+"""The mandates in which a person was ever named."""
+PERSON_COUNT: Prefix[int] = Prefix(MANDATES, "person-count/", (HASH,), int)
+LAYOUT = (MANDATE, MANDATE_NUMBER, MANDATE_COUNT, OF, ACT, ACT_COUNT, DAY, PERSON, PERSON_COUNT)
+
+
+def is_represented(state: Reader, handle: bytes, now_ms: int) -> bool:
+    """Tell whether somebody acts for this person."""
+    mandate_id = OF.at(state, handle)
+    row = None if mandate_id is None else MANDATE.at(state, mandate_id)
+    return row is not None and row.status == "active" and now_ms < row.until_ms
+
+
+def holds(state: Reader, row: MandateRow, now_ms: int) -> bool:
+    """Tell whether a mandate is in force."""
+    if row.status != "active" or now_ms >= row.until_ms or is_represented(state, row.representative, now_ms):
+        return False
+    removed_ms = REMOVED.at(state, row.org)
+    if removed_ms is not None and removed_ms >= row.proposed_ms:
+        return False
+    return _role_of(state, row.handle) == "subject" and _role_of(state, row.representative) in REPRESENTATIVE_ROLES
+
+
+def acting_for(state: Reader, handle: bytes, key: bytes, act: str, now_ms: int) -> bytes | None:
+    """Return the id of the mandate by which a member may do this for a person now: what the view `acting_for` says."""
+    mandate_id = OF.at(state, handle)
+    row = None if mandate_id is None else MANDATE.at(state, mandate_id)
+    if row is None or act not in row.acts or HANDLE.at(state, row.representative) != key:
+        return None
+    return mandate_id if holds(state, row, now_ms) else None
+
+
+def _role_of(state: Reader, handle: bytes) -> str:
+    member = HANDLE.at(state, handle)
+    return "" if member is None else active_role(state, member)

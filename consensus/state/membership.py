@@ -1,0 +1,104 @@
+"""What the contract `membership` keeps: organisations, their nodes, and what they propose."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from consensus.state.keys import HASH, KEY, TEXT, ListRow, Prefix, Reader, Row, StateKey
+
+MEMBERSHIP = "membership"
+SERIAL = 20
+
+
+class OrganisationRow(Row, frozen=True):
+    """An organisation, active or removed."""
+
+    name: str
+    ca_certificate: str
+    status: Literal["active", "removed"]
+    since_height: int
+
+
+class NodeRow(Row, frozen=True):
+    """A node, active or removed; a key that it does not have is empty."""
+
+    name: str
+    organisation: str
+    host: str
+    p2p_port: int
+    api_url: str
+    producer_key: bytes
+    producer_possession: bytes
+    custodian_key: bytes
+    status: Literal["active", "removed"]
+    since_height: int
+
+
+class RevokedRow(Row, frozen=True):
+    """The height at which a certificate was revoked."""
+
+    height: int
+
+
+class GovernanceProposalRow(Row, frozen=True):
+    """What organisations decide: who stands behind it, and with which of their keys (`keys_numbers`)."""
+
+    contract: str
+    kind: str
+    arguments: dict[str, Any]
+    organisation: str
+    approvals: list[str]
+    keys_numbers: dict[str, int]
+    time: int
+    expires_ms: int
+    height: int
+    status: str
+    closed_height: int
+
+
+class OpenProposalRow(ListRow, frozen=True):
+    """An open proposal: its id, its proposer, and when (ms) it expires."""
+
+    proposal_id: bytes
+    organisation: str
+    expires_ms: int
+
+
+ORGANISATION: Prefix[OrganisationRow] = Prefix(MEMBERSHIP, "org/", (TEXT,), OrganisationRow)
+NODE: Prefix[NodeRow] = Prefix(MEMBERSHIP, "node/", (TEXT,), NodeRow)
+REVOKED: Prefix[RevokedRow] = Prefix(MEMBERSHIP, "revoked/", (TEXT, b"/", SERIAL), RevokedRow)
+NODE_OF_KEY: Prefix[str] = Prefix(MEMBERSHIP, "key/", (KEY,), str)
+"""The node that has or had a key."""
+ORGANISATIONS: StateKey[list[str]] = StateKey(MEMBERSHIP, "organisations", list[str])
+"""The active organisations, sorted."""
+NODES: StateKey[list[str]] = StateKey(MEMBERSHIP, "nodes", list[str])
+"""The active nodes, sorted."""
+NODES_OF: Prefix[list[str]] = Prefix(MEMBERSHIP, "nodes-of/", (TEXT,), list[str])
+KEYS_NUMBER: Prefix[int] = Prefix(MEMBERSHIP, "keys-number/", (TEXT,), int)
+"""How often an organisation got keys."""
+PROPOSAL: Prefix[GovernanceProposalRow] = Prefix(MEMBERSHIP, "proposal/", (HASH,), GovernanceProposalRow)
+OPEN: StateKey[list[OpenProposalRow]] = StateKey(MEMBERSHIP, "open", list[OpenProposalRow])
+CLOSED: StateKey[list[bytes]] = StateKey(MEMBERSHIP, "closed", list[bytes])
+LAYOUT = (
+    ORGANISATION,
+    NODE,
+    REVOKED,
+    NODE_OF_KEY,
+    ORGANISATIONS,
+    NODES,
+    NODES_OF,
+    KEYS_NUMBER,
+    PROPOSAL,
+    OPEN,
+    CLOSED,
+)
+
+
+def active_organisations(state: Reader) -> list[str]:
+    """Return the names of the active organisations, sorted."""
+    return ORGANISATIONS.read(state) or []
+
+
+def active_nodes(state: Reader) -> list[str]:
+    """Return the names of the active nodes, sorted."""
+    return NODES.read(state) or []

@@ -1,0 +1,39 @@
+"""What the contract `officers` keeps: proposals of two officers to erase where a person's key is lost for good."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from consensus.state.audit import DayRow
+from consensus.state.keys import HASH, KEY, U64, Prefix, Row, StateKey
+
+OFFICERS = "officers"
+
+
+class ProposalRow(Row, frozen=True):
+    """A proposal to erase what a robot recorded in a span; `approver` is empty until somebody approved it."""
+
+    number: int
+    robot: bytes
+    org: str
+    from_ms: int
+    until_ms: int
+    reason: str
+    visits_max: int
+    visits: int
+    records: int
+    status: Literal["proposed", "approved", "stopped"]
+    proposer: bytes
+    approver: bytes
+    proposed_ms: int
+    approved_ms: int
+    ends_ms: int
+
+
+PROPOSAL: Prefix[ProposalRow] = Prefix(OFFICERS, "proposal/", (HASH,), ProposalRow)
+PROPOSAL_NUMBER: Prefix[bytes] = Prefix(OFFICERS, "proposal-number/", (U64,), bytes)
+PROPOSAL_COUNT: StateKey[int] = StateKey(OFFICERS, "proposal-count", int)
+TOUCHED: Prefix[bool] = Prefix(OFFICERS, "touched/", (HASH, KEY), bool)
+"""There for each visit of which something was erased under a proposal."""
+DAY: Prefix[DayRow] = Prefix(OFFICERS, "day/", (HASH,), DayRow)
+LAYOUT = (PROPOSAL, PROPOSAL_NUMBER, PROPOSAL_COUNT, TOUCHED, DAY)

@@ -1,0 +1,53 @@
+"""What the contract `producers` keeps: the epoch and its settings, the candidates, and who was accused."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from consensus.state.keys import KEY, U32, U64, Prefix, Reader, Row, StateKey
+
+PRODUCERS = "producers"
+
+
+class EpochRow(Row, frozen=True):
+    """The epoch that follows from the state: `leaderless` are indexes of producers, `settings` the chain's by name."""
+
+    number: int
+    producers: list[bytes]
+    leaderless: list[int]
+    settings: dict[str, int | str]
+    height: int
+
+
+class CandidateRow(Row, frozen=True):
+    """A candidate or producer; `evidence` is empty unless it was accused, `successor` unless it got another key."""
+
+    name: str
+    organisation: str
+    votes: list[str]
+    removals: list[str]
+    status: Literal["candidate", "producing", "suspended", "removed"]
+    since_ms: int
+    ready_height: int
+    ready_ms: int
+    ready_root: bytes
+    suspended_height: int
+    reinstated_epoch: int
+    evidence: dict[str, Any]
+    successor: bytes
+
+
+EPOCH: StateKey[EpochRow] = StateKey(PRODUCERS, "epoch", EpochRow)
+CANDIDATE: Prefix[CandidateRow] = Prefix(PRODUCERS, "candidate/", (KEY,), CandidateRow)
+KEYS: StateKey[list[bytes]] = StateKey(PRODUCERS, "keys", list[bytes])
+"""The candidates that were not removed."""
+MAX_PRODUCERS: StateKey[int] = StateKey(PRODUCERS, "max_producers", int)
+ACCUSED: Prefix[bool] = Prefix(PRODUCERS, "accused/", (KEY, U32, U64), bool)
+"""By producer, epoch and round."""
+LAYOUT = (EPOCH, CANDIDATE, KEYS, MAX_PRODUCERS, ACCUSED)
+
+
+def is_candidate(state: Reader, key: bytes) -> bool:
+    """Tell whether the key is a producer's or candidate's, suspended ones among them."""
+    row = CANDIDATE.at(state, key)
+    return row is not None and row.status != "removed"

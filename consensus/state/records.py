@@ -1,0 +1,120 @@
+"""What the contract `records` keeps: visits, records, announcements; and which key decides of a visit now."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from consensus.state.keys import HASH, KEY, RECORD_ID, U64, ListRow, Prefix, Reader, Row, StateKey
+
+RECORDS = "records"
+
+
+class VisitRow(Row, frozen=True):
+    """A visit, under its first owner key."""
+
+    robot: bytes
+    ephemeral: bytes
+    view_tag: int
+    bucket_ms: int
+    purpose: str
+    status: Literal["open", "closed"]
+    record_count: int
+    height: int
+    sequence: int
+
+
+class RecordRow(Row, frozen=True):
+    """A record; its roots and metadata are empty from "expired" or "erased" on. `awaited` have yet to report its expiry."""
+
+    owner: bytes
+    robot: bytes
+    commitment_root: bytes
+    ciphertext_root: bytes
+    sealed_metadata: bytes
+    bucket_ms: int
+    expires_at_ms: int
+    height: int
+    txid: bytes
+    status: Literal["active", "erasing", "erased", "expired"]
+    erased_frames: list[int]
+    awaited: list[bytes]
+
+
+class CurrentRow(Row, frozen=True):
+    """The key that decides of a visit that was transferred, and how often it was."""
+
+    owner: bytes
+    transfers: int
+
+
+class AnnouncementRow(ListRow, frozen=True):
+    """An announced owner key; of one that takes a visit over, `root` is the visit's first key."""
+
+    owner: bytes
+    ephemeral: bytes
+    view_tag: int
+    bucket_ms: int
+    robot: bytes
+    root: bytes = b""
+
+
+class EmptyFrameRow(ListRow, frozen=True):
+    """A picture of the empty scene that a robot may publish: who approved it, and when (ms)."""
+
+    digest: bytes
+    approver: bytes
+    time: int
+
+
+VISIT: Prefix[VisitRow] = Prefix(RECORDS, "visit/", (KEY,), VisitRow)
+RECORD: Prefix[RecordRow] = Prefix(RECORDS, "record/", (RECORD_ID,), RecordRow)
+ROOT: Prefix[bytes] = Prefix(RECORDS, "root/", (KEY,), bytes)
+"""The first key of the visit to which a later owner key leads."""
+CURRENT: Prefix[CurrentRow] = Prefix(RECORDS, "current/", (KEY,), CurrentRow)
+OF_VISIT: Prefix[bool] = Prefix(RECORDS, "of-visit/", (KEY, RECORD_ID), bool)
+"""There while a record of the visit is active."""
+ASKED_FRAMES: Prefix[list[int]] = Prefix(RECORDS, "asked-frames/", (RECORD_ID,), list[int])
+"""The frames of a record whose erasure was asked for, sorted."""
+ANNOUNCEMENT: Prefix[AnnouncementRow] = Prefix(RECORDS, "announcement/", (U64,), AnnouncementRow)
+ANNOUNCEMENT_COUNT: StateKey[int] = StateKey(RECORDS, "announcement-count", int)
+EMPTY_FRAMES: Prefix[list[EmptyFrameRow]] = Prefix(RECORDS, "empty-frames/", (KEY,), list[EmptyFrameRow])
+EMPTY_FRAME: Prefix[int] = Prefix(RECORDS, "empty-frame/", (HASH,), int)
+"""For how many robots an empty frame is approved."""
+LAYOUT = (
+    VISIT,
+    RECORD,
+    ROOT,
+    CURRENT,
+    OF_VISIT,
+    ASKED_FRAMES,
+    ANNOUNCEMENT,
+    ANNOUNCEMENT_COUNT,
+    EMPTY_FRAMES,
+    EMPTY_FRAME,
+)
+
+
+def deciding_key(root: bytes, current: CurrentRow | None) -> bytes:
+    """Return the key that decides of the visit with this first key: the first key itself until it is transferred."""
+    return root if current is None else current.owner
+
+
+def current_owner(state: Reader, root: bytes) -> bytes:
+    """Return the key that decides of the visit with this first key now: what the view `current_of` says."""
+    return deciding_key(root, CURRENT.at(state, root))
+
+
+def decided_root(state: Reader, key: bytes) -> bytes | None:
+    """Return the first key of the visit that this key decides of now: what the view `root_of` says.
+
+    None for a key of no visit, and for one that was replaced when its visit was transferred.
+    """
+    root = ROOT.at(state, key) or key
+    if not VISIT.has(state, root):
+        return None
+    return root if current_owner(state, root) == key else None
+
+
+def is_frame_approved(state: Reader, robot: bytes, digest: bytes) -> bool:
+    """Tell whether an empty frame is approved for this robot."""
+    return any(row.digest == digest for row in EMPTY_FRAMES.at(state, robot) or [])

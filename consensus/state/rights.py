@@ -1,0 +1,114 @@
+"""What the contract `rights` keeps: restrictions, objections, corrections, quarantines and breaches."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from consensus.state.keys import HASH, KEY, U32, U64, Prefix, Reader, Row, StateKey
+
+RIGHTS = "rights"
+
+
+class RestrictionRow(Row, frozen=True):
+    """What is restricted of a visit: named records, or the `whole` of it; `until_ms` is 0 if nothing is kept longer."""
+
+    ground: str
+    whole: bool
+    whole_since_ms: int
+    until_ms: int
+    records: list[bytes]
+    time: int
+
+    def covers(self, record_id: bytes) -> bool:
+        """Tell whether a record is restricted."""
+        return self.whole or record_id in self.records
+
+
+class CorrectionRow(Row, frozen=True):
+    """A correction: a salted hash of what it says, and the txid of the one before (empty for the first)."""
+
+    records: list[bytes]
+    kind: str
+    commitment: bytes
+    previous: bytes
+    txid: bytes
+    time: int
+    height: int
+
+
+class AssessedRow(Row, frozen=True):
+    """Who assessed a breach last, when and why."""
+
+    time: int
+    officer: bytes
+    reason: str
+
+
+class NotifiedRow(Row, frozen=True):
+    """Who told somebody of a breach, when, and whether that was late."""
+
+    time: int
+    officer: bytes
+    reason: str
+    late: bool
+
+
+class ClosedRow(Row, frozen=True):
+    """Who closed a breach, when and how."""
+
+    time: int
+    officer: bytes
+    outcome: Literal["erased", "released"]
+    reason: str
+
+
+class BreachRow(Row, frozen=True):
+    """A breach; `notified` is by recipient."""
+
+    number: int
+    owner: bytes
+    robot: bytes
+    org: str
+    kind: str
+    status: Literal["opened", "assessed", "notified", "closed"]
+    risk: Literal["", "none", "risk", "high"]
+    opened_ms: int
+    due_ms: int
+    assessed: AssessedRow | None
+    notified: dict[str, NotifiedRow]
+    closed: ClosedRow | None
+
+
+RESTRICTION: Prefix[RestrictionRow] = Prefix(RIGHTS, "restriction/", (KEY,), RestrictionRow)
+OBJECTION: Prefix[dict[str, int]] = Prefix(RIGHTS, "objection/", (KEY,), dict[str, int])
+"""Since when (ms) a purpose is objected to."""
+CORRECTION: Prefix[CorrectionRow] = Prefix(RIGHTS, "correction/", (KEY, U32), CorrectionRow)
+CORRECTION_COUNT: Prefix[int] = Prefix(RIGHTS, "correction-count/", (KEY,), int)
+QUARANTINE: Prefix[bytes] = Prefix(RIGHTS, "quarantine/", (KEY,), bytes)
+"""The id of the breach by which a visit is quarantined."""
+BREACH: Prefix[BreachRow] = Prefix(RIGHTS, "breach/", (HASH,), BreachRow)
+BREACH_NUMBER: Prefix[bytes] = Prefix(RIGHTS, "breach-number/", (U64,), bytes)
+BREACH_COUNT: StateKey[int] = StateKey(RIGHTS, "breach-count", int)
+LAYOUT = (
+    RESTRICTION,
+    OBJECTION,
+    CORRECTION,
+    CORRECTION_COUNT,
+    QUARANTINE,
+    BREACH,
+    BREACH_NUMBER,
+    BREACH_COUNT,
+)
+
+
+def correction_keys(owner: bytes, count: int) -> list[bytes]:
+    """Return the keys of a visit's first corrections, in order."""
+    return [CORRECTION.key(owner, number) for number in range(count)]
+
+
+def is_held(state: Reader, owner: bytes, record_id: bytes, expires_at_ms: int, now_ms: int) -> bool:
+    """Tell whether a restriction keeps a record beyond its expiry: what the view `require_not_held` judges by."""
+    row = RESTRICTION.at(state, owner)
+    if row is None or row.until_ms <= now_ms:
+        return False
+    return record_id in row.records or (row.whole and row.whole_since_ms < expires_at_ms)

@@ -1,0 +1,10 @@
+"""What the contract `settings` keeps: the quotas of uploads that organisations decided. The rest is in `producers`."""
+
+from __future__ import annotations
+
+from consensus.state.keys import TEXT, Prefix
+
+SETTINGS = "settings"
+
+QUOTA: Prefix[int] = Prefix(SETTINGS, "quota/", (TEXT,), int)
+LAYOUT = (QUOTA,)
