@@ -38,6 +38,7 @@ from contracts.vm.values import (
 INT_BYTES_MAX = 33
 UPDATE_GAS = 6
 _STRIP_PIECE_CHARS = 64
+STRIP_SHIFT = 1
 WIDE_SORT_SHIFT = 6
 """Beyond ASCII a letter counts in sorting as 64 (2 to this power): texts may be compared letter by letter."""
 _SPACE = " \t\n\r\x0b\x0c"
@@ -152,11 +153,17 @@ def _strip_set(text: Any, characters: Any) -> Any:
     return characters
 
 
+def _piece_gas(characters: Any) -> int:
+    """Return the price of a piece: beyond ASCII each of its letters may be compared with every one of these."""
+    is_plain = type(characters) is bytes or characters.isascii()
+    return 5 if is_plain else 5 + (len(characters) >> STRIP_SHIFT)
+
+
 def _strip_left(runtime: Runtime, text: Any, characters: Any) -> Any:
     """Return the text without these characters at its beginning, charged by the piece as they are found."""
-    start = 0
+    start, price = 0, _piece_gas(characters)
     while start < len(text):
-        runtime.charge(5)
+        runtime.charge(price)
         if text[start : start + _STRIP_PIECE_CHARS].lstrip(characters):
             break
         start += _STRIP_PIECE_CHARS
@@ -165,9 +172,9 @@ def _strip_left(runtime: Runtime, text: Any, characters: Any) -> Any:
 
 def _strip_right(runtime: Runtime, text: Any, characters: Any) -> Any:
     """Return the text without these characters at its end, charged by the piece as they are found."""
-    stop = len(text)
+    stop, price = len(text), _piece_gas(characters)
     while stop > 0:
-        runtime.charge(5)
+        runtime.charge(price)
         if text[max(stop - _STRIP_PIECE_CHARS, 0) : stop].rstrip(characters):
             break
         stop -= _STRIP_PIECE_CHARS

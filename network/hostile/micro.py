@@ -36,6 +36,8 @@ def h4(a, b, c, d):
 MIXED = "".join(random.Random(4).choices("ab", k=30_000))  # noqa: S311 - no secret
 MIXED_WIDTHS = "".join(random.Random(4).choices("a\xe9\u4e61\U0001f600", k=6_000))  # noqa: S311
 """No processor foresees the next letter: what decides letter by letter takes its longest on these."""
+_LETTERS_ALIKE = "".join(f"\\u{page:02x}61" for page in range(2, 66))
+"""As many as can be stripped, of the same lower byte: a search for one of them stops at each."""
 MIXED_CONSTANTS = f"\n\nMIXED = {MIXED!r}\nMIXED_WIDTHS = {MIXED_WIDTHS!r}\n"
 
 _STEPS: tuple[tuple[str, str, str], ...] = (
@@ -332,6 +334,7 @@ _SIZED: tuple[tuple[str, str, str], ...] = (
     ("wide-loop", "x = '\\U0001F600' * N", "for i in x:\n    pass"),
     ("wide-list", "x = '\\U0001F600' * N", "y = list(x)"),
     ("wide-strip", "x = '\\u20ac' * N + 'a'", "y = x.strip('\\u20ac')"),
+    ("wide-strip-many", f"z = '{_LETTERS_ALIKE}'\nx = z[63] * N", "y = x.strip(z)"),
     ("wide-isalpha", "x = '\\u20ac' * N", "y = x.isalpha()"),
     ("wide-encode-four", "x = '\\U0001F600' * N", "y = x.encode()"),
     ("wide-decode", "x = ('\\U0001F600' * N).encode()", "y = x.decode()"),

@@ -146,6 +146,7 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     "values": ("{any}", "{l}", "{l}", "{r}"), "value": ("{any}",), "text": ("{s}", "{b}.hex()", "'00' * {few}"), "number": ("{i} & 255", "7"),
     "start": ("{i}", "0"), "stop": ("{i}", "9"), "step": ("1", "3"), "data": ("{b}",), "limit": ("{few}", "256"), "name": ("'done'",),
     "tag": ("'t'",), "signature": ("b'\\x01' * 65", "{b}"), "message": ("{b}",), "contract": ("'other'",), "fn": ("'f'",),
+    "characters": ("{same}[:64]", "{same}[-1:]", "{same}"),
 }  # fmt: skip
 ONLY_BY_NAME = {"reverse": "reverse=True", "signed": "signed=True"}
 _HOLE = re.compile(r"\{(s|b|i|l|t|d|r|any|key|few|stored|same)\}")

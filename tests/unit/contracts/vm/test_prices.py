@@ -131,6 +131,12 @@ ROWS: tuple[tuple[str, str, str, int], ...] = (
         9 + 1000 // 4 + 1000 // 16 + 1000 * 10 // 12 + memory(LIST + 24_000),
     ),
     ("`strip` and its kin | 5 + 5 per 64 characters", LONG, "y = x.strip()", 5 + 2 * 5 + memory(TEXT + 1000)),
+    (
+        "one for each 2 characters to strip if one is beyond ASCII",
+        LONG + "z = '\u0161' * 64\n",
+        "y = x.strip(z)",
+        5 + 2 * (5 + 32) + memory(TEXT + 1000),
+    ),
     ("at each use | 4 + 2 an item, 4 + 3 an entry", "", "y = CONSTANT", 8 + 8 + 6 + 3 * memory(LIST + 48)),
     ("walking a value (stored, emitted) | list 2 + 3 an item", MANY, "state.put(b'k', x)", 2 + 3000 + 120 + 1004 // 8),
     ("dict 4 + 4 an entry", TABLE, "state.put(b'k', x)", 4 + 400 + 120 + 204 // 8),
