@@ -10,9 +10,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 SYSTEM_PACKAGES ?= install
 ifeq ($(SYSTEM_PACKAGES),none)
-TESTS := not long and not system_packages
+TESTS := not system_packages
 else ifeq ($(SYSTEM_PACKAGES),install)
-TESTS := not long
+TESTS := not nothing
 else
 $(error SYSTEM_PACKAGES is `install` (what `make test` does anyway) or `none`, not `$(SYSTEM_PACKAGES)`)
 endif
@@ -83,14 +83,16 @@ ifneq ($(ROS2),none)
 	@$(BIN)/python -m tests.robot_live.ros2_wheels
 endif
 
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
 test: system-packages ros2 lint types
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m '$(TESTS)'
+	$(PYTEST) -m '$(TESTS) and not long'
 
 test-fast: $(VENV)/.develop
-	$(BIN)/python -m pytest tests/unit tests/property tests/architecture
+	$(PYTEST) tests/unit tests/property tests/architecture
 
-test-long: $(VENV)/.develop
-	$(BIN)/python -m pytest -m long
+test-long: system-packages ros2 lint types
+	HYPOTHESIS_PROFILE=long $(PYTEST) -m '$(TESTS)'
 
 docs: $(VENV)/.develop
 	$(BIN)/blockrobot reference

@@ -15,7 +15,7 @@ import pytest
 from clients.sdk import terminal
 from clients.wallet.language import LANGUAGE_VARIABLE
 
-pytest_plugins = ("tests.spent_time",)
+pytest_plugins = ("tests.spent_time", "tests.tiers")
 
 LEFT_OUT_BY = {
     "system_packages": (

@@ -47,6 +47,7 @@ def test_the_contract_machine_alone() -> None:
     assert all(value > 0 for value in figures.values())
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("arguments", [("tx", "--clients", "0"), ("tx", "--batch", "257"), ("latency", "--count", "x")])
 def test_a_wrong_option_is_a_matter_of_usage(arguments: tuple[str, ...]) -> None:
     command = [sys.executable, "-m", "network.cli.main", "bench", *arguments]
@@ -80,6 +81,7 @@ def test_a_robot_keeps_every_frame_over_a_cut_and_its_owners_find_each_once(
     assert list((tmp_path / "recordings").glob("bench-robot-10fps-6s-seed1-*/metadata.yaml"))
 
 
+@pytest.mark.smoke
 def test_a_cut_as_long_as_the_measurement_is_a_matter_of_usage() -> None:
     command = [sys.executable, "-m", "network.cli.main", "bench", "robot", "--seconds", "5", "--cut", "5"]
     child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

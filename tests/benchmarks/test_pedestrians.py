@@ -53,6 +53,7 @@ def test_the_film_has_as_many_frames_as_it_should_and_its_empty_scene_holds_nobo
             assert np.mean(differs) > 0.12, f"nobody is in {x}, {y} of frame {frame}"
 
 
+@pytest.mark.smoke
 def test_the_judge_by_eye_finds_who_is_to_be_seen_beside_the_owner() -> None:
     people = ((100, 100, 30, 80), (140, 100, 30, 80), (300, 200, 30, 80))
     shown = np.zeros((576, 768), dtype=bool)
@@ -75,11 +76,13 @@ def test_people_are_marked_in_one_film_alone(tmp_path: Path) -> None:
     assert not is_marked_film(other)
 
 
+@pytest.mark.smoke
 def test_a_picture_that_could_not_be_written_is_refused_before_the_film_is_played(tmp_path: Path) -> None:
     with pytest.raises(BlockRobotError, match="no folder"):
         judge_pedestrians(film_file=tmp_path / "gone.avi", picture=tmp_path / "nowhere" / "shown.png")
 
 
+@pytest.mark.smoke
 def test_without_the_film_the_refusal_says_how_to_get_it(tmp_path: Path) -> None:
     with pytest.raises(BlockRobotError, match="apt install opencv-doc"):
         read_film(tmp_path / "gone.avi")

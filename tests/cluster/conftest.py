@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
 import pytest
+import pytest_asyncio
 
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.story import Story
@@ -17,6 +18,17 @@ from tests.json_answers import answers_of_processes, noted_differences
 async def network(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
     """Four running nodes of two organisations."""
     network = NetworkUnderTest(tmp_path / "network", nodes=4)
+    try:
+        await network.start()
+        yield network
+    finally:
+        await network.close()
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def shared_network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[NetworkUnderTest]:
+    """Four running nodes for all tests of a module, none of which breaks them."""
+    network = NetworkUnderTest(tmp_path_factory.mktemp("shared") / "network", nodes=4)
     try:
         await network.start()
         yield network

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
+
 from network.faults.actions import Heal, Pause, Resume, SetLink
 from network.faults.profiles import link_profile
 from node.p2p.shaping import LinkFault
@@ -52,6 +54,7 @@ async def test_three_nodes_go_on_without_the_one_that_is_cut_off_which_catches_u
     await story.end()
 
 
+@pytest.mark.smoke
 async def test_two_and_two_decide_nothing_and_go_on_together_when_healed(story: Story) -> None:
     await story.work()
     await story.until_told()

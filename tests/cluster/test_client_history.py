@@ -8,6 +8,8 @@ import pytest
 
 from tests.cluster.client_history import Acknowledged, ClientHistory, Read, Seen
 
+pytestmark = pytest.mark.smoke
+
 
 def _write(number: int, client: str = "ann", *, height: int | None = None, index: int = 0) -> Acknowledged:
     """Record `number`, asked for at that second and told of half a second later."""

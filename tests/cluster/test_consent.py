@@ -6,6 +6,8 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from clients.registrar.desk import Desk
 from clients.robot.bag import make_bag
 from clients.robot.enrolment import register_robot
@@ -50,6 +52,7 @@ def _frame_count(reports: list[VisitReport]) -> int:
     )
 
 
+@pytest.mark.smoke
 async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
     network: NetworkUnderTest, tmp_path: Path
 ) -> None:

@@ -8,6 +8,8 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.cluster.story import Story
 
 KILLS_COUNT = 12
@@ -53,6 +55,7 @@ async def test_workers_of_all_nodes_are_killed_under_load_again_and_again(story:
     await story.end()
 
 
+@pytest.mark.smoke
 async def test_all_workers_are_killed_at_once(story: Story) -> None:
     await story.work()
     await story.until_told()

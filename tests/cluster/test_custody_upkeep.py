@@ -176,6 +176,7 @@ async def test_a_custodian_put_back_from_an_old_backup_erases_again_before_it_se
         assert (await _hunt(cluster, await _trace(cluster, clip))).is_clean
 
 
+@pytest.mark.smoke
 async def test_a_custodian_that_was_down_during_an_erasure_carries_it_out_when_it_is_back(
     embedded: tuple[FreshNetwork, ClipRobot],
 ) -> None:

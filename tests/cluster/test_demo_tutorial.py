@@ -27,6 +27,7 @@ def reader(tmp_path: Path) -> Iterator[Reader]:
     reader.close()
 
 
+@pytest.mark.docs
 @pytest.mark.timeout(READING_MAX_S)
 def test_the_demonstration_by_hand_works_as_it_is_written(reader: Reader) -> None:
     reader.follow("demo-by-hand.md")

@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
+import pytest_asyncio
+
 from tests.cluster.network_under_test import NetworkUnderTest
+
+pytestmark = [pytest.mark.smoke, pytest.mark.asyncio(loop_scope="module")]
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def network(shared_network: NetworkUnderTest) -> NetworkUnderTest:
+    """One network for all tests here: none of them breaks it."""
+    return shared_network
+
 
 QUIET_MAX_S = 20.0
 """How long a busy machine may take to bring the last rounds to their end; an idle network's next block comes later."""

@@ -25,6 +25,7 @@ def reader(tmp_path: Path) -> Iterator[Reader]:
     reader.close()
 
 
+@pytest.mark.docs
 def test_the_tutorial_works_as_it_is_written(reader: Reader) -> None:
     reader.follow("your-first-contract.md")
     shown = reader.shown

@@ -33,6 +33,7 @@ async def test_each_node_in_turn_is_killed_under_load_and_comes_back(story: Stor
     await story.end()
 
 
+@pytest.mark.smoke
 async def test_power_is_cut_under_load_twice_and_everything_acknowledged_is_there(story: Story) -> None:
     """The second cut comes while the nodes start."""
     await story.work()

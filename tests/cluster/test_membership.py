@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import aiohttp
+import pytest
 
 from consensus.primitives.encoding import decode
 from network.certificates import find_authority, read_report, renew
@@ -139,6 +140,7 @@ async def test_a_certificate_is_renewed_on_a_running_node_and_the_old_one_revoke
     assert (await uptimes(network, FOUR))["node-3"] > began["node-3"]
 
 
+@pytest.mark.smoke
 async def test_a_revoked_certificate_cuts_its_node_off_until_it_has_a_new_one(network: NetworkUnderTest) -> None:
     await must(network, "certificate", "revoke", "node-2", "--as", "university")
     status = await until(network, "node-2", lambda status: bool(status["refused_by"]) and not status["peers"])

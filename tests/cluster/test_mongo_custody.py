@@ -51,6 +51,7 @@ async def _wait_checkpoint(network: NetworkUnderTest, name: str, height: int) ->
         await asyncio.sleep(0.1)
 
 
+@pytest.mark.smoke
 async def test_custodians_follow_the_chain_each_in_a_database_of_its_own_and_go_on_after_a_kill(
     mongo_network: NetworkUnderTest, mongo_uri: str
 ) -> None:

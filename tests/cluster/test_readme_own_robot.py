@@ -35,6 +35,7 @@ def readme_lines() -> list[str]:
     return found[1].splitlines()
 
 
+@pytest.mark.docs
 @pytest.mark.timeout(300)
 def test_the_lines_for_an_own_recording_work_as_typed(reader: Reader) -> None:
     ward = reader.home / "ward"

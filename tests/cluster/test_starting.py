@@ -7,6 +7,8 @@ import socket
 import sys
 from pathlib import Path
 
+import pytest
+
 from network.layout import create_network
 from tests.cluster.network_under_test import NetworkUnderTest, find_base_port
 
@@ -32,6 +34,7 @@ def _assert_plain(output: str, code: str) -> None:
     assert "Traceback" not in output
 
 
+@pytest.mark.smoke
 async def test_a_second_node_on_a_data_directory_in_use_is_refused_and_the_first_goes_on(
     network: NetworkUnderTest,
 ) -> None:
@@ -81,6 +84,7 @@ async def test_a_directory_without_a_node_is_refused(tmp_path: Path) -> None:
     _assert_plain(output, "DATA_DIRECTORY_INVALID")
 
 
+@pytest.mark.smoke
 async def test_a_node_alone_is_a_network(tmp_path: Path) -> None:
     network = NetworkUnderTest(tmp_path / "network", nodes=1)
     try:

@@ -6,10 +6,22 @@ import asyncio
 import ssl
 from pathlib import Path
 
+import pytest
+import pytest_asyncio
+
 from consensus.primitives.encoding import encode
 from network.authority import Authority, create_authority, issue_node_certificate, load_authority, write_secret
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, encode_frame
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
+
+pytestmark = [pytest.mark.smoke, pytest.mark.asyncio(loop_scope="module")]
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def network(shared_network: NetworkUnderTest) -> NetworkUnderTest:
+    """One network for all tests here: none of them breaks it."""
+    return shared_network
+
 
 TARGET = "node-2"
 

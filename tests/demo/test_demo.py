@@ -79,6 +79,7 @@ def embedded(home: Path, tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
     return DemoRun(out, *run_demo(home, out))
 
 
+@pytest.mark.smoke
 @pytest.mark.timeout(DEMO_TIMEOUT_S + ENDING_TIMEOUT_S + 20)
 def test_the_whole_story_holds_on_embedded_parts(embedded: DemoRun) -> None:
     out, code, answer = embedded.out, embedded.code, embedded.answer

@@ -12,6 +12,8 @@ from consensus.errors import BlockRobotError
 from network.experiments.comparison import work_out, write_reading
 from network.experiments.event_table import EventTable, LoggedEvent
 
+pytestmark = pytest.mark.smoke
+
 ODD_NAME = 'A "NAME" -> OF\\nODD LETTERS'
 SVG = "{http://www.w3.org/2000/svg}"
 

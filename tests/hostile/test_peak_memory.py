@@ -15,11 +15,12 @@ import pytest
 
 from contracts.vm.builtins_table import BUILTINS
 from contracts.vm.methods import METHODS
+from tests.effort import EFFORT, EFFORT_OF_ALL
 from tests.hostile.peak_memory import FACTOR, programs
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK_PARTS = 250
-LONG_PARTS = 8
+LONG_PARTS = 80
 
 
 def run_part(part: int, parts: int) -> dict[str, Any]:
@@ -47,6 +48,6 @@ def test_a_sample_of_all_programs_has_room_enough():
 
 @pytest.mark.long
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("part", range(LONG_PARTS))
-def test_all_programs_have_room_enough(part):
+@pytest.mark.parametrize("part", range(min(LONG_PARTS, LONG_PARTS * EFFORT // EFFORT_OF_ALL)))
+def test_programs_of_all_kinds_have_room_enough(part):
     check(run_part(part, LONG_PARTS))

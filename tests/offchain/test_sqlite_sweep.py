@@ -149,7 +149,7 @@ class Churn:
             assert await self.store.frames(record_id) == rows
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32), rounds=st.integers(1, 4), writes=st.integers(1, 25))
 def test_after_any_writes_the_walk_over_every_page_finds_nothing_that_a_sweep_left(
     seed: int, rounds: int, writes: int

@@ -158,7 +158,7 @@ class Story:
 
 @example([[Saying("withdraw")], [Saying("withdraw")], [Saying("give")]], 1)
 @example([[], [], [], [], [Saying("give"), Saying("give", 0, 0, 1, held_back=True)]], 189_850)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(SAYINGS, st.integers(1, 400_000))
 def test_the_steps_that_are_kept_say_what_all_words_say(sayings: list[list[Saying]], pace_ms: int) -> None:
     story = Story()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import msgspec
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.block import IndexedSignature, QuorumCertificate, TimeoutCertificate
@@ -81,7 +81,6 @@ events = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.lists(events, max_size=25))
 def test_nothing_that_peers_send_makes_the_core_raise_or_contradict_itself(script):
     node = OneCore()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
@@ -102,7 +102,6 @@ class Story:
 
 
 @given(st.lists(st.lists(actions, min_size=1, max_size=6), min_size=1, max_size=12))
-@settings(max_examples=120, deadline=None)
 def test_the_schedule_is_always_one_to_live_on(blocks: list[list[Action]]) -> None:
     story = Story()
     for block in blocks:
@@ -134,7 +133,6 @@ def test_the_schedule_is_always_one_to_live_on(blocks: list[list[Action]]) -> No
     st.sampled_from([name for name in ChainSettings.__struct_fields__ if name != "production"]),
     st.integers(min_value=-2, max_value=1000),
 )
-@settings(max_examples=150, deadline=None)
 def test_a_number_is_refused_where_the_genesis_file_refuses_it(name: str, value: int) -> None:
     chain = Consortium(organisations=1, nodes=1)
     receipt = chain.send(admin_of("org-01"), "settings", "propose", name, value)
@@ -150,7 +148,6 @@ def test_a_number_is_refused_where_the_genesis_file_refuses_it(name: str, value:
 @given(
     st.one_of(st.text(max_size=12), st.builds(lambda text: f"interval:{text}", st.text("0123456789 -+", max_size=9)))
 )
-@settings(max_examples=200, deadline=None)
 def test_a_production_is_refused_where_the_genesis_file_refuses_it(text: str) -> None:
     chain = Consortium(organisations=1, nodes=1)
     receipt = chain.send(admin_of("org-01"), "settings", "propose", "production", text)

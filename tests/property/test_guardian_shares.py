@@ -30,7 +30,6 @@ def gathered(shares: list[str]) -> Gathering:
     return gathering
 
 
-@settings(max_examples=30, deadline=None)
 @given(entropies, ways, st.data())
 def test_any_that_are_enough_lead_back_and_one_less_never(entropy, way, data):
     threshold, count = way
@@ -45,7 +44,7 @@ def test_any_that_are_enough_lead_back_and_one_less_never(entropy, way, data):
         short.join()
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(entropies)
 def test_every_choice_of_three_out_of_five_leads_back(entropy):
     words = words_of(entropy)
@@ -54,7 +53,6 @@ def test_every_choice_of_three_out_of_five_leads_back(entropy):
         assert gathered(list(chosen)).join() == words
 
 
-@settings(max_examples=30, deadline=None)
 @given(entropies, entropies)
 def test_two_sets_do_not_mix_whatever_they_are_of(first, second):
     ours, others = split_words(words_of(first), 2, 3), split_words(words_of(second), 2, 3)
@@ -65,7 +63,6 @@ def test_two_sets_do_not_mix_whatever_they_are_of(first, second):
         gathered([ours[0], others[1]]).join()
 
 
-@settings(max_examples=30, deadline=None)
 @given(entropies, entropies, st.integers(0, 2**15 - 1))
 def test_sets_that_bear_the_same_number_by_chance_are_told_apart_by_the_digest(first, second, identifier):
     if first == second:
@@ -78,7 +75,7 @@ def test_sets_that_bear_the_same_number_by_chance_are_told_apart_by_the_digest(f
         gathered([split[0][0].mnemonic(), split[1][1].mnemonic()]).join()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(entropies, st.integers(2, 4), st.data())
 def test_with_one_guardian_more_than_needed_one_who_lies_keeps_nobody_out(entropy, threshold, data):
     words = words_of(entropy)
@@ -102,7 +99,6 @@ heads = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=40, deadline=None)
 @given(entropies, st.integers(2, 4), heads, st.data())
 def test_whatever_a_guardian_who_lies_says_of_the_set_or_of_her_number_the_others_come_through(
     entropy, threshold, said, data
@@ -118,7 +114,7 @@ def test_whatever_a_guardian_who_lies_says_of_the_set_or_of_her_number_the_other
     assert lie not in joined.joined
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(entropies)
 def test_of_the_shares_that_are_left_over_only_those_that_do_not_fit_are_named(entropy):
     shares = [read_share(share) for share in split_words(words_of(entropy), 2, 5)]
@@ -143,7 +139,6 @@ def test_each_choice_of_shares_is_tried_once_and_no_more_than_some_thousand():
     assert joined.join() == words_of(bytes(32))
 
 
-@settings(max_examples=60, deadline=None)
 @given(entropies, st.integers(0, 32), st.sampled_from(WORDLIST))
 def test_one_wrong_word_is_always_noticed(entropy, place, word):
     share = split_words(words_of(entropy), 2, 2)[0].split()
@@ -154,7 +149,6 @@ def test_one_wrong_word_is_always_noticed(entropy, place, word):
         read_share(" ".join(share))
 
 
-@settings(max_examples=60, deadline=None)
 @given(entropies, st.integers(0, 31))
 def test_two_words_that_changed_places_are_always_noticed(entropy, place):
     share = split_words(words_of(entropy), 2, 2)[0].split()

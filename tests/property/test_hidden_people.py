@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.robot.hiding.segmentation import Silhouette
@@ -18,7 +18,6 @@ def seen(x_m: float, z_m: float) -> Silhouette:
     return Silhouette(1, (0, 0, 1, 1), x_m, z_m, math.hypot(x_m, z_m), round(z_m * 1000), "")
 
 
-@settings(max_examples=120, deadline=None)
 @given(people=PLACES, story=STORY, last=st.integers(1, 14), step_ms=st.sampled_from([33, 100, 200]))
 def test_of_people_close_together_who_is_not_seen_counts_as_hidden(
     people: list[tuple[float, float]], story: list[tuple[int, int]], last: int, step_ms: int

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.block import EpochProof, FinalityProof
@@ -44,7 +44,6 @@ def offered(client: LightClient, offer: EpochProof | FinalityProof) -> str | Non
     return None
 
 
-@settings(max_examples=40, deadline=None)
 @given(steps)
 def test_a_client_that_follows_all_epochs_believes_every_block_of_the_last(plan):
     epochs, _, chain = proofs_of(plan)
@@ -55,7 +54,6 @@ def test_a_client_that_follows_all_epochs_believes_every_block_of_the_last(plan)
     assert client.accept(chain.prove(block)) == block.header
 
 
-@settings(max_examples=40, deadline=None)
 @given(steps, st.randoms(use_true_random=False))
 def test_in_any_order_a_client_only_goes_forward_on_the_one_chain(plan, chance):
     epochs, finalities, chain = proofs_of(plan)

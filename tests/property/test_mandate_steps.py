@@ -290,13 +290,13 @@ def play(steps: list[tuple[Any, ...]]) -> None:
         story.check()
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(st.sampled_from(RELATIVES), IN_FORCE)
 def test_whoever_speaks_speaks_within_the_mandate(relative: str, steps: list[tuple[Any, ...]]) -> None:
     play([("mandate", relative, 30), *steps])
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(st.sampled_from([*RELATIVES, "max"]), TO_BE_GIVEN, TO_BE_GIVEN)
 def test_nobody_is_given_one_but_by_two_officers_and_by_accepting(
     relative: str, before: list[tuple[Any, ...]], after: list[tuple[Any, ...]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.robot.events import Facing, Sighting
@@ -62,7 +62,6 @@ def bound(matcher: Matcher, tracks: list[Track]) -> set[int]:
     return {one.number for one in tracks if matcher.bound_track("tag", [one.number]) is not None}
 
 
-@settings(deadline=None, max_examples=80)
 @given(scenes(), st.randoms(use_true_random=False))
 def test_the_order_in_which_readings_come_changes_nothing(scene, random) -> None:
     tracks, readings = scene
@@ -74,7 +73,6 @@ def test_the_order_in_which_readings_come_changes_nothing(scene, random) -> None
         assert bound(other, tracks) == bound(ordered, tracks)
 
 
-@settings(deadline=None, max_examples=50)
 @given(scenes(), st.integers(2, 5))
 def test_duplicates_count_once(scene, times) -> None:
     tracks, readings = scene
@@ -83,7 +81,6 @@ def test_duplicates_count_once(scene, times) -> None:
     assert often.held_count == once.held_count
 
 
-@settings(deadline=None, max_examples=100)
 @given(scenes())
 def test_a_tag_is_never_bound_to_two_tracks_that_were_in_view_together(scene) -> None:
     tracks, readings = scene
@@ -97,7 +94,6 @@ def test_a_tag_is_never_bound_to_two_tracks_that_were_in_view_together(scene) ->
         assert not any(one.overlaps(other) for one in mine for other in mine if one is not other)
 
 
-@settings(deadline=None, max_examples=50)
 @given(scenes())
 def test_nothing_is_ever_bound_without_distance(scene) -> None:
     tracks, readings = scene
@@ -107,7 +103,6 @@ def test_nothing_is_ever_bound_without_distance(scene) -> None:
     assert matcher.log_odds("tag") == {}
 
 
-@settings(deadline=None, max_examples=50)
 @given(scenes())
 def test_what_is_bound_is_likelier_than_not_and_what_passes_the_threshold_is_bound(scene) -> None:
     tracks, readings = scene
@@ -128,7 +123,6 @@ def says(matcher: Matcher, number: int) -> float:
 stated_sigmas_m = st.one_of(st.floats(0.01, 2.0), st.floats(2.0, 1e6))
 
 
-@settings(deadline=None, max_examples=100)
 @given(scenes(), st.sampled_from([100.0, 1000.0]), stated_sigmas_m)
 def test_distances_in_a_wrong_unit_bind_nobody_whatever_error_is_stated(scene, factor, sigma_m) -> None:
     tracks, readings = scene
@@ -140,7 +134,6 @@ def test_distances_in_a_wrong_unit_bind_nobody_whatever_error_is_stated(scene, f
     assert bound(weigh(tracks, wrong, stepwise=True), tracks) == set()
 
 
-@settings(deadline=None, max_examples=50)
 @given(scenes(), st.floats(10.0, 1e6))
 def test_distances_that_say_nothing_are_as_none(scene, sigma_m) -> None:
     tracks, readings = scene
@@ -148,7 +141,6 @@ def test_distances_that_say_nothing_are_as_none(scene, sigma_m) -> None:
     assert bound(weigh(tracks, vague, stepwise=True), tracks) == set()
 
 
-@settings(deadline=None, max_examples=30)
 @given(scenes(), st.lists(st.integers(0, LAST_MS), min_size=50, max_size=400))
 def test_a_storm_of_readings_is_held_within_bounds(scene, times) -> None:
     tracks, _ = scene
@@ -182,7 +174,6 @@ clouded_frames = st.dictionaries(
 )
 
 
-@settings(deadline=None, max_examples=60)
 @given(scenes(), clouded_frames, st.data())
 def test_a_reading_beside_somebody_unfollowed_counts_the_same_in_time_and_late(scene, unfollowed, data) -> None:
     tracks, readings = scene
@@ -193,7 +184,6 @@ def test_a_reading_beside_somebody_unfollowed_counts_the_same_in_time_and_late(s
     assert bound(delayed, tracks) == bound(in_time, tracks)
 
 
-@settings(deadline=None, max_examples=60)
 @given(scenes())
 def test_while_people_at_all_ranges_are_not_followed_nothing_is_bound(scene) -> None:
     tracks, readings = scene

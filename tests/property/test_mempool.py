@@ -119,6 +119,4 @@ class PoolMachine(RuleBasedStateMachine):
 
 
 TestPool = PoolMachine.TestCase
-TestPool.settings = settings(
-    max_examples=60, stateful_step_count=40, deadline=None, suppress_health_check=list(HealthCheck)
-)
+TestPool.settings = settings(stateful_step_count=40, suppress_health_check=list(HealthCheck))

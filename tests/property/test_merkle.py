@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.primitives.merkle import merkle_proof, merkle_root, verify_merkle_proof
@@ -10,7 +10,6 @@ from consensus.primitives.merkle import merkle_proof, merkle_root, verify_merkle
 LEAVES = st.lists(st.binary(min_size=32, max_size=32), min_size=1, max_size=70, unique=True)
 
 
-@settings(deadline=None)
 @given(LEAVES, st.data())
 def test_every_leaf_is_proved_in_its_place_alone(leaves: list[bytes], data: st.DataObject) -> None:
     root = merkle_root(leaves)
@@ -23,13 +22,11 @@ def test_every_leaf_is_proved_in_its_place_alone(leaves: list[bytes], data: st.D
     assert verify_merkle_proof(root, other, index, len(leaves), proof) == (other == leaves[index])
 
 
-@settings(deadline=None)
 @given(LEAVES, LEAVES)
 def test_two_lists_share_no_root(one: list[bytes], two: list[bytes]) -> None:
     assert (merkle_root(one) == merkle_root(two)) == (one == two)
 
 
-@settings(deadline=None)
 @given(LEAVES, st.data())
 def test_a_count_that_is_not_the_lists_proves_nothing(leaves: list[bytes], data: st.DataObject) -> None:
     index = data.draw(st.integers(0, len(leaves) - 1))

@@ -110,7 +110,7 @@ class Story:
 @example([Saying(True, "refuse"), Saying(True, "give", 5), Saying(False, "withdraw"), Saying(False, "give")])
 @example([Saying(True, "withdraw all"), Saying(False, "give")])
 @example([Saying(True, "withdraw"), Saying(False, "give")])
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(SAYINGS)
 def test_no_yes_of_anothers_holds_against_her_own_no(sayings: list[Saying]) -> None:
     story = Story()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.primitives.hashing import sha256
@@ -12,7 +12,6 @@ from consensus.records.owner_keys import derive_owner_key, open_visit_keys, scan
 keys = st.binary(min_size=1, max_size=40).map(lambda seed: PrivateKey(sha256(seed)))
 
 
-@settings(max_examples=60, deadline=None)
 @given(spend=keys, view=keys, robot=keys, secret=st.binary(max_size=40), chain=st.binary(max_size=8))
 def test_robot_and_person_agree(
     spend: PrivateKey, view: PrivateKey, robot: PrivateKey, secret: bytes, chain: bytes
@@ -27,7 +26,6 @@ def test_robot_and_person_agree(
     assert visit.owner not in (spend.public_key, view.public_key, visit.ephemeral)
 
 
-@settings(max_examples=60, deadline=None)
 @given(spend=keys, view=keys, other=keys, robot=keys, secret=st.binary(max_size=40))
 def test_a_wrong_view_tag_or_view_key_finds_nothing(
     spend: PrivateKey, view: PrivateKey, other: PrivateKey, robot: PrivateKey, secret: bytes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
@@ -12,7 +12,6 @@ from consensus.records.padding import PADDING_STEPS_BYTES, pad, unpad
 TEXTS = st.one_of(st.binary(max_size=3000), st.integers(0, 200_000).map(lambda size: b"\xab" * size))
 
 
-@settings(deadline=None)
 @given(TEXTS)
 def test_a_text_comes_back_and_its_size_is_a_step(text: bytes) -> None:
     padded = pad(text)
@@ -21,7 +20,6 @@ def test_a_text_comes_back_and_its_size_is_a_step(text: bytes) -> None:
     assert len(padded) <= max(1024, (len(text) + 4) * 1.32)
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=2000), st.data())
 def test_whatever_opens_is_what_padding_makes(text: bytes, data: st.DataObject) -> None:
     changed = bytearray(pad(text))
@@ -34,7 +32,6 @@ def test_whatever_opens_is_what_padding_makes(text: bytes, data: st.DataObject) 
         assert pad(opened) == changed
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=1500))
 def test_bytes_that_are_no_padded_text_never_open_to_two_forms(noise: bytes) -> None:
     if len(noise) not in PADDING_STEPS_BYTES:

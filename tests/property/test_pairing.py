@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.robot.clocks import RunClocks
@@ -19,8 +19,6 @@ FRAME_DELAY_MAX_MS = 400
 REPORT_DELAY_MAX_MS = 80
 START_MS = 1_579_278_405_000
 DEPTH = np.zeros((1, 1), dtype=np.uint16)
-
-unhurried = settings(deadline=None)
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,6 @@ class Play:
         return self
 
 
-@unhurried
 @given(frames, sightings)
 def test_every_frame_is_decided_once_with_exactly_its_owners(taken: list[tuple[int, int]], seen: list[Seen]) -> None:
     play = Play(taken, seen).run()
@@ -128,7 +125,6 @@ def test_every_frame_is_decided_once_with_exactly_its_owners(taken: list[tuple[i
     assert play.pairing.refused == {}
 
 
-@unhurried
 @given(frames, sightings)
 def test_a_frame_is_decided_when_nothing_that_may_arrive_changes_it_and_at_once_then(
     taken: list[tuple[int, int]], seen: list[Seen]
@@ -151,7 +147,6 @@ def test_a_frame_is_decided_when_nothing_that_may_arrive_changes_it_and_at_once_
             assert oracle(at, [Seen("new", first, first, now, True, False)])[0] == ("new",)
 
 
-@unhurried
 @given(st.data(), frames.filter(bool), sightings)
 def test_whoever_waits_can_still_be_given_an_owner(
     data: st.DataObject, taken: list[tuple[int, int]], seen: list[Seen]
@@ -170,14 +165,12 @@ def test_whoever_waits_can_still_be_given_an_owner(
     assert play.pairing.late_count == 0
 
 
-@unhurried
 @given(st.lists(times(0, LAST_MS), max_size=60), sightings)
 def test_decisions_on_frames_that_come_in_order_come_in_time_order(taken: list[int], seen: list[Seen]) -> None:
     decided = Play([(at, 0) for at in taken], seen).run().decided
     assert [d.captured_at_ms for d in decided] == sorted(d.captured_at_ms for d in decided)
 
 
-@unhurried
 @given(frames, st.permutations(range(6)), st.lists(st.integers(0, LAST_MS), min_size=6, max_size=6))
 def test_the_order_in_which_sightings_arrive_does_not_matter(
     taken: list[tuple[int, int]], order: list[int], firsts: list[int]
@@ -191,7 +184,6 @@ def test_the_order_in_which_sightings_arrive_does_not_matter(
     assert owners(order) == owners(sorted(order))
 
 
-@unhurried
 @given(st.integers(LATENESS_MS + 1, 5_000))
 def test_a_sighting_that_is_too_late_changes_no_decision_and_is_counted(delay: int) -> None:
     pairing = Pairing(WINDOW_MS, LATENESS_MS)
@@ -206,7 +198,6 @@ def test_a_sighting_that_is_too_late_changes_no_decision_and_is_counted(delay: i
         assert decision.owners == (("a",) if abs(decision.captured_at_ms - (now - delay)) <= WINDOW_MS else ())
 
 
-@unhurried
 @given(
     st.lists(
         st.tuples(st.sampled_from("ab"), st.integers(0, LAST_MS), st.integers(0, REPORT_DELAY_MAX_MS)),

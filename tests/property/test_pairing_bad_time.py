@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.robot.clocks import CONFIRM_COUNT, HORIZON_MS, LATE_MAX_MS, ClockEstimator, RunClocks, Standing
@@ -17,7 +17,6 @@ DAY_MS = 86_400_000
 DEPTH = np.zeros((1, 1), dtype=np.uint16)
 WINDOW_MS = 5_000
 
-unhurried = settings(deadline=None)
 wild = st.one_of(
     st.integers(0, 20_000),
     st.integers(-3 * MEMORY_MS, 3 * MEMORY_MS),
@@ -37,7 +36,6 @@ def made(number: int, row: tuple[bool, int, int, int | None, str]) -> Event:
     return Sighting(START_MS + at, START_MS + at + lasting, alias, received_at_ms=received_ms)
 
 
-@unhurried
 @given(events)
 def test_whatever_the_stamps_every_frame_is_decided_once_or_turned_away_and_counted(
     rows: list[tuple[bool, int, int, int | None, str]],
@@ -70,7 +68,6 @@ def test_whatever_the_stamps_every_frame_is_decided_once_or_turned_away_and_coun
     assert {owner for decision in decided for owner in decision.owners} <= seen
 
 
-@unhurried
 @given(st.lists(st.tuples(wild, wild), min_size=1, max_size=120))
 def test_an_estimator_believes_no_jump_that_was_not_confirmed_and_stays_small(rows: list[tuple[int, int]]) -> None:
     estimator = ClockEstimator()
@@ -96,7 +93,6 @@ def test_an_estimator_believes_no_jump_that_was_not_confirmed_and_stays_small(ro
         assert estimate.uncertainty_ms >= 1
 
 
-@unhurried
 @given(st.lists(st.integers(-DAY_MS, DAY_MS), max_size=40))
 def test_single_stamps_a_minute_or_more_off_never_cost_another_frame_its_owner(offs: list[int]) -> None:
     """Every second frame is stamped wrongly; no two in a row are, so that none of them is ever believed."""

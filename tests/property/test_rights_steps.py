@@ -220,7 +220,7 @@ class Play:
         assert not stranger.ok
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(STEPS)
 def test_the_contract_decides_as_sheets_for_each_record_would(steps: list[Step]) -> None:
     play = Play()

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.robot.events import Frame, Refused, Sighting
@@ -87,7 +87,6 @@ def test_a_message_that_ends_early_is_refused(topic: str, kept: int) -> None:
     assert [type(event) for event in outcome(topic, data[: min(kept, len(data) - 9)])] == [Refused]
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.sampled_from(["cut", "flip", "zero"]),
     st.integers(0, 10**7),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from contracts.execution.call_host import CallHost
@@ -25,7 +25,6 @@ def expected(model: dict[bytes, bytes | None], prefix: bytes, limit: int) -> lis
     return there[:limit]
 
 
-@settings(max_examples=300, deadline=None)
 @given(WRITES, st.lists(WRITES, max_size=3), STEPS)
 def test_scans_give_what_is_there(stored, blocks, steps):
     view = MemoryState()
@@ -56,7 +55,6 @@ def test_scans_give_what_is_there(stored, blocks, steps):
             assert list(view.scan(b"", 1_000)) == expected(kept, b"", 1_000)
 
 
-@settings(max_examples=300, deadline=None)
 @given(st.sets(KEYS, max_size=30), st.lists(st.tuples(PREFIXES, PREFIXES, st.integers(1, 6)), max_size=20))
 def test_a_key_cache_reads_no_key_twice(keys, questions):
     read: list[bytes] = []

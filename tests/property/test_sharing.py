@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nacl.public import PrivateKey as SealingKey
 
@@ -40,7 +40,6 @@ def masks(count: int, seed: bytes) -> list[bytes]:
     return [sha256(seed + bytes((number,))) for number in range(count_masks(count))]
 
 
-@settings(max_examples=60, deadline=None)
 @given(secret=st.binary(min_size=32, max_size=32), count=st.integers(2, 7), seed=st.binary(max_size=8))
 def test_any_two_custodians_join_to_the_key_and_one_alone_to_nothing(secret: bytes, count: int, seed: bytes) -> None:
     parts = split_share_key(secret, [custodian(number) for number in range(count)], masks(count, seed))
@@ -53,7 +52,6 @@ def test_any_two_custodians_join_to_the_key_and_one_alone_to_nothing(secret: byt
     assert join_parts(parts) == [secret]
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     secret=st.binary(min_size=32, max_size=32), other=st.binary(min_size=32, max_size=32), seed=st.binary(max_size=8)
 )
@@ -109,7 +107,6 @@ def test_nothing_is_split_but_by_the_rules(key: bytes, custodians: list[bytes], 
     assert refused.value.code == "VALUE_INVALID"
 
 
-@settings(max_examples=30, deadline=None)
 @given(spend=keys, view=keys, other=keys, owner=keys, secret=st.binary(max_size=20))
 def test_the_grantee_finds_her_grant_and_nobody_else_does(
     spend: PrivateKey, view: PrivateKey, other: PrivateKey, owner: PrivateKey, secret: bytes
@@ -124,7 +121,6 @@ def test_the_grantee_finds_her_grant_and_nobody_else_does(
         assert scan_grant(view, spend.public_key, made.ephemeral, made.view_tag, **elsewhere) != made.owner
 
 
-@settings(max_examples=40, deadline=None)
 @given(data_keys=st.dictionaries(st.integers(0, 63), st.binary(min_size=32, max_size=32), min_size=1, max_size=64))
 def test_a_package_opens_for_its_grantee_and_record_alone(data_keys: dict[int, bytes]) -> None:
     sealing, grantee = SealingKey(sha256(b"x")), custodian(5)

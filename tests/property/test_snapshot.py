@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
@@ -30,7 +30,6 @@ def snapshot_of(state: dict[bytes, bytes], blocks: int) -> tuple[WrittenChain, M
     return chain, folder
 
 
-@settings(max_examples=40, deadline=None)
 @given(state=STATES, blocks=st.integers(0, 2))
 def test_any_state_comes_back_with_its_root(state: dict[bytes, bytes], blocks: int) -> None:
     chain, folder = snapshot_of(state, blocks)
@@ -47,7 +46,6 @@ PARTS = {MANIFEST_NAME: FOLDER.manifest(), **{chunk_name(index): data for index,
 BITS = [(name, bit) for name, data in PARTS.items() for bit in range(8 * len(data))]
 
 
-@settings(max_examples=300, deadline=None)
 @given(place=st.integers(0, len(BITS) - 1))
 def test_a_flipped_bit_anywhere_is_refused(place: int) -> None:
     name, bit = BITS[place]

@@ -32,7 +32,7 @@ STEPS = st.lists(
     st.tuples(st.integers(0, 499), st.integers(0, 49), st.sampled_from((0, 0, 0, 0, DAY_MS, 40 * DAY_MS))),
     max_size=14,
 )
-histories = settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+histories = settings(suppress_health_check=[HealthCheck.too_slow])
 
 
 class World:

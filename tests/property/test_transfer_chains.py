@@ -36,7 +36,7 @@ def check(hospital: Hospital, chains: list[Chain]) -> None:
             assert receipt.code == ("OK" if key is chain.keys[-1] else "VISIT_TRANSFERRED")
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(steps=STEPS)
 def test_of_each_visit_exactly_the_last_key_decides(steps: list[tuple[int, int]]) -> None:
     hospital = Hospital()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
@@ -30,7 +30,6 @@ def replay(history) -> tuple[MemoryState, dict[bytes, bytes]]:
 
 
 @given(batches)
-@settings(deadline=None, max_examples=200)
 def test_the_root_and_the_pages_follow_from_the_content(history):
     state, oracle = replay(history)
     fresh = MemoryState()
@@ -42,7 +41,6 @@ def test_the_root_and_the_pages_follow_from_the_content(history):
 
 
 @given(st.dictionaries(keys, st.binary(max_size=6), max_size=40), st.randoms(use_true_random=False), batches)
-@settings(deadline=None, max_examples=100)
 def test_any_order_of_writes_with_the_same_end_has_the_same_root(final, random, detour):
     steps = [{key: value} for key, value in final.items()]
     random.shuffle(steps)
@@ -57,7 +55,6 @@ def test_any_order_of_writes_with_the_same_end_has_the_same_root(final, random, 
 
 
 @given(batches, keys)
-@settings(deadline=None, max_examples=150)
 def test_any_key_can_be_proved_and_nothing_else_about_it(history, key):
     state, oracle = replay(history)
     proof = state.prove(key)
@@ -69,7 +66,6 @@ def test_any_key_can_be_proved_and_nothing_else_about_it(history, key):
 
 
 @given(batches, keys, st.data())
-@settings(deadline=None, max_examples=150)
 def test_a_tampered_proof_is_refused(history, key, data):
     state, oracle = replay(history)
     pages = list(state.prove(key).pages)
@@ -93,7 +89,6 @@ def test_a_tampered_proof_is_refused(history, key, data):
 
 
 @given(batches, batches, st.binary(max_size=2), st.integers(0, 20))
-@settings(deadline=None, max_examples=150)
 def test_overlays_read_as_if_their_blocks_were_final(finalized, unfinalized, prefix, limit):
     base, oracle = replay(finalized)
     flat, _ = replay([*finalized, *unfinalized])

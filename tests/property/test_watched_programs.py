@@ -30,7 +30,7 @@ def run(contract: CompiledContract, arguments: list[Any]) -> tuple[Outcome, dict
     return outcome, dict(host.writes)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck), database=None)
+@settings(suppress_health_check=list(HealthCheck), database=None)
 @given(st.randoms(use_true_random=False))
 def test_a_program_does_not_notice_that_it_is_watched(random: Random) -> None:
     source = ProgramWriter(random).program()

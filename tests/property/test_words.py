@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 
 import msgspec
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.effects import EvidenceFound
@@ -42,7 +42,6 @@ def place_of(word):
     return "proposal", word.header.round, word.header.producer, word.block_id
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.lists(words, max_size=12))
 def test_evidence_is_found_just_when_two_genuine_words_of_one_place_differ(script):
     node = OneCore(OWN)
@@ -77,7 +76,6 @@ steps = st.one_of(
 )
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 2), held_words), max_size=3), st.lists(steps, max_size=15))
 def test_a_producer_never_speaks_at_or_below_a_round_in_which_peers_hold_a_word_that_it_forgot(first, script):
     """Whatever it was told before it spoke, in whichever life, binds it."""

@@ -28,6 +28,7 @@ def age_ms(heard: Heard) -> list[int]:
     return [(one.received_at_ms or 0) - one.last_seen_ms for one in heard.sightings]
 
 
+@pytest.mark.smoke
 async def test_readings_are_sightings_with_a_facing_and_without_a_distance(tag_readers: TagReaders) -> None:
     reader = await tag_readers.start()
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
@@ -99,6 +100,7 @@ async def test_a_reader_whose_clock_is_wrong_tells_when_tags_were_seen_all_the_s
     assert heard.refused == []
 
 
+@pytest.mark.smoke
 async def test_tags_whose_epc_makes_no_sense_are_refused_and_the_others_read(tag_readers: TagReaders) -> None:
     reader = await tag_readers.start(tags={ANN: [1], "01": [1], "AB" * 34: [1], "": [1]})
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:

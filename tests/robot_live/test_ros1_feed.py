@@ -102,6 +102,7 @@ def drivers(graph: Ros1Graph, scene: Path, **settings: Any) -> Any:
     return graph.start_drivers(scene, **{"rate": NOBODY_RATE_HZ, "seconds": 100, "wait": False, **settings})
 
 
+@pytest.mark.smoke
 async def test_messages_of_a_type_of_the_robots_own_are_read_by_what_their_publisher_says_of_it(
     scene: Path, tmp_path: Path
 ) -> None:

@@ -18,6 +18,7 @@ os.execv(sys.executable, [sys.executable, "-m", "tests.robot_live.ros2_wheels"])
 """
 
 
+@pytest.mark.smoke
 def test_without_the_right_to_a_network_of_its_own_the_way_out_is_named() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_RIGHTS], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 1

@@ -56,6 +56,7 @@ def feed(graph: ZenohGraph, **settings: dict[str, str]) -> ZenohFeed:
     return ZenohFeed([graph.endpoint], 0, settings.get("definitions"))
 
 
+@pytest.mark.smoke
 async def test_thirty_frames_a_second_and_readings_arrive_whole_and_in_order(graph: ZenohGraph, scene: Path) -> None:
     async with listening([feed(graph)], Topics()) as heard:
         sent = await graph.publish(scene, rate=30, seconds=3)

@@ -23,6 +23,8 @@ from contracts.vm import CompiledContract, compile_contract
 from tests.unit.contracts.privacy import callers as privacy
 from tests.unit.contracts.system import callers as system
 
+pytestmark = pytest.mark.smoke
+
 FAULTS = {"TYPE_ERROR", "KEY_ERROR", "VALUE_ERROR", "OUT_OF_GAS", "NAME_UNSET", "ARGUMENTS_INVALID"}
 RULES = entry_rules()
 BY_CONTRACT = [place for place, rule in RULES.items() if rule.contracts]

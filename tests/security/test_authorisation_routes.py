@@ -33,6 +33,8 @@ from node.operator import OPEN_PATHS, create_operator_listener
 from tests.unit.contracts.privacy.hospital import Hospital, key_of
 from tests.unit.node.api.small_network import NOW_MS, SmallLedger, SmallNode
 
+pytestmark = pytest.mark.smoke
+
 STATE_MAX_COUNT = 1_000_000
 NOT_FOR_YOU = {"SESSION_REQUIRED", "SESSION_EXPIRED", "SESSION_REFUSED", "NOT_PERMITTED"}
 GUARDED = tuple(route for route in ROUTES if route.access.needs_session)

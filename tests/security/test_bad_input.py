@@ -16,7 +16,7 @@ from consensus.transaction import Transaction, TransactionWire
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import MSGPACK, Intruder, new_key, new_member, nothing_changes, now_ms
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
 
 _ORDER = 0xFFFFFFFFFFFFFFFFFFFFFFFFFFFFFFFEBAAEDCE6AF48A03BBFD25E8CD0364141
 

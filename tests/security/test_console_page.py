@@ -20,6 +20,8 @@ from pages.local_page import SESSION_HEADER, LocalPage
 from pages.serving import Assets
 from tests.cluster.network_under_test import find_base_port
 
+pytestmark = pytest.mark.smoke
+
 BODIES: dict[str, Any] = {
     "/api/faults": {"do": "restart", "node": "node-1"},
     "/api/plans": {"text": '[[step]]\nat = "0s"\ndo = "restart"\nnode = "node-1"\n'},

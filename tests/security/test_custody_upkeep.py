@@ -20,6 +20,8 @@ from node.faults import TOKEN_FILE_NAME
 from node.operator import create_operator_listener
 from node.upkeep_routes import HEARTBEAT_S
 
+pytestmark = pytest.mark.smoke
+
 TOKEN = "5e" * 32
 ROUTES = [("GET", "/custody"), ("POST", "/custody/scrub"), ("POST", "/custody/rebuild")]
 

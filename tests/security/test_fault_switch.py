@@ -21,7 +21,7 @@ from node.operator import FAULT_REQUEST_MAX_BYTES, create_operator_listener
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
 
 CUT = json.dumps({"links": {"node-2": {"cut": True}}, "disk": {"journal": True}})
 

@@ -20,7 +20,7 @@ from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, TransactionBatch, 
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import MSGPACK, new_key
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
 
 STRANGER_ADDRESS = "127.0.0.66"
 TARGET, IMPOSTOR = "node-2", "node-1"

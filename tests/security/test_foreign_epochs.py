@@ -19,6 +19,8 @@ from node.p2p.wire import BlockBatch, FrameKind, HeightNotice, RequestKind
 from tests.unit.node.small_nodes import SmallNodes, make_genesis
 from tests.virtual_time import run_virtual, virtual_now_ms
 
+pytestmark = pytest.mark.smoke
+
 NAMES = ["a", "b", "c", "liar"]
 THIEF = PrivateKey(sha256(b"thief")).public_key
 

@@ -15,7 +15,7 @@ from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder
 from tests.security.ward import Ward
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
 
 CHUNK_BYTES = 8 * 1024 * 1024
 

@@ -18,7 +18,7 @@ from network.certificates import serial_bytes
 from node.p2p.wire import PROTOCOL_VERSION, FrameDecoder, FrameKind, Hello, Refusal, encode_frame
 from tests.cluster.network_under_test import NetworkUnderTest
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
 
 TARGET, IMPOSTOR = "node-2", "node-1"
 

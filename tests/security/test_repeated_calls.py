@@ -20,6 +20,8 @@ from contracts.execution.results import PROTOCOL_LIMITS, BlockContext
 from tests.unit.contracts.privacy import callers as privacy
 from tests.unit.contracts.system import callers as system
 
+pytestmark = pytest.mark.smoke
+
 CALLS_COUNT = 40
 GROWTH_MIN_BYTES = 16
 GROWING: dict[tuple[str, str], int] = {

@@ -16,7 +16,7 @@ from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder, new_key
 from tests.security.ward import Enrolled, Ward
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
 
 FETCH_TIMEOUT_S = 10.0
 KEY_FILES = frozenset({"producer.key", "custodian.key", "tls.key.pem"})

@@ -16,7 +16,7 @@ from tests.security.intruder import MSGPACK, Intruder, nothing_changes
 from tests.security.ward import Ward
 from tests.unit.consensus.records.test_png import picture
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
 
 CONFIRM_TIMEOUT_S = 60.0
 

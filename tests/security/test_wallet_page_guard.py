@@ -21,6 +21,8 @@ from pages.local_page import LINK_LIFETIME_MS, LocalPage
 from tests.unit.clients.wallet.shared_ward import WEEK_MS, SharedWard
 from tests.wallet_page_client import SESSION_HEADER, WalletPage, read_link
 
+pytestmark = pytest.mark.smoke
+
 PASSPHRASE = "tea"
 
 

@@ -7,6 +7,7 @@ import pytest
 from network.sim.history import BlockFinalized, EpochBegan, History
 from network.sim.plan import Governance, Plan
 from network.sim.run import run_with_history
+from tests.effort import EFFORT
 
 ROUNDS = 60
 LIAR = "3"
@@ -32,6 +33,6 @@ def test_epochs_change_and_the_chain_goes_on_whatever_is_said_of_other_epochs(go
 
 @pytest.mark.long
 @pytest.mark.parametrize("governance", ["settings", "producers", "grow"])
-@pytest.mark.parametrize("seed", range(2, 22))
-def test_twenty_seeds_of_it(seed: int, governance: Governance) -> None:
+@pytest.mark.parametrize("seed", range(2, 2 + 2 * EFFORT))
+def test_more_seeds_of_it(seed: int, governance: Governance) -> None:
     play(seed, governance)

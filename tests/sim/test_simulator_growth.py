@@ -12,6 +12,9 @@ from network.sim.history import BlockFinalized, Ended, EpochBegan, Healed, Histo
 from network.sim.plan import make_growth_plan
 from network.sim.run import run_with_history
 from network.sim.sweep import sweep
+from tests.effort import EFFORT
+
+SEEDS_COUNT = 4 * EFFORT
 
 
 def play(seed: int, *, rounds: int, is_calm: bool = False) -> History:
@@ -78,7 +81,7 @@ def test_a_network_grows_under_the_faults_of_a_seed(seed: int) -> None:
 
 @pytest.mark.long
 @pytest.mark.timeout(1_800)
-def test_forty_seeds_of_growth_keep_every_promise() -> None:
-    total = sweep([make_growth_plan(seed) for seed in range(100, 140)])
+def test_many_seeds_of_growth_keep_every_promise() -> None:
+    total = sweep([make_growth_plan(seed) for seed in range(100, 100 + SEEDS_COUNT)])
     assert [str(violation) for result in total.failed for violation in result.violations] == []
-    assert total.seeds == 40
+    assert total.seeds == SEEDS_COUNT

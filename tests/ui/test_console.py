@@ -7,6 +7,7 @@ import re
 import stat
 from pathlib import Path
 
+import pytest
 from playwright.async_api import Page, expect
 
 from network.faults.actions import Heal, Pause, Resume
@@ -44,6 +45,7 @@ async def _expect_growth(page: Page, by: int = 5) -> None:
     )
 
 
+@pytest.mark.smoke
 async def test_a_node_is_killed_with_the_button_and_the_chain_goes_on(
     console: ConsoleUnderTest, open_page: Page
 ) -> None:
@@ -120,6 +122,7 @@ async def test_a_fault_is_told_in_a_word_and_its_reason_below_without_the_place_
     await expect(reason).to_have_count(0)
 
 
+@pytest.mark.smoke
 async def test_the_network_is_cut_in_two_by_clicks_and_healed(open_page: Page) -> None:
     page = open_page
     await page.get_by_role("tab", name="Partition").click()

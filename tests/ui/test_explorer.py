@@ -57,6 +57,7 @@ async def refuse_something(network: RecordedNetwork) -> dict[str, Any]:
     return await network.network.finalize("node-1", network.network.transaction())
 
 
+@pytest.mark.smoke
 async def test_the_command_opens_the_explorer_once_by_a_file_that_only_its_owner_can_read(
     pages: Pages, watch: Watch, recorded_network: RecordedNetwork
 ) -> None:
@@ -266,6 +267,7 @@ async def test_custody_says_from_where_on_it_shows_nothing(page: Page, recorded_
     await expect(page.get_by_role("link", name="Go on from there")).to_have_attribute("href", "#/custody/7")
 
 
+@pytest.mark.smoke
 async def test_a_block_shows_who_certified_it(page: Page, recorded_network: RecordedNetwork) -> None:
     place = await refuse_something(recorded_network)
     await enter(page, recorded_network.network, f"block/{place['height']}")
@@ -299,6 +301,7 @@ async def test_a_round_that_a_dead_leader_lost_is_told_and_drawn(page: Page, rec
     assert int(await missed.inner_text()) > 0
 
 
+@pytest.mark.smoke
 async def test_a_refused_transaction_shows_its_code_its_words_and_the_line(
     page: Page, recorded_network: RecordedNetwork
 ) -> None:
@@ -422,6 +425,7 @@ async def test_a_session_that_ends_is_told_and_another_lets_the_page_go_on(
     await expect(page.locator(f"#blocks a[href='#/block/{place['height']}']")).to_be_visible()
 
 
+@pytest.mark.smoke
 async def test_a_public_explorer_shows_headers_producers_and_counts_and_nothing_else(
     page: Page, recorded_network: RecordedNetwork, public_url: str
 ) -> None:

@@ -20,6 +20,7 @@ _RAW_FOCUS = re.compile(r"(?<!player)\.focus\(")
 _TOPS = """() => ['.seal h2', 'canvas.stage'].map((name) => document.querySelector(name).getBoundingClientRect().top)"""
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     "folder",
     [WALLET_ASSETS, CONSOLE_ASSETS, EXPLORER_ASSETS, PAGES_ASSETS],

@@ -12,6 +12,8 @@ from node.explorer.page import EXPLORER_ASSETS
 from tests.ui.page_scripts import ORIGIN, open_scripts
 from tests.ui.watched_page import Watch
 
+pytestmark = pytest.mark.smoke
+
 _REFUSALS = """async (node) => (await import('./offers.js')).refusals(
   node.name, {breakable: true}, {nodes: [node], links: []})"""
 _OPEN_FAULTS = """async () => {

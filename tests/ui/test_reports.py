@@ -62,6 +62,7 @@ def experiment_report(folder: Path, *, drawn_by_graphviz: bool) -> Path:
     return folder / "report.html"
 
 
+@pytest.mark.smoke
 async def test_the_demonstrations_report_opens_from_disk_and_is_readable_by_everybody(
     page: Page, tmp_path: Path
 ) -> None:

@@ -49,6 +49,7 @@ def answer_check(typed: Typed, words: dict[int, str]) -> None:
         typed.sendline(words[int(typed.match[1])])
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("columns", [24, 40, 100])
 def test_new_asks_three_words_back_until_they_are_right(tmp_path: Path, columns: int) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase", columns=columns)
@@ -114,6 +115,7 @@ def test_a_terminal_that_cannot_wipe_gets_so_many_lines_that_no_word_is_left_on_
     assert "\x1b" not in typed.rest()
 
 
+@pytest.mark.smoke
 def test_ctrl_c_while_the_words_stand_there_wipes_them_and_leaves_no_wallet(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase")
     typed.expect("press Enter: ")
@@ -209,6 +211,7 @@ def test_of_two_that_make_a_wallet_at_one_place_the_second_is_refused_and_nothin
     assert store.content.words == " ".join(words[number] for number in range(1, 25))
 
 
+@pytest.mark.smoke
 def test_no_check_asks_nothing_and_the_words_restore_the_wallet_in_portuguese(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase", "--no-check", language="pt")
     typed.expect("A sua carteira")
@@ -283,6 +286,7 @@ def home(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.smoke
 def test_a_wrong_passphrase_is_refused_with_its_own_exit_code(home: Path) -> None:
     typed = at_terminal(home, "records")
     typed.expect("Passphrase: ")

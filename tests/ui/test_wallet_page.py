@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+import pytest
 from playwright.async_api import Page, expect
 
 from consensus.records.metadata import NOTICE_SENSOR
@@ -19,6 +20,8 @@ from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, open_page, serve_wallet, watch_first_meeting
 from tests.ui.watched_page import SERVER_ENDED, Pages, Watch
 from tests.walking_alone import UID
+
+pytestmark = pytest.mark.smoke
 
 STAFF_UID = "D0C"
 

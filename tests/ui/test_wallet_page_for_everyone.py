@@ -241,6 +241,7 @@ async def test_an_empty_history_says_so_and_what_will_happen(recorded_network: R
         await page.unroute_all(behavior="wait")
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_every_text_that_the_page_asks_for_is_in_the_catalogue(language: str) -> None:
     texts = section("page", language)
@@ -251,6 +252,7 @@ def test_every_text_that_the_page_asks_for_is_in_the_catalogue(language: str) ->
     assert sorted(asked - set(texts)) == []
 
 
+@pytest.mark.smoke
 def test_no_file_of_the_page_has_inline_code_or_asks_anybody_else() -> None:
     for path in ASSETS.iterdir():
         text = path.read_text(encoding="utf-8")

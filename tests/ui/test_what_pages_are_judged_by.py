@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import pytest
 from playwright.async_api import Page
 
 from clients.wallet.viewing import Viewing
@@ -41,11 +42,13 @@ BAD = {
 }
 
 
+@pytest.mark.smoke
 async def test_a_good_page_has_no_faults(page: Page) -> None:
     await page.set_content(GOOD)
     assert await find_accessibility_faults(page) == []
 
 
+@pytest.mark.smoke
 async def test_every_kind_of_fault_is_found_and_named(page: Page) -> None:
     found = {}
     for kind, text in BAD.items():

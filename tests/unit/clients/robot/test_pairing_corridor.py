@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.robot.bag import RUN_START_MS, frame_time_ms
@@ -140,7 +140,6 @@ def near_at_s(scenario: Scenario) -> float:
     raise AssertionError("nobody came near")
 
 
-@settings(max_examples=50, deadline=None)
 @given(
     st.integers(0, 9_999),
     st.floats(0.5, 1.8),

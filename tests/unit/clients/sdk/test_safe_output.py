@@ -75,7 +75,7 @@ WAYS: dict[str, Callable[[SafeConsole, str], None]] = {
 
 
 @pytest.mark.parametrize("way", WAYS)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=ANY_TEXT | MARKUP)
 @example(HOSTILE)
 @example("[/red]")
@@ -86,7 +86,6 @@ def test_no_control_reaches_a_terminal_whatever_way_a_text_takes(way, text):
     assert controls_in(SGR.sub("", written)) == set()
 
 
-@settings(deadline=None)
 @given(ANY_TEXT | MARKUP)
 @example(HOSTILE)
 def test_no_control_comes_from_what_is_live(text):
@@ -170,7 +169,6 @@ SPEAKING = ["echo", "styled", "console", "errors", "write", "json", "plain-json"
 
 
 @pytest.mark.parametrize("name", SPEAKING)
-@settings(max_examples=40, deadline=None)
 @given(text=ANY_TEXT)
 @example(HOSTILE)
 @example("[/red]")
@@ -183,7 +181,6 @@ def test_no_command_lets_a_control_through(name, text):
     ("name", "find"),
     [("json", None), ("plain-json", None), ("refused", "detail"), ("wrong", "detail")],
 )
-@settings(max_examples=40, deadline=None)
 @given(text=ANY_TEXT)
 @example(HOSTILE)
 def test_json_stays_json_with_the_same_value(name, find, text):

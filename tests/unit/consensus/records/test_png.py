@@ -9,7 +9,7 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
@@ -100,7 +100,6 @@ def test_a_bomb_is_not_unpacked() -> None:
         tracemalloc.stop()
 
 
-@settings(max_examples=200)
 @given(st.integers(0, len(GOOD) - 1), st.binary(min_size=0, max_size=3))
 def test_a_changed_file_is_a_picture_or_refused(place: int, change: bytes) -> None:
     content = GOOD[:place] + change + GOOD[place + len(change) :]
