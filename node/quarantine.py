@@ -33,11 +33,38 @@ log = structlog.get_logger(__name__)
 
 @dataclass(slots=True)
 class _Doubt:
-    """`failures_count` counts what happened here, `losses_count` own blocks that were lost with it."""
-
-    failures_count: int = 0
-    losses_count: int = 0
+    count: int = 0
     until_s: float = 0.0
+
+
+class _Doubts:
+    """Transactions that are held, each for longer every time; the oldest is forgotten beyond `HELD_MAX_COUNT`."""
+
+    def __init__(self, pauses_ms: tuple[int, ...]) -> None:
+        self._pauses_ms = pauses_ms
+        self._held: OrderedDict[bytes, _Doubt] = OrderedDict()
+
+    def add(self, txid: bytes, now_s: float) -> int:
+        """Hold a transaction once more; return how often that was so far."""
+        doubt = self._held.setdefault(txid, _Doubt())
+        self._held.move_to_end(txid)
+        doubt.count += 1
+        doubt.until_s = now_s + self._pauses_ms[min(doubt.count, len(self._pauses_ms)) - 1] / 1000
+        while len(self._held) > HELD_MAX_COUNT:
+            self._held.popitem(last=False)
+        return doubt.count
+
+    def has(self, txid: bytes, now_s: float) -> bool:
+        """Tell whether a transaction is held now."""
+        doubt = self._held.get(txid)
+        return doubt is not None and doubt.until_s > now_s
+
+    def current(self, now_s: float) -> set[bytes]:
+        """Return what is held now, and forget what has been free for as long as a transaction may live."""
+        lifetime_s = TRANSACTION_LIFETIME_MAX_MS / 1000
+        for txid in [txid for txid, doubt in self._held.items() if doubt.until_s + lifetime_s < now_s]:
+            del self._held[txid]
+        return {txid for txid, doubt in self._held.items() if doubt.until_s > now_s}
 
 
 @dataclass(slots=True)
@@ -53,7 +80,8 @@ class Quarantine:
     def __init__(self, stopwatch: Callable[[], float]) -> None:
         self._stopwatch = stopwatch
         self._lock = threading.Lock()
-        self._doubts: OrderedDict[bytes, _Doubt] = OrderedDict()
+        self._failed = _Doubts(PAUSES_MS)
+        self._lost = _Doubts(LOST_PAUSES_MS)  # apart: one lost block holds thousands, and pushes out no failure
         self._changes: OrderedDict[Change, float] = OrderedDict()
         self._blocks: OrderedDict[bytes, _Failing] = OrderedDict()
         self.failures_count = 0
@@ -64,52 +92,27 @@ class Quarantine:
     def note_failure(self, txid: bytes, reason: str) -> None:
         """The execution of this transaction failed here, for want of memory or time or for a fault of the interpreter."""
         with self._lock:
-            doubt = self._doubt(txid)
-            doubt.failures_count += 1
-            self._hold(doubt, PAUSES_MS, doubt.failures_count)
+            failures_count = self._failed.add(txid, self._stopwatch())
         self._note_reason(reason)
-        log.error("transaction_quarantined", txid=txid.hex(), failures=doubt.failures_count, reason=self.last_failure)
+        log.error("transaction_quarantined", txid=txid.hex(), failures=failures_count, reason=self.last_failure)
 
     def note_lost(self, txids: Iterable[bytes]) -> None:
         """A block of this node's own that held these was not certified: others may have failed on one of them."""
         with self._lock:
             for txid in txids:
-                doubt = self._doubt(txid)
-                doubt.losses_count += 1
-                self._hold(doubt, LOST_PAUSES_MS, doubt.losses_count)
-
-    def _doubt(self, txid: bytes) -> _Doubt:
-        doubt = self._doubts.pop(txid, None) or _Doubt()
-        self._doubts[txid] = doubt
-        while len(self._doubts) > HELD_MAX_COUNT:
-            self._doubts.popitem(last=False)
-        return doubt
-
-    def _hold(self, doubt: _Doubt, pauses_ms: tuple[int, ...], count: int) -> None:
-        until_s = self._stopwatch() + pauses_ms[min(count, len(pauses_ms)) - 1] / 1000
-        doubt.until_s = max(doubt.until_s, until_s)
+                self._lost.add(txid, self._stopwatch())
 
     def held(self) -> frozenset[bytes]:
         """Return the txids that this node proposes in no block now."""
         with self._lock:
-            if not self._doubts:
-                return frozenset()
-            now_s, lifetime_s = self._stopwatch(), TRANSACTION_LIFETIME_MAX_MS / 1000
-            for txid in [txid for txid, doubt in self._doubts.items() if doubt.until_s + lifetime_s < now_s]:
-                del self._doubts[txid]
-            return frozenset(txid for txid, doubt in self._doubts.items() if doubt.until_s > now_s)
+            now_s = self._stopwatch()
+            return frozenset(self._failed.current(now_s) | self._lost.current(now_s))
 
     def find_failing(self, txids: Iterable[bytes]) -> bytes | None:
         """Return the first of these on which the execution failed here not long ago."""
         with self._lock:
-            if not self._doubts:
-                return None
             now_s = self._stopwatch()
-            for txid in txids:
-                doubt = self._doubts.get(txid)
-                if doubt is not None and doubt.failures_count and doubt.until_s > now_s:
-                    return txid
-            return None
+            return next((txid for txid in txids if self._failed.has(txid, now_s)), None)
 
     # Changes of contracts
 

@@ -75,6 +75,16 @@ def test_what_is_remembered_is_bounded(quarantine: Quarantine) -> None:
     assert quarantine.failures_of(bytes(32)) == 0
 
 
+def test_losses_push_out_no_failure(quarantine: Quarantine, watch: Watch) -> None:
+    for _ in range(3):
+        quarantine.note_failure(ONE, "")
+    quarantine.note_lost(number.to_bytes(32) for number in range(HELD_MAX_COUNT + 5))
+    assert ONE in quarantine.held()
+    assert quarantine.find_failing([ONE]) == ONE
+    watch.now_s += PAUSES_MS[0] / 1000 + 1
+    assert quarantine.find_failing([ONE]) == ONE
+
+
 def test_a_change_that_failed_is_tried_again_after_a_while(quarantine: Quarantine, watch: Watch) -> None:
     quarantine.note_change(("visitors", 2), "MemoryError")
     assert quarantine.has_failed(("visitors", 2))
