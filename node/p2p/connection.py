@@ -191,6 +191,10 @@ class PeerConnection(asyncio.Protocol):
                 self._dispatch(kind, payload)
         except BlockRobotError as error:
             self._owner.offended(self, error)
+        except Exception:
+            # A timer may have called this, whose faults the loop only logs: the socket would stay paused for ever.
+            log.exception("peer_frame_fault", peer=self.peer)
+            self.abort()
 
     def _hold(self, wait_s: float) -> None:
         loop = asyncio.get_running_loop()

@@ -120,6 +120,25 @@ async def test_a_loud_peer_is_held_up_and_named_while_all_it_says_arrives_in_ord
     assert first.connected == ["b"]
 
 
+async def test_a_fault_while_a_peer_is_held_up_leaves_no_link_that_is_deaf(
+    crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links, "CONSENSUS_ALLOWANCE", Allowance(us_per_s=150_000, burst_us=15_000))
+    await _linked(crowd)
+    heard, second = crowd.nodes["a"].heard, crowd.nodes["b"].links
+
+    def faulty(_peer: str, _kind: FrameKind, payload: bytes) -> None:
+        if payload == (399).to_bytes(4):
+            raise RuntimeError("a fault of this program")
+
+    monkeypatch.setattr(heard, "peer_frame", faulty)
+    for number in range(400):
+        second.broadcast(FrameKind.VOTE, number.to_bytes(4))
+    await eventually(lambda: bool(heard.over))
+    await eventually(lambda: len(heard.links_made) == 2)
+    assert crowd.nodes["a"].links.describe()["cut_off_peers"] == []
+
+
 async def test_a_peer_with_more_open_requests_than_an_honest_one_has_is_refused_pays_and_is_named(
     crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
