@@ -110,7 +110,7 @@ class Pacemaker:
         return [SetTimer(kind=TIMER_EXECUTE, round=0, delay_ms=delay_ms)]
 
     def note_executed(self) -> None:
-        """A certified block was executed: the next one that cannot be is not made to wait for long."""
+        """A block was executed: the next one that cannot be is not made to wait for long."""
         self._failures_count = 0
 
     def run(self, round_number: int, *, busy: bool, timed_out: bool, delay_ms: int) -> list[Effect]:

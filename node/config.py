@@ -23,8 +23,8 @@ KEEP_BLOCKS_COUNT = 10_000
 SNAPSHOT_LAG_BLOCKS = 100_000
 SNAPSHOT_LAG_MIN_BLOCKS = 100
 OPERATOR_HOST = "127.0.0.1"
+"""Where the operator's listener is, wherever the node listens for peers and clients."""
 READING_TOKEN_FILE_NAME = "operator-read.token"  # noqa: S105 - a file's name
-"""Where the operator's listener is, wherever the node listens for peers and clients: it asks nobody for a password."""
 _PORT_MAX = 65_535
 CONTRACT_MEMORY_MIB = 1024
 """The modelled memory of a call is 8 MiB, and its real peak at most four times that. The rest is for what a worker keeps:
