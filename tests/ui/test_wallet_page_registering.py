@@ -70,6 +70,30 @@ async def read_by_camera(page: Page, code: str) -> None:
     assert await page.locator("video").count() == 0
 
 
+async def leave_before_the_camera_is_allowed(page: Page) -> None:
+    """Press twice while the browser asks, go elsewhere, and only then allow it: no camera stays on."""
+    await page.evaluate(_SLOW_CAMERA)
+    button = page.get_by_role("button", name="Read it with the camera")
+    await button.dispatch_event("click")
+    await button.dispatch_event("click")
+    assert await page.evaluate("() => window.cameraAsked.length") == 1
+    left = await button.element_handle()
+    await page.evaluate("() => { location.hash = '#/consent'; }")
+    await page.wait_for_function("(left) => !left.isConnected", arg=left)
+    assert await page.evaluate("() => window.allowCamera()") == ["ended"]
+    await page.evaluate("() => { location.hash = '#/'; }")
+
+
+_SLOW_CAMERA = """() => {
+  window.cameraAsked = [];
+  navigator.mediaDevices.getUserMedia = () => new Promise((allow) => window.cameraAsked.push(allow));
+  window.allowCamera = async () => {
+    const streams = window.cameraAsked.map(() => document.createElement('canvas').captureStream(10));
+    window.cameraAsked.forEach((allow, index) => allow(streams[index]));
+    await new Promise((done) => { setTimeout(done, 0); });
+    return streams.flatMap((stream) => stream.getTracks()).map((track) => track.readyState);
+  };
+}"""
 _CAMERA = """async (bytes) => {
   const picture = await createImageBitmap(new Blob([new Uint8Array(bytes)]));
   const canvas = document.createElement('canvas');
@@ -114,6 +138,7 @@ async def test_she_registers_is_told_first_says_yes_and_watches_the_first_record
             await page.get_by_label("Code on your card").fill("BR1-ANOTHER")
             assert await register.count() == 0, "what she was told is of another code"
             assert await page.locator(".notice-words").count() == 0
+            await leave_before_the_camera_is_allowed(page)
             await read_by_camera(page, code)
             await read_from_pictures(page, code, tmp_path)
             await publish_another_notice(network)

@@ -16,6 +16,7 @@ export function scanner(onCode, signal) {
   const file = h("input", { type: "file", id: "register-picture", accept: "image/*", onchange: () => fromFile() });
   const camera = h("button", { type: "button", onclick: () => (stop ? stop() : fromCamera()) }, t("register.camera"));
   let stop = null;
+  let isAsking = false;
 
   const found = (code) => {
     replace(result, h("p", { role: "status" }, t("register.read")));
@@ -42,11 +43,19 @@ export function scanner(onCode, signal) {
   };
 
   const fromCamera = async () => {
+    if (isAsking) return;
+    isAsking = true;
     let stream;
     try {
       stream = await navigator.mediaDevices.getUserMedia({ video: { facingMode: "environment" } });
     } catch (error) {
       replace(result, h("p", { class: "notice bad", role: "alert" }, t("register.cameraNone", { reason: error.message || error.name })));
+      return;
+    } finally {
+      isAsking = false;
+    }
+    if (signal?.aborted) { // the view was left while the browser asked
+      stream.getTracks().forEach((track) => track.stop());
       return;
     }
     const video = h("video", { class: "camera", muted: true, playsinline: true, "aria-hidden": "true" });
