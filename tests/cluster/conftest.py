@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
+from network.bench.custody_clips import ClipRobot
+from network.bench.fresh_network import FreshNetwork
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.story import Story
 from tests.json_answers import answers_of_processes, noted_differences
+from tests.offchain import secantus
 
 
 @pytest.fixture
@@ -54,6 +57,22 @@ async def story(
     finally:
         await story.close()
         await network.close()
+
+
+@pytest.fixture(scope="module")
+def mongo_uri() -> Iterator[str]:
+    """MONGO_URI if it is set, else a server started for the tests."""
+    with secantus.given_or_running() as uri:
+        yield uri
+
+
+@pytest.fixture(params=["sqlite", "mongo"])
+async def stage(request: pytest.FixtureRequest) -> AsyncIterator[tuple[FreshNetwork, ClipRobot]]:
+    """Four running nodes, two of them custodians, and a robot."""
+    store = "sqlite" if request.param == "sqlite" else request.getfixturevalue("mongo_uri")
+    async with FreshNetwork(4, store=store) as network:
+        (robot,) = await network.enrol_robots(1)
+        yield network, ClipRobot(robot.key, network.open_client())
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -8,12 +8,10 @@ from __future__ import annotations
 import asyncio
 import shutil
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-import pytest
 from pymongo import MongoClient
 
 from clients.sdk.connections import NodeAddress
@@ -24,25 +22,9 @@ from network.bench.fresh_network import FreshNetwork
 from network.custody.asking import run_work
 from node.config import NodeConfig
 from tests.cluster.test_custody_upkeep import _settled
-from tests.offchain import secantus
 
 FRAMES_COUNT, FRAME_BYTES = 3, 6_000
 KINDS = ("store", "keys", "store and keys", "everything")
-
-
-@pytest.fixture(scope="module")
-def mongo_uri() -> Iterator[str]:
-    with secantus.given_or_running() as uri:
-        yield uri
-
-
-@pytest.fixture(params=["sqlite", "mongo"])
-async def stage(request: pytest.FixtureRequest) -> AsyncIterator[tuple[FreshNetwork, ClipRobot]]:
-    """Four running nodes, two of them custodians, and a robot."""
-    store = "sqlite" if request.param == "sqlite" else request.getfixturevalue("mongo_uri")
-    async with FreshNetwork(4, store=store) as network:
-        (robot,) = await network.enrol_robots(1)
-        yield network, ClipRobot(robot.key, network.open_client())
 
 
 class OldMachine:

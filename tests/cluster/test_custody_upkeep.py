@@ -6,7 +6,7 @@ import asyncio
 import shutil
 import sqlite3
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -22,26 +22,10 @@ from network.custody.hunt import HuntReport, gather, hunt
 from network.custody.traces import Trace, read_traces, write_traces
 from network.demo.tampering import flip_stored_byte
 from node.offchain.sqlite_store import DATABASE_FILE_NAME
-from tests.offchain import secantus
 
 FRAMES_COUNT, FRAME_BYTES = 5, 6_000
 SETTLE_MAX_S = 60.0
 _TOLD = ("name", "checkpoint_height", "finalized_height", "serving", "clips_held", "clips_missing")
-
-
-@pytest.fixture(scope="module")
-def mongo_uri() -> Iterator[str]:
-    with secantus.given_or_running() as uri:
-        yield uri
-
-
-@pytest.fixture(params=["sqlite", "mongo"])
-async def stage(request: pytest.FixtureRequest) -> AsyncIterator[tuple[FreshNetwork, ClipRobot]]:
-    """Four running nodes, two of them custodians, and a robot."""
-    store = "sqlite" if request.param == "sqlite" else request.getfixturevalue("mongo_uri")
-    async with FreshNetwork(4, store=store) as network:
-        (robot,) = await network.enrol_robots(1)
-        yield network, ClipRobot(robot.key, network.open_client())
 
 
 @pytest.fixture

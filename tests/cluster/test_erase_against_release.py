@@ -6,9 +6,6 @@ import asyncio
 import secrets
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
-
-import pytest
 
 from clients.sdk.connections import NodeAddress
 from consensus.errors import BlockRobotError
@@ -16,26 +13,10 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import check_clip_download
 from network.bench.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
-from tests.offchain import secantus
 
 FRAMES_COUNT, FRAME_BYTES, RECORDS_COUNT = 4, 20_000, 6
 AT_ONCE_COUNT = 2
 GONE = frozenset(("CLIP_ERASED", "ACCESS_NOT_GRANTED", "NOT_FOUND"))
-
-
-@pytest.fixture(scope="module")
-def mongo_uri() -> Iterator[str]:
-    with secantus.given_or_running() as uri:
-        yield uri
-
-
-@pytest.fixture(params=["sqlite", "mongo"])
-async def stage(request: pytest.FixtureRequest) -> AsyncIterator[tuple[FreshNetwork, ClipRobot]]:
-    """Four running nodes, two of them custodians, and a robot."""
-    store = "sqlite" if request.param == "sqlite" else request.getfixturevalue("mongo_uri")
-    async with FreshNetwork(4, store=store) as network:
-        (robot,) = await network.enrol_robots(1)
-        yield network, ClipRobot(robot.key, network.open_client())
 
 
 class Downloads:

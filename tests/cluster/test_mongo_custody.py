@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -13,14 +13,6 @@ import pytest
 from pymongo import MongoClient
 
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
-from tests.offchain import secantus
-
-
-@pytest.fixture(scope="module")
-def mongo_uri() -> Iterator[str]:
-    """MONGO_URI if it is set, else a server started for the tests."""
-    with secantus.given_or_running() as uri:
-        yield uri
 
 
 @pytest.fixture
