@@ -10,16 +10,14 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 SYSTEM_PACKAGES ?= install
 ifeq ($(SYSTEM_PACKAGES),none)
-TESTS := not system_packages
-else ifeq ($(SYSTEM_PACKAGES),install)
-TESTS := not nothing
-else
+LEFT_OUT := and not system_packages
+else ifneq ($(SYSTEM_PACKAGES),install)
 $(error SYSTEM_PACKAGES is `install` (what `make test` does anyway) or `none`, not `$(SYSTEM_PACKAGES)`)
 endif
 
 ROS2 ?= install
 ifeq ($(ROS2),none)
-TESTS := $(TESTS) and not ros2
+LEFT_OUT += and not ros2
 else ifneq ($(ROS2),install)
 $(error ROS2 is `install` (what `make test` does anyway) or `none`, not `$(ROS2)`)
 endif
@@ -52,9 +50,9 @@ $(INSTALLED_EXTRAS): install-%: $(VENV)/.runtime
 help:
 	@echo 'make               install BlockRobot into .venv: .venv/bin/blockrobot'
 	@echo 'make demo          the demonstration; installs first (minutes)'
-	@echo 'make test          everything that must hold; installs what it needs'
+	@echo 'make test          what must hold before a change lands; installs what it needs (minutes)'
 	@echo 'make test-fast     unit and property tests only'
-	@echo 'make test-long     what takes an hour or more'
+	@echo 'make test-long     all tests (an hour); TEST_EFFORT=10 searches ten times as long'
 	@echo 'make lint types    ruff; mypy'
 	@echo 'make docs          write the reference pages that are made from code'
 	@echo 'make lock          pin all requirements anew'
@@ -86,13 +84,13 @@ endif
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test: system-packages ros2 lint types
-	$(PYTEST) -m '$(TESTS) and not long'
+	$(PYTEST) -m 'not long $(LEFT_OUT)'
 
 test-fast: $(VENV)/.develop
 	$(PYTEST) tests/unit tests/property tests/architecture
 
 test-long: system-packages ros2 lint types
-	HYPOTHESIS_PROFILE=long $(PYTEST) -m '$(TESTS)'
+	HYPOTHESIS_PROFILE=long $(PYTEST) -m '(long or not long) $(LEFT_OUT)'
 
 docs: $(VENV)/.develop
 	$(BIN)/blockrobot reference

@@ -41,9 +41,11 @@ _left_out: dict[str, list[str]] = {marker: [] for marker in LEFT_OUT_BY}
 
 def pytest_deselected(items: Sequence[pytest.Item]) -> None:
     """Note who was left out, where `-m` named a marker."""
+    told = items[0].config.getoption("markexpr") if items else ""
+    asked_for = [item for item in items if "not long" not in told or not item.get_closest_marker("long")]
     for marker, names in _left_out.items():
-        if items and f"not {marker}" in items[0].config.getoption("markexpr"):
-            names.extend(item.nodeid for item in items if item.get_closest_marker(marker))
+        if f"not {marker}" in told:
+            names.extend(item.nodeid for item in asked_for if item.get_closest_marker(marker))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
