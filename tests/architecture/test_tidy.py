@@ -211,8 +211,9 @@ def test_no_test_is_without_an_assertion() -> None:
     """A test asserts itself, or uses something that asserts: a function of the tests, or a check that raises."""
     functions = functions_of_tests()
     asserting = {item.name for _, item in functions if asserts(item)}
+    uses = [(item.name, names_used(item)) for _, item in functions]
     while True:
-        more = {item.name for _, item in functions if item.name not in asserting and names_used(item) & asserting}
+        more = {name for name, used in uses if name not in asserting and used & asserting}
         if not more:
             break
         asserting |= more

@@ -15,13 +15,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A kind of tests: its marker, the Makefile's word for it, and where some of them are."""
+    """A kind of tests: its marker, the Makefile's word for it, and a file of them."""
 
     marker: str
     variable: str
     installed_by: str
     installs_always: bool
-    folder: str
     one_file: str
     reason: str
 
@@ -32,7 +31,6 @@ KINDS = [
         variable="SYSTEM_PACKAGES",
         installed_by="tests/system_packages.py",
         installs_always=True,  # told "none", it says what is left out
-        folder="tests/ui",
         one_file="tests/ui/test_what_pages_are_judged_by.py",
         reason="they need Debian's chromium",
     ),
@@ -41,7 +39,6 @@ KINDS = [
         variable="ROS2",
         installed_by="tests.robot_live.ros2_wheels",
         installs_always=False,
-        folder="tests/robot_live",
         one_file="tests/robot_live/test_ros2_feed.py",
         reason="they need wheels of ROS 2",
     ),
@@ -64,7 +61,7 @@ def test_the_makefile_deselects_by_the_marker_only_when_told_to(kind: LeftOut, v
 @by_kind
 def test_who_is_left_out_is_said_in_the_last_lines(kind: LeftOut) -> None:
     told = subprocess.run(
-        [sys.executable, "-m", "pytest", "-m", f"not {kind.marker}", "--collect-only", "-q", kind.folder],
+        [sys.executable, "-m", "pytest", "-m", f"not {kind.marker}", "--collect-only", "-q", kind.one_file],
         cwd=ROOT,
         capture_output=True,
         text=True,

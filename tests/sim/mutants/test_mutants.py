@@ -9,6 +9,9 @@ import pytest
 from tests.sim.mutants.mutant import Mutant, Schedule, hunt
 from tests.sim.mutants.registry import MUTANTS, SCHEDULES
 
+SLOW_CONTROLS = {"changes", "chaos", "flood of expired transactions", "old journal"}
+"""Schedules that take longest without a mutant, since all of their seeds are played."""
+
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
 def test_a_rule_that_is_turned_off_is_missed(mutant: Mutant) -> None:
@@ -16,7 +19,13 @@ def test_a_rule_that_is_turned_off_is_missed(mutant: Mutant) -> None:
     assert caught is not None, f"{mutant.name}: no seed of {mutant.schedule.name} shows it"
 
 
-@pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: schedule.name)
+@pytest.mark.parametrize(
+    "schedule",
+    [
+        pytest.param(one, id=one.name, marks=[pytest.mark.long] if one.name in SLOW_CONTROLS else [])
+        for one in SCHEDULES
+    ],
+)
 def test_with_all_rules_on_the_same_schedule_breaks_nothing(schedule: Schedule) -> None:
     for seed in schedule.seeds:
         assert [str(violation) for violation in schedule.play(seed)] == [], seed

@@ -37,6 +37,7 @@ def test_every_construct_has_a_program():
     assert (blocks | {"ListComp", "DictComp", "GeneratorExp", "JoinedStr", "IfExp", "BoolOp", "Slice"}) - used == set()
 
 
+@pytest.mark.long
 def test_a_table_of_programs_dearest_first():
     result = run_worst_benchmark(
         [LOOP, HOARD, refused("no", "FLOAT", "return 1 / 2"), bomb("bomb", "x = [0] * 2 ** 90")]
