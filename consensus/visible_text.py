@@ -19,6 +19,8 @@ _INVISIBLE_RANGES = """
 A0 34F 115F-1160 1680 17B4-17B5 180B-180D 180F 2000-200A 202F 205F 3000 3164 FE00-FE0F FFA0 E0100-E01EF
 2D7F 2800 FFFC 16FE4 1107F 11A47 11A99 1D159
 """
+FURTHER_LINE = "    | "
+"""What stands before each further line of an entry (`one_entry`)."""
 _ASCII_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 _NOT_PLAIN = re.compile(r"[^\x20-\x7e]")
 
@@ -70,6 +72,11 @@ def _escaped(character: str) -> str:
         return character
     units = character.encode("utf-16-be", "surrogatepass")
     return "".join(f"\\u{units[place : place + 2].hex()}" for place in range(0, len(units), 2))
+
+
+def one_entry(text: str) -> str:
+    """Return an entry of a list with its further lines marked, so that none of them looks like another entry."""
+    return text.replace("\n", f"\n{FURTHER_LINE}")
 
 
 def split_lines(text: str) -> list[str]:

@@ -116,9 +116,14 @@ async def read_activities(client: NetworkClient, organisation: str, membership: 
     return Activities(published, membership.height, membership.timestamp_ms, names, places)
 
 
+def _on_one_line(text: str) -> str:
+    """Return words of a notice for Markdown, where a further line could be a heading or a row."""
+    return " ".join(text.split())
+
+
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     def line(cells: tuple[str, ...]) -> str:
-        return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+        return "| " + " | ".join(_on_one_line(cell).replace("|", "\\|") for cell in cells) + " |"
 
     return [line(head), line(("---",) * len(head)), *map(line, rows), ""]
 
@@ -128,7 +133,7 @@ def tell_activities(found: Activities) -> str:
     notice, row = found.notice, found.published.row
     when = show_utc_moment(found.time_ms)
     lines = [
-        f"# Register of processing activities: {notice.controller.name}",
+        f"# Register of processing activities: {_on_one_line(notice.controller.name)}",
         "",
         f"Art. 30(1) GDPR, for what robots record and this network keeps. Made from the chain as of block {found.height} "
         f"({when}) and from version {row.version} of the privacy notice of {row.organisation} (hash {row.digest.hex()}).",
@@ -161,10 +166,10 @@ def tell_activities(found: Activities) -> str:
     lines += _table(("who", "what", "why"), [(each.who, each.what, each.why) for each in notice.recipients])
     others = ", ".join(found.processors) or "none"
     lines += [f"Other organisations whose nodes keep encrypted clips, by the chain: {others}.", ""]
-    lines += ["## (e) Third countries", "", notice.third_countries, ""]
+    lines += ["## (e) Third countries", "", _on_one_line(notice.third_countries), ""]
     lines += ["## (f) Time limits for erasure", ""]
     lines += _table(("what", "how long"), [(each.what, each.how_long) for each in notice.retention])
-    lines += ["## (g) Measures", "", *(f"- {measure}" for measure in notice.measures), ""]
+    lines += ["## (g) Measures", "", *(f"- {_on_one_line(measure)}" for measure in notice.measures), ""]
     lines += ["## Where it is processed", ""]
     keeps = {True: "ledger and encrypted clips", False: "ledger"}
     lines += _table(

@@ -6,7 +6,7 @@ keys and no spaces, so that equal words have one hash; the contract `consent` ke
 
 from __future__ import annotations
 
-import difflib
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +18,7 @@ from consensus.primitives.encoding import u32
 from consensus.primitives.hashing import tagged_hash
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
-from consensus.visible_text import find_hidden
+from consensus.visible_text import find_hidden, one_entry, split_lines
 
 NOTICE_TAG = "blockrobot/notice"
 NOTICE_SCHEMA = "blockrobot-notice-1"
@@ -305,23 +305,33 @@ NOTICE_LINES: Mapping[str, str] = {
 
 
 def tell_notice(notice: Notice, labels: Mapping[str, str] = NOTICE_LINES) -> list[str]:
-    """Return a notice as lines for people, in the order of Art. 13 and 14; `labels` as NOTICE_LINES, in any language."""
-    lines = [labels["controller"].format(party=_party(notice.controller))]
-    lines += [labels["joint_controller"].format(party=_party(party)) for party in notice.joint_controllers]
-    lines += [labels["officer"].format(party=_party(notice.officer))]
-    lines += [_tell_purpose(purpose, labels) for purpose in notice.purposes]
-    lines += [labels["data"].format(what=each.what, origin=each.origin) for each in notice.categories]
-    lines += [labels["recipient"].format(who=each.who, what=each.what, why=each.why) for each in notice.recipients]
-    lines += [labels["retention"].format(what=each.what, how_long=each.how_long) for each in notice.retention]
-    lines += [labels["countries"].format(words=notice.third_countries), labels["law"].format(words=notice.jurisdiction)]
-    lines += [labels["right"].format(article=each.article, words=each.words, how=each.how) for each in notice.rights]
-    lines += [
-        labels["withdrawal"].format(words=notice.withdrawal),
-        labels["authority"].format(party=_party(notice.authority)),
-        labels["obligation"].format(words=notice.obligation),
-        labels["automated"].format(words=notice.automated_decisions),
+    """Return a notice as entries for people, in the order of Art. 13 and 14; `labels` as NOTICE_LINES, in any language.
+
+    An entry whose words have line feeds has further lines, each marked as such: none can pass for another entry.
+    """
+    return [entry for topic in _topics(notice, labels) for entry in topic]
+
+
+def _topics(notice: Notice, labels: Mapping[str, str]) -> list[list[str]]:
+    """Return the entries by what they are about."""
+    topics = [
+        [labels["controller"].format(party=_party(notice.controller))],
+        [labels["joint_controller"].format(party=_party(party)) for party in notice.joint_controllers],
+        [labels["officer"].format(party=_party(notice.officer))],
+        [_tell_purpose(purpose, labels) for purpose in notice.purposes],
+        [labels["data"].format(what=each.what, origin=each.origin) for each in notice.categories],
+        [labels["recipient"].format(who=each.who, what=each.what, why=each.why) for each in notice.recipients],
+        [labels["retention"].format(what=each.what, how_long=each.how_long) for each in notice.retention],
+        [labels["countries"].format(words=notice.third_countries)],
+        [labels["law"].format(words=notice.jurisdiction)],
+        [labels["right"].format(article=each.article, words=each.words, how=each.how) for each in notice.rights],
+        [labels["withdrawal"].format(words=notice.withdrawal)],
+        [labels["authority"].format(party=_party(notice.authority))],
+        [labels["obligation"].format(words=notice.obligation)],
+        [labels["automated"].format(words=notice.automated_decisions)],
+        [labels["protection"].format(words=measure) for measure in notice.measures],
     ]
-    return lines + [labels["protection"].format(words=measure) for measure in notice.measures]
+    return [[one_entry(entry) for entry in topic] for topic in topics]
 
 
 def _tell_purpose(purpose: NoticePurpose, labels: Mapping[str, str]) -> str:
@@ -340,6 +350,16 @@ def _party(party: Party) -> str:
 
 
 def tell_changes(before: Notice, after: Notice) -> list[str]:
-    """Return what changed from one version to another: lines that went with `- `, lines that came with `+ `."""
-    lines = difflib.ndiff(tell_notice(before), tell_notice(after))
-    return [line.rstrip() for line in lines if line[:2] in {"- ", "+ "}]
+    """Return what changed from one version to another, topic by topic: lines that went (`- `), lines that came (`+ `).
+
+    Entries are compared whole: what costs more on words that somebody chose, people would not read either.
+    """
+    lines: list[str] = []
+    for old, new in zip(_topics(before, NOTICE_LINES), _topics(after, NOTICE_LINES), strict=True):
+        for mark, entries, others in (("- ", old, new), ("+ ", new, old)):
+            left = Counter(entries) - Counter(others)
+            for entry in entries:
+                if left[entry] > 0:
+                    left[entry] -= 1
+                    lines += (f"{mark}{line}" for line in split_lines(entry))
+    return lines

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import random
+import time
+
 import msgspec
 import pytest
 
@@ -98,3 +101,30 @@ def test_a_change_is_told_line_by_line() -> None:
     assert come == f"+ Other countries: {after.third_countries}"
     assert tell_changes(before, before) == []
     assert len(tell_notice(before)) > 20
+
+
+def test_a_line_feed_in_a_text_forges_no_line() -> None:
+    before = demo_notice()
+    forged = "\n- Data: pictures From: robot\n+ Purpose care: nothing is recorded any more."
+    after = change(measures=[*before.measures, f"Locked rooms.{forged}"])
+    assert tell_changes(before, after) == [
+        "+ Protection: Locked rooms.",
+        "+     | - Data: pictures From: robot",
+        "+     | + Purpose care: nothing is recorded any more.",
+    ]
+    lines = [line for entry in tell_notice(after) for line in entry.split("\n")]
+    assert [line for line in lines if line.startswith(("- ", "+ "))] == []
+    assert lines[-2:] == ["    | - Data: pictures From: robot", "    | + Purpose care: nothing is recorded any more."]
+
+
+def test_what_changed_is_found_in_time_that_words_cannot_stretch() -> None:
+    """Entries that are alike and never equal: what compares letters of all pairs takes seconds."""
+    draw = random.Random(3)
+
+    def words() -> list[str]:
+        return ["".join(draw.choice("ab") for _ in range(90)) for _ in range(32)]
+
+    before, after = change(measures=words()), change(measures=words())
+    started_s = time.process_time()
+    assert len(tell_changes(before, after)) == 64
+    assert time.process_time() - started_s < 0.1
