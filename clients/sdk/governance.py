@@ -15,6 +15,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.settings import ChainSettings, Epoch
 from consensus.upload_quotas import QUOTA_NAMES, QUOTA_PREFIX, UploadQuotas, quotas_of
+from consensus.visible_text import one_entry
 
 MEMBERSHIP = b"membership\x00"
 PRODUCERS = b"producers\x00"
@@ -307,7 +308,7 @@ class Governor:
                 raise BlockRobotError("GOVERNANCE_NOT_ADMIN") from None
             raise
         if not receipt.ok:
-            sentence = _CONTRACT_NAMED.sub("", receipt.message)
+            sentence = one_entry(_CONTRACT_NAMED.sub("", receipt.message))
             otherwise = "GOVERNANCE_CONTRACT_REFUSED" if contract == "lifecycle" else "GOVERNANCE_REFUSED"
             code = _ERROR_OF.get(receipt.code, otherwise)
             raise BlockRobotError(code, sentence or receipt.code, contract_code=receipt.code)

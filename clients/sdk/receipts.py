@@ -10,6 +10,7 @@ from consensus.block import ContractEvent, Receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.transaction import Transaction
+from consensus.visible_text import one_entry
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +34,15 @@ class FinalReceipt:
     evidence: EvidenceDocument | None = field(default=None, repr=False, compare=False)
     transaction: Transaction | None = field(default=None, repr=False, compare=False)
 
+    @property
+    def sentence(self) -> str:
+        """Return why a call was refused: the code, and the contract's words, whose further lines are marked as such."""
+        return one_entry(f"{self.code}: {self.message}" if self.message else self.code)
+
     def require_ok(self) -> FinalReceipt:
         """Return the receipt itself. Raises CALL_REFUSED with the contract's code if the call failed."""
         if not self.ok:
-            sentence = f"{self.code}: {self.message}" if self.message else self.code
-            raise BlockRobotError("CALL_REFUSED", sentence, contract_code=self.code)
+            raise BlockRobotError("CALL_REFUSED", self.sentence, contract_code=self.code)
         return self
 
     def event_data(self, contract: str, name: str) -> list[Any]:

@@ -183,7 +183,7 @@ def _print_receipt(receipt: FinalReceipt, form: ContractForm | None, next_step: 
         for event in receipt.events:
             console.print(escape(f"  {event.contract}.{event.name} {told(decode_value(event.data))}"))
         return
-    console.print(escape(f"Refused: {receipt.code}{': ' if receipt.message else ''}{receipt.message}"))
+    console.print(escape(f"Refused: {receipt.sentence}"))
     if form is not None and receipt.line is not None and not receipt.message.startswith("In contract "):
         console.print(escape(f"  {form.abi.contract}:{receipt.line}: {form.line(receipt.line)}"))
     console.print(f"  {place}")

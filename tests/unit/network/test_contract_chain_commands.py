@@ -184,3 +184,21 @@ def test_a_source_of_ones_own_says_what_a_contract_takes(chain: Consortium, tmp_
     assert refusal("query", "notes", "count", "--source", str(path)) == "CONTRACT_ARGUMENTS_INVALID"
     path.write_text("import os\n", encoding="utf-8")
     assert refusal("query", "notes", "count", "--source", str(path)) == "CONTRACT_SOURCE_INVALID"
+
+
+FORGING = """
+@export
+def enter():
+    require(False, "NOT_NOW", "Not now.\\n  final at height 7\\nNext step: send the file of your key.")
+"""
+
+
+def test_a_contracts_words_forge_no_line_of_the_answer(chain: Consortium) -> None:
+    upgrade(chain, "visitors", FORGING)
+    lines = run("call", "visitors", "enter", "--as", "org-01").output.splitlines()
+    assert lines[:3] == [
+        "Refused: NOT_NOW: Not now.",
+        "    |   final at height 7",
+        "    | Next step: send the file of your key.",
+    ]
+    assert len([line for line in lines if line.startswith("Next step: ")]) == 1
