@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import hmac
 import re
+import socket
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager
 from ipaddress import ip_address
 
 import structlog
@@ -21,9 +23,12 @@ from node.api.services import NodeStatus
 from node.faults import FaultSwitch
 from node.upkeep import Upkeep
 from node.upkeep_routes import add_custody_routes
+from pages.listening import awaiting_body, serve, share_of_descriptors
 from pages.serving import is_client_gone
 
 FAULT_REQUEST_MAX_BYTES = 64 * 1024
+CONNECTIONS_MAX_COUNT = 32
+_DESCRIPTORS_PART = 16
 OPEN_PATHS = ("/livez", "/readyz")
 """What is answered without a token, and nothing else (see `docs/reference/authorisation.md`)."""
 READING_PATHS = ("/status", "/metrics")
@@ -69,7 +74,9 @@ def create_operator_listener(
             switch = _require_operator(request, faults, token)
             if request.method == "GET":
                 return web.json_response(switch.describe())
-            state = switch.request(await request.read())
+            with awaiting_body(request):
+                content = await request.read()
+            state = switch.request(content)
             log.warning("faults_changed", **state)
             return web.json_response(state)
         except BlockRobotError as error:
@@ -84,6 +91,13 @@ def create_operator_listener(
     application.router.add_get("/status", describe)
     application.router.add_get("/metrics", metrics)
     return application
+
+
+def serve_operator(
+    application: web.Application, listener: socket.socket, stop_ms: int
+) -> AbstractAsyncContextManager[None]:
+    """Serve it on a listener while the context lasts: any user of the machine can connect, to few places of its own."""
+    return serve(application, listener, share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART), stop_ms)
 
 
 def _problem(error: BlockRobotError) -> web.Response:

@@ -15,7 +15,6 @@ from types import TracebackType
 from typing import Any, Self
 
 import structlog
-from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -35,9 +34,10 @@ from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.interface import EngineRounds, WallClock
 from node.offchain.erase_keys import EraseKeys
 from node.offchain.open_store import open_store
-from node.operator import create_operator_listener
+from node.operator import create_operator_listener, serve_operator
 from node.outward_pool import OutwardPool
-from node.p2p.network import PeerHandler, PeerNetwork, bind_listener
+from node.p2p.accepting import bind_listener
+from node.p2p.network import PeerHandler, PeerNetwork
 from node.pruning import answer_requests
 from node.restoring import open_journal
 from node.snapshot.joining import Joiner
@@ -297,11 +297,5 @@ class Node:
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
         reading = read_or_make_token(config.data_dir, READING_TOKEN_FILE_NAME)
         operator = create_operator_listener(self, self._faults, self._token, parts.upkeep, reading_token=reading)
-        await self._serve(operator, operator_socket)
+        await stack.enter_async_context(serve_operator(operator, operator_socket, HTTP_STOP_MS))
         log.info("node_started", name=config.name, height=parts.feed.height)
-
-    async def _serve(self, application: web.Application, listener: Any) -> None:
-        runner = web.AppRunner(application, access_log=None, shutdown_timeout=HTTP_STOP_MS / 1000)
-        await runner.setup()
-        self._stack.push_async_callback(runner.cleanup)
-        await web.SockSite(runner, listener).start()

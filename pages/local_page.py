@@ -18,6 +18,7 @@ import secrets
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
+from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from typing import Any
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
+from pages.listening import awaiting_body, open_listener, serve, share_of_descriptors
 from pages.serving import PAGES_ASSETS, SECURITY_HEADERS, Assets, is_client_gone
 
 LOOPBACK = "127.0.0.1"
@@ -34,6 +36,11 @@ LINK_LIFETIME_MS = 120_000
 SESSIONS_MAX_COUNT = 8
 FORMER_LINKS_MAX_COUNT = 64
 REQUEST_MAX_BYTES = 1 << 20
+CONNECTIONS_MAX_COUNT = 64
+"""Any user of the machine can connect; a browser opens a few."""
+BODY_TIMEOUT_MS = 30_000
+STOP_MS = 1_000
+_DESCRIPTORS_PART = 4
 PROBLEM_TYPE = "application/problem+json"
 
 _log = logging.getLogger("pages.local")
@@ -103,7 +110,7 @@ class LocalPage:
         self._sessions: dict[str, int] = {}
         self._link: _Link | None = None
         self._former: deque[str] = deque(maxlen=FORMER_LINKS_MAX_COUNT)
-        self._runner: web.AppRunner | None = None
+        self._stack = AsyncExitStack()
         self._origin = ""
         self._headers = {**LOCAL_HEADERS, **(_CAMERA_HEADER if allow_camera else {})}
         self.app = web.Application(client_max_size=REQUEST_MAX_BYTES, middlewares=[self._guard])
@@ -130,22 +137,17 @@ class LocalPage:
 
     async def start(self) -> Opened:
         """Listen, and write the first link. Raises OSError if the machine gives no port or the folder no file."""
-        runner = web.AppRunner(self.app, access_log=None, handle_signals=False, shutdown_timeout=1.0)
-        await runner.setup()
-        site = web.TCPSite(runner, LOOPBACK, 0)
-        await site.start()
-        self._runner = runner
-        port = runner.addresses[0][1]
-        self._origin = f"http://{LOOPBACK}:{port}"
+        listener = open_listener(LOOPBACK, 0)
+        max_count = share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART)
+        await self._stack.enter_async_context(serve(self.app, listener, max_count, STOP_MS))
+        self._origin = f"http://{LOOPBACK}:{listener.getsockname()[1]}"
         return Opened(url=self.url, redirect_file=await self.new_link())
 
     async def stop(self) -> None:
         """End all sessions, remove the link and stop listening."""
         self._sessions.clear()
         await self._drop_link()
-        if self._runner is not None:
-            await self._runner.cleanup()
-            self._runner = None
+        await self._stack.aclose()
 
     async def new_link(self) -> Path:
         """Write a new redirect file and return its path; the former one opens nothing any more."""
@@ -286,10 +288,17 @@ def problem_response(error: BlockRobotError, describe: Describe = describe_plain
 
 
 async def read_object(request: web.Request) -> dict[str, Any]:
-    """Return a request's JSON object. Raises REQUEST_INVALID for anything else, REQUEST_TOO_LARGE beyond the limit."""
+    """Return a request's JSON object.
+
+    Raises REQUEST_INVALID for anything else, REQUEST_TOO_LARGE beyond the limit, REQUEST_TIMEOUT if it dawdles.
+    """
     try:
-        body = await request.json()
+        with awaiting_body(request):
+            async with asyncio.timeout(BODY_TIMEOUT_MS / 1000):
+                body = await request.json()
         _require_whole(json.dumps(body, ensure_ascii=False))
+    except TimeoutError:
+        raise BlockRobotError("REQUEST_TIMEOUT") from None
     except (ValueError, LookupError, RecursionError):
         raise BlockRobotError("REQUEST_INVALID", "The request's body is no JSON.") from None
     if not isinstance(body, dict):

@@ -30,6 +30,7 @@ from node.mempool import Mempool
 from node.p2p.wire import FinalizedRequest, FrameDecoder, FrameKind, TransactionBatch, encode_frame
 from node.storage.memory_store import MemoryStore
 from node.transaction_cache import TransactionCache
+from pages.listening import open_listener, serve
 
 MEASUREMENTS_COUNT = 5
 EXECUTED_COUNT = 32
@@ -166,11 +167,12 @@ async def _serve_calls() -> float:
 
     application = web.Application()
     application.router.add_post("/", answer)
-    runner = web.AppRunner(application)
-    await runner.setup()
-    site = web.TCPSite(runner, "127.0.0.1", 0)
-    await site.start()
-    port: int = runner.addresses[0][1]
+    listener = open_listener("127.0.0.1", 0)
+    async with serve(application, listener, 1, 0):
+        return await _calls_to(listener.getsockname()[1])
+
+
+async def _calls_to(port: int) -> float:
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     body = b'{"transactions": ["' + b"A" * 400 + b'"]}'
     head = f"POST / HTTP/1.1\r\nHost: l\r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
@@ -185,7 +187,6 @@ async def _serve_calls() -> float:
         return await _least_of_calls_us(call)
     finally:
         writer.close()
-        await runner.cleanup()
 
 
 async def _least_of_calls_us(call: Callable[[], Coroutine[Any, Any, None]]) -> float:

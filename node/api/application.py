@@ -22,7 +22,7 @@ from node.api.rate_limit import RateLimiter, RefusalDelay, Turns, is_over_budget
 from node.api.routes import ROUTES
 from node.api.routes.openapi import DOCUMENT_KEY
 from node.api.routing import Call, Route
-from node.api.server import ApiConnection, name_server, refuse_expectation
+from node.api.server import name_server, refuse_expectation
 from node.api.services import ApiServices
 from node.api.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
 from node.budget import Source
@@ -138,14 +138,7 @@ async def _problem_middleware(request: web.Request, handler: _WebHandler) -> web
     """Cover what never reaches a route: unknown paths and methods."""
     resource = request.match_info.route.resource
     name = f"{request.method} {resource.canonical if resource else 'unknown'}"
-    connection = request.protocol
-    if not isinstance(connection, ApiConnection):
-        return await _answer(name, handler(request))
-    connection.begin()
-    try:
-        return await _answer(name, handler(request))
-    finally:
-        connection.end()
+    return await _answer(name, handler(request))
 
 
 async def _prepare(_request: web.Request, response: web.StreamResponse) -> None:

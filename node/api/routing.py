@@ -19,10 +19,10 @@ from consensus.errors import BlockRobotError
 from node.api.access import Access
 from node.api.bodies import Hold
 from node.api.documents import Document
-from node.api.server import NO_KEY, ApiConnection
 from node.api.services import ApiServices
 from node.api.sessions import Session, SessionTable
 from node.budget import Source
+from pages.listening import NO_KEY, Connection, awaiting_body
 
 JSON = "application/json"
 MSGPACK = "application/msgpack"
@@ -133,30 +133,25 @@ class Call:
         """
         self._require_media_type()
         limit, content = self.body_size_bytes, bytearray()
-        connection = self.http.protocol
-        if isinstance(connection, ApiConnection):
-            connection.end()  # who sends slowly may have to make room
         try:
-            async with asyncio.timeout(BODY_TIMEOUT_MS / 1000):
-                async for chunk in self.http.content.iter_chunked(64 * 1024):
-                    self.hold(len(chunk))
-                    content += chunk
-                    if len(content) > limit:
-                        raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
+            with awaiting_body(self.http):
+                async with asyncio.timeout(BODY_TIMEOUT_MS / 1000):
+                    async for chunk in self.http.content.iter_chunked(64 * 1024):
+                        self.hold(len(chunk))
+                        content += chunk
+                        if len(content) > limit:
+                            raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
         except TimeoutError:
             raise BlockRobotError("REQUEST_TIMEOUT") from None
         except (web.RequestPayloadError, HttpProcessingError):
             raise BlockRobotError("REQUEST_INVALID", "The body's framing is damaged.") from None
-        finally:
-            if isinstance(connection, ApiConnection):
-                connection.begin()
         return bytes(content)
 
     @contextmanager
     def hold_back(self) -> Iterator[bool]:
         """Hold the answer back while the context lasts; yields False if too many are held back already."""
         connection = self.http.protocol
-        if not isinstance(connection, ApiConnection):
+        if not isinstance(connection, Connection):
             yield True
             return
         with connection.hold_back(NO_KEY if self.session is None else self.session.public_key) as allowed:

@@ -1,0 +1,235 @@
+"""The one way to open a listener: each holds so many connections and no more, so that callers leave descriptors over.
+
+A connection that sends no request in time is closed; when all places are taken, the one idle for longest makes room.
+Connections are accepted one by one: whoever waits in the system's queue takes no descriptor. Must never open a listener
+without a table of its connections.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import resource
+import socket
+from collections import Counter, OrderedDict
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
+from typing import Any
+
+from aiohttp import web
+
+IDLE_MAX_MS = 30_000
+LINGER_MAX_MS = 2_000
+ACCEPT_PAUSE_MS = 100
+BACKLOG_COUNT = 1024
+HELD_BACK_OF_KEY_MAX_COUNT = 16
+NO_KEY = b""
+_silent = logging.getLogger("pages.requests")
+_silent.setLevel(logging.CRITICAL)
+
+
+def share_of_descriptors(most: int, part: int) -> int:
+    """Return how many connections of one kind may be open: so many, but no more than this part of all descriptors."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return most if soft < 0 else max(1, min(most, soft // part))
+
+
+class ConnectionTable:
+    """The open connections of one listener, idle and busy."""
+
+    def __init__(self, max_count: int) -> None:
+        self._max_count = max_count
+        self._idle: OrderedDict[Connection, None] = OrderedDict()
+        self._busy: set[Connection] = set()
+        self._held_back: Counter[bytes] = Counter()
+
+    def __len__(self) -> int:
+        return len(self._idle) + len(self._busy)
+
+    def add(self, connection: Connection) -> None:
+        """Take a new connection; if that is one too many, close the one that has been idle for longest."""
+        self._idle[connection] = None
+        if len(self) > self._max_count:
+            oldest, _ = self._idle.popitem(last=False)
+            oldest.abort()
+
+    def remove(self, connection: Connection) -> None:
+        """Forget a closed connection."""
+        self._idle.pop(connection, None)
+        self._busy.discard(connection)
+
+    def begin(self, connection: Connection) -> None:
+        """The connection has a request in hand: it is not closed to make room."""
+        if connection in self._idle:
+            del self._idle[connection]
+            self._busy.add(connection)
+
+    def end(self, connection: Connection) -> None:
+        """The request is answered."""
+        if connection in self._busy:
+            self._busy.discard(connection)
+            self._idle[connection] = None
+
+    @contextmanager
+    def hold_back(self, key: bytes) -> Iterator[bool]:
+        """Hold an answer back while the context lasts; yields False if there is no place for that.
+
+        Half of the connections may wait for callers without a session (NO_KEY), a quarter for keys, few for each.
+        """
+        anonymous = self._held_back[NO_KEY]
+        if key == NO_KEY:
+            allowed = anonymous < self._max_count // 2
+        else:
+            keyed = self._held_back.total() - anonymous
+            allowed = keyed < self._max_count // 4 and self._held_back[key] < HELD_BACK_OF_KEY_MAX_COUNT
+        if not allowed:
+            yield False
+            return
+        self._held_back[key] += 1
+        try:
+            yield True
+        finally:
+            self._held_back[key] -= 1
+            if not self._held_back[key]:
+                del self._held_back[key]
+
+
+class Connection(web.RequestHandler):
+    """One caller's connection."""
+
+    __slots__ = ("_socket", "_table")
+
+    def __init__(self, manager: web.Server, table: ConnectionTable, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__(
+            manager,
+            loop=loop,
+            access_log=_silent,
+            keepalive_timeout=IDLE_MAX_MS / 1000,
+            lingering_time=LINGER_MAX_MS / 1000,
+            auto_decompress=False,
+        )
+        self._table = table
+        self._socket: Any = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take a place in the table."""
+        super().connection_made(transport)
+        self._socket = transport
+        self._table.add(self)
+
+    def connection_lost(self, exc: BaseException | None) -> None:
+        """Leave the table."""
+        self._table.remove(self)
+        super().connection_lost(exc)
+
+    def abort(self) -> None:
+        """Close at once."""
+        if self._socket is not None:
+            self._socket.abort()
+
+    def begin(self) -> None:
+        """A request is in hand."""
+        self._table.begin(self)
+
+    def end(self) -> None:
+        """No request is in hand, or its body is awaited."""
+        self._table.end(self)
+
+    def hold_back(self, key: bytes) -> AbstractContextManager[bool]:
+        """See `ConnectionTable.hold_back`."""
+        return self._table.hold_back(key)
+
+
+@web.middleware
+async def _keep_place(
+    request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+) -> web.StreamResponse:
+    """Let no connection with a request in hand be closed to make room."""
+    connection = request.protocol
+    if not isinstance(connection, Connection):
+        return await handler(request)
+    connection.begin()
+    try:
+        return await handler(request)
+    finally:
+        connection.end()
+
+
+@contextmanager
+def awaiting_body(request: web.BaseRequest) -> Iterator[None]:
+    """While its body is awaited, a connection may have to make room: who sends slowly keeps nobody out."""
+    connection = request.protocol
+    if not isinstance(connection, Connection):
+        yield
+        return
+    connection.end()
+    try:
+        yield
+    finally:
+        connection.begin()
+
+
+def open_listener(host: str, port: int) -> socket.socket:
+    """Return a listening TCP socket for `serve` or `accept_each`. Raises OSError."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(BACKLOG_COUNT)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
+async def accept_each(listener: socket.socket, take: Callable[[socket.socket, str], Awaitable[None]]) -> None:
+    """Accept connections one by one for ever, and hand each to `take` with the address of its caller."""
+    loop = asyncio.get_running_loop()
+    listener.setblocking(False)
+    while True:
+        try:
+            accepted, address = await loop.sock_accept(listener)
+        except OSError:  # no descriptor left, or the caller is gone already
+            await asyncio.sleep(ACCEPT_PAUSE_MS / 1000)
+            continue
+        await take(accepted, address[0])
+        await asyncio.sleep(0)
+
+
+@asynccontextmanager
+async def serve(
+    application: web.Application,
+    listener: socket.socket,
+    max_count: int,
+    stop_ms: int,
+    kind: type[Connection] = Connection,
+) -> AsyncIterator[None]:
+    """Serve an application on a listener, to no more than `max_count` connections at once, while the context lasts.
+
+    Then the listener is closed, and open requests get `stop_ms` to end.
+    """
+    application.middlewares.insert(0, _keep_place)
+    runner = web.AppRunner(application, access_log=None, handle_signals=False, shutdown_timeout=stop_ms / 1000)
+    await runner.setup()
+    loop, table, manager = asyncio.get_running_loop(), ConnectionTable(max_count), _server_of(runner)
+
+    async def take(accepted: socket.socket, _host: str) -> None:
+        try:
+            await loop.connect_accepted_socket(lambda: kind(manager, table, loop), accepted)
+        except OSError:
+            accepted.close()
+
+    accepting = loop.create_task(accept_each(listener, take), name="accepting")
+    try:
+        yield
+    finally:
+        accepting.cancel()
+        await asyncio.gather(accepting, return_exceptions=True)
+        listener.close()
+        await runner.cleanup()
+
+
+def _server_of(runner: web.AppRunner) -> Any:
+    if runner.server is None:
+        raise RuntimeError("the runner was not set up")
+    return runner.server

@@ -1,0 +1,118 @@
+"""How listeners hold connections: so many and no more, and whoever waits in the queue takes no descriptor."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import resource
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+
+import pytest
+from aiohttp import ClientSession, web
+
+from node import operator
+from node.api import server
+from node.p2p import accepting, greeting
+from pages import local_page
+from pages.listening import open_listener, serve, share_of_descriptors
+
+WAIT_S = 10.0
+HALF_A_HEAD = b"GET / HTTP/1.1\r\nHost: x\r\nX: "
+HALF_A_BODY = b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\nx"
+
+
+def application() -> web.Application:
+    async def answer(request: web.Request) -> web.Response:
+        return web.Response(text="here", headers={"Size": str(len(await local_page.read_object(request)))})
+
+    async def here(_request: web.Request) -> web.Response:
+        return web.Response(text="here")
+
+    made = web.Application()
+    made.router.add_get("/", here)
+    made.router.add_post("/", answer)
+    return made
+
+
+def open_descriptors_count() -> int:
+    return len(list(Path("/dev/fd").iterdir()))
+
+
+@contextlib.asynccontextmanager
+async def served(max_count: int) -> AsyncIterator[int]:
+    listener = open_listener("127.0.0.1", 0)
+    async with serve(application(), listener, max_count, 10):
+        yield listener.getsockname()[1]
+
+
+@contextlib.asynccontextmanager
+async def crowd(port: int, count: int, words: bytes) -> AsyncIterator[list[asyncio.StreamReader]]:
+    held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(count)]
+    try:
+        for _, writer in held:
+            writer.write(words)
+        yield [reader for reader, _ in held]
+    finally:
+        for _, writer in held:
+            writer.transport.abort()
+
+
+@pytest.mark.parametrize("words", [b"", HALF_A_HEAD, HALF_A_BODY], ids=["silent", "half a head", "half a body"])
+async def test_who_holds_connections_open_keeps_nobody_out_and_takes_few_descriptors(words: bytes) -> None:
+    async with served(4) as port:
+        before = open_descriptors_count()
+        async with crowd(port, 60, words) as readers:
+            async with asyncio.timeout(WAIT_S), ClientSession() as client:
+                async with client.get(f"http://127.0.0.1:{port}/") as answer:
+                    assert await answer.text() == "here"
+                for reader in readers[:50]:
+                    with contextlib.suppress(OSError):
+                        await reader.read()
+            assert open_descriptors_count() - before <= 60 + 4 + 2, "the callers' own ends are among them"
+
+
+async def test_a_body_that_does_not_come_is_not_waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local_page, "BODY_TIMEOUT_MS", 20)
+    caught: list[str] = []
+
+    async def read(request: web.Request) -> web.Response:
+        try:
+            await local_page.read_object(request)
+        except local_page.BlockRobotError as error:
+            caught.append(error.code)
+        return web.Response()
+
+    made = web.Application()
+    made.router.add_post("/", read)
+    listener = open_listener("127.0.0.1", 0)
+    async with serve(made, listener, 4, 10), crowd(listener.getsockname()[1], 1, HALF_A_BODY) as (reader,):
+        async with asyncio.timeout(WAIT_S):
+            assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
+    assert caught == ["REQUEST_TIMEOUT"]
+
+
+@contextlib.contextmanager
+def descriptors(count: int) -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(count, before[1]), before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+@pytest.mark.parametrize("count", [256, 1024, 4096])
+def test_all_listeners_of_a_node_together_leave_a_quarter_of_the_descriptors_to_its_own_work(count: int) -> None:
+    """The custodian's store, the contract worker's pipes, the ledger, the links to peers that said hello."""
+    with descriptors(count):
+        taken = sum(
+            share_of_descriptors(most, part)
+            for most, part in (
+                (server.CONNECTIONS_MAX_COUNT, server._DESCRIPTORS_PART),
+                (operator.CONNECTIONS_MAX_COUNT, operator._DESCRIPTORS_PART),
+                (accepting.HANDSHAKES_OPEN_MAX_COUNT, accepting._DESCRIPTORS_PART),
+                (greeting.UNGREETED_MAX_COUNT, greeting._DESCRIPTORS_PART),
+            )
+        )
+        assert taken <= count - count // 4
