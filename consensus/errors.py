@@ -150,6 +150,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("PEER_CERTIFICATE_EXPIRED", 403, "The peer's certificate is over, or does not count yet.", "On the peer's machine: `blockrobot certificate renew NODE`; check both clocks."),
     ErrorEntry("PEER_CERTIFICATE_REVOKED", 403, "The peer's organisation revoked this certificate.", "If the node is to go on, on its machine: `blockrobot certificate renew NODE --new-key`."),
     ErrorEntry("PEER_CUT_OFF", 403, "The peer sent what no honest node sends, and is not heard for a while.", "If it is not one of your experiments: look at that node's machine and program; if its key may be stolen, revoke the certificate: `blockrobot certificate renew NODE --new-key`.", retryable=True),
+    ErrorEntry("PEER_SILENT", 403, "The peer shook hands and said no hello.", "If that node is well: its key may be stolen; revoke the certificate: `blockrobot certificate renew NODE --new-key`.", retryable=True),
     ErrorEntry("PEER_REMOVED", 403, "The node was removed from the network.", "Nothing to do, unless its organisation has it added again."),
     ErrorEntry("CERTIFICATE_EXPIRED", 503, "This node's certificate is over: no peer talks to it, it serves reads only.", "Renew it: `blockrobot certificate renew NODE`; the running node takes it at once."),
     ErrorEntry("CERTIFICATE_EXPIRES_SOON", 400, "This node's certificate ends within thirty days.", "Renew it: `blockrobot certificate renew NODE`; the running node takes it at once."),

@@ -20,6 +20,10 @@ BYTES_PER_US = 512
 """Reading, decrypting and copying."""
 FRAME_US = 8
 """Cutting any frame out of the stream and handing it on."""
+READ_US = 20
+"""Reading from a connection what ends no frame."""
+RECORD_US = 1
+"""Opening any record of TLS."""
 REFUSAL_US = 50
 """Answering that a request is refused."""
 

@@ -14,7 +14,8 @@ from typing import Any, Protocol, cast
 import structlog
 
 from consensus.errors import BlockRobotError
-from node.costs import FRAME_COSTS, FRAME_US, bytes_cost_us
+from node.costs import FRAME_COSTS, FRAME_US, READ_US, bytes_cost_us
+from node.p2p.reading import Reading
 from node.p2p.traffic import Traffic
 from node.p2p.wire import (
     GOSSIP_KINDS,
@@ -34,6 +35,8 @@ REQUESTS_SERVED_MAX_COUNT = 8
 UNASKED_FACTOR = 4
 """An answer that nobody waits for costs its sender so much more: one may come late, a stream of them is a flood."""
 
+FRAME_TIMEOUT_MS = 60_000
+"""From the first byte of a frame to its last, while this node reads: 8 MiB in a minute is slower than any use."""
 SLICE_MAX_US = 2_000
 _ANSWERED, _REFUSED = 0, 1
 
@@ -79,6 +82,10 @@ class ConnectionOwner(Protocol):
         """Let a peer pay for a frame that is about to be handled."""
         ...
 
+    def pay_reading(self, peer: str, cost_us: int) -> None:
+        """Let a peer pay for what reading cost besides its frames."""
+        ...
+
     def too_many_requests(self, peer: str) -> None:
         """A peer's request is refused, since more of it are open already than an honest node has."""
         ...
@@ -113,6 +120,8 @@ class PeerConnection(asyncio.Protocol):
         self._is_cut_off = False
         self._is_held = False
         self._reading_on: asyncio.Handle | None = None
+        self._late: asyncio.TimerHandle | None = None
+        self._reading = Reading(None)
         self._transport: asyncio.Transport | None = None
         self._gossip: deque[bytes] = deque(maxlen=GOSSIP_QUEUE_MAX_COUNT)
         self._requests: dict[int, asyncio.Future[bytes]] = {}
@@ -142,6 +151,7 @@ class PeerConnection(asyncio.Protocol):
         """Take the transport."""
         self._transport = cast("asyncio.Transport", transport)
         self._transport.set_write_buffer_limits(high=GOSSIP_ABOVE_BYTES)
+        self._reading = Reading(self._transport.get_extra_info("socket"))
         self._owner.connection_made(self)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
@@ -149,6 +159,7 @@ class PeerConnection(asyncio.Protocol):
         self._transport = None
         if self._reading_on is not None:
             self._reading_on.cancel()
+        self._forget_deadline()
         for future in self._requests.values():
             if not future.done():
                 future.set_exception(BlockRobotError("PEER_UNAVAILABLE", "The connection to the peer was lost."))
@@ -163,6 +174,9 @@ class PeerConnection(asyncio.Protocol):
         """Cut bytes into frames and pass them on; a peer that breaks the framing is cut off."""
         if self._is_cut_off:
             return
+        cost_us = self._reading.cost_us(len(data))
+        if cost_us > 0:
+            self._owner.pay_reading(self.peer, cost_us)
         self._decoder.take(data)
         if self._reading_on is None:
             self._read_on()
@@ -180,10 +194,11 @@ class PeerConnection(asyncio.Protocol):
                 if wait_s > 0 or spent_us >= SLICE_MAX_US:
                     self._hold(wait_s)
                     return
-                frame = self._decoder.next_frame()
+                frame = self._decoder.next_frame(is_greeted=self.greeted)
                 if frame is None:
-                    self._let_go()
+                    self._wait_for_more(has_cut=spent_us > 0)
                     return
+                self._forget_deadline()
                 kind, payload = frame
                 cost_us = FRAME_US + FRAME_COSTS[kind].us + bytes_cost_us(len(payload))
                 spent_us += cost_us
@@ -196,7 +211,25 @@ class PeerConnection(asyncio.Protocol):
             log.exception("peer_frame_fault", peer=self.peer)
             self.abort()
 
+    def _wait_for_more(self, *, has_cut: bool) -> None:
+        """Read on: what ended no frame is paid for as such, and a frame that has begun has to end in time."""
+        if not has_cut:
+            self._owner.pay_reading(self.peer, READ_US)
+        if self._decoder.has_begun and self._late is None:
+            self._late = asyncio.get_running_loop().call_later(FRAME_TIMEOUT_MS / 1000, self._frame_is_late)
+        self._let_go()
+
+    def _frame_is_late(self) -> None:
+        log.warning("peer_frame_too_slow", peer=self.peer, timeout_ms=FRAME_TIMEOUT_MS)
+        self.abort()
+
+    def _forget_deadline(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None
+
     def _hold(self, wait_s: float) -> None:
+        self._forget_deadline()  # it is this node that reads no further
         loop = asyncio.get_running_loop()
         self._reading_on = loop.call_later(wait_s, self._read_on) if wait_s > 0 else loop.call_soon(self._read_on)
         if not self._is_held and self._transport is not None:
@@ -223,8 +256,6 @@ class PeerConnection(asyncio.Protocol):
 
     def _dispatch(self, kind: FrameKind, payload: bytes) -> None:
         self._traffic.note(self.peer, "received", int(kind), HEADER_SIZE_BYTES + len(payload))
-        if not self.greeted and kind not in {FrameKind.HELLO, FrameKind.REFUSAL}:
-            raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer spoke before it said hello.")
         if kind is FrameKind.REQUEST:
             self._serve(payload)
         elif kind is FrameKind.RESPONSE:

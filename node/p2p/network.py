@@ -12,7 +12,6 @@ import random
 import socket
 import ssl
 import time
-from collections import Counter
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -21,11 +20,13 @@ import structlog
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode, encode
-from node.budget import Allowance, Budgets, Source, source_at
+from node.budget import Allowance, Budgets, Source
 from node.config import NodeConfig
 from node.costs import FRAME_COSTS, REFUSAL_US, Lane
 from node.directory import Directory
+from node.p2p.accepting import SHUTDOWN_TIMEOUT_MS, Accepting, bind_listener
 from node.p2p.connection import LinkShaper, PeerConnection
+from node.p2p.greeting import Greeting
 from node.p2p.identity import PROVEN_REFUSALS, identify_peer
 from node.p2p.penalties import Penalties
 from node.p2p.refusals import Refusals
@@ -40,16 +41,10 @@ REQUEST_TIMEOUT_MS = 5_000
 CERTIFICATE_CHECK_MS = 1_000
 LINK_RENEWAL_MS = 250
 REFUSED_LINGER_MS = 200
-ACCEPT_PAUSE_MS = 100
-HANDSHAKE_US = 3_000
-HANDSHAKES_OPEN_MAX_COUNT, HANDSHAKES_OF_ADDRESS_MAX_COUNT = 64, 32
-HANDSHAKE_ALLOWANCE = Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US)
-"""By address: twenty handshakes a second."""
 LINK_ALLOWANCE = Allowance(us_per_s=60_000, burst_us=120_000)
 """What reading a peer's frames may cost: some 7,000 small ones a second, or 30 MB."""
 CONSENSUS_ALLOWANCE = Allowance(us_per_s=150_000, burst_us=400_000)
 """What a peer's votes, proposals and certificates may cost: ten times what an honest one says in a busy network."""
-_BACKLOG_COUNT = 128
 
 log = structlog.get_logger(__name__)
 
@@ -112,8 +107,8 @@ class PeerNetwork:
         self._peers: dict[str, PeerConnection] = {}
         self._open: set[PeerConnection] = set()
         self._listener: socket.socket | None = None
-        self._handshakes: Budgets[str] = Budgets(lambda _host: HANDSHAKE_ALLOWANCE, time.monotonic)
-        self._handshakes_open: Counter[str] = Counter()
+        self._accepting = Accepting(self._connection, lambda: self._credentials.listening, handler.note_over)
+        self._greeting = Greeting(self._give_up)
         self._links: Budgets[str] = Budgets(lambda _peer: LINK_ALLOWANCE, time.monotonic)
         self._consensus: Budgets[str] = Budgets(lambda _peer: CONSENSUS_ALLOWANCE, time.monotonic)
         self._penalties = Penalties()
@@ -132,8 +127,7 @@ class PeerNetwork:
     async def start(self) -> None:
         """Listen, and dial the nodes whose names sort behind this one's. Raises PORT_IN_USE."""
         self._listener = bind_listener(self._config.host, self._config.p2p_port)
-        self._listener.setblocking(False)
-        self._spawn(self._accept(self._listener))
+        self._spawn(self._accepting.run(self._listener))
         self._directory.add_listener(self._directory_changed)
         self._dial_the_right_ones()
         self._spawn(self._watch_certificates())
@@ -155,6 +149,9 @@ class PeerNetwork:
         for connection in list(self._open):
             connection.abort()
         await asyncio.sleep(0)
+
+    def _connection(self, dialled: str | None = None) -> PeerConnection:
+        return PeerConnection(self, self._shaper, dialled, self.traffic)
 
     def _spawn(self, work: Any) -> None:
         task: asyncio.Task[None] = asyncio.get_running_loop().create_task(work)
@@ -183,42 +180,6 @@ class PeerNetwork:
         if connection is None:
             raise BlockRobotError("PEER_UNAVAILABLE", f"{peer} is not connected.")
         return await connection.request(kind, body, timeout_ms / 1000)
-
-    # Accepting
-
-    async def _accept(self, listener: socket.socket) -> None:
-        """Take connections, of each address no more than its budget of handshakes: what a stranger costs most."""
-        loop = asyncio.get_running_loop()
-        while True:
-            try:
-                accepted, address = await loop.sock_accept(listener)
-            except OSError:  # no descriptor left, or the caller is gone already
-                await asyncio.sleep(ACCEPT_PAUSE_MS / 1000)
-                continue
-            host, opened = address[0], self._handshakes_open
-            if opened[host] >= HANDSHAKES_OF_ADDRESS_MAX_COUNT or not self._handshakes.take(host, HANDSHAKE_US):
-                self._handler.note_over(source_at(host), self._handshakes.wait_s(host, HANDSHAKE_US))
-                accepted.close()
-            elif opened.total() >= HANDSHAKES_OPEN_MAX_COUNT:
-                accepted.close()
-            else:
-                opened[host] += 1
-                self._spawn(self._shake_hands(accepted, host))
-            await asyncio.sleep(0)
-
-    async def _shake_hands(self, accepted: socket.socket, host: str) -> None:
-        try:
-            await asyncio.get_running_loop().connect_accepted_socket(
-                lambda: PeerConnection(self, self._shaper, None, self.traffic),
-                accepted,
-                ssl=self._credentials.listening,
-                ssl_handshake_timeout=DIAL_TIMEOUT_MS / 1000,
-            )
-        except (OSError, TimeoutError):
-            accepted.close()
-        finally:
-            self._handshakes_open[host] -= 1
-            self._handshakes_open += Counter()  # without those at 0
 
     # Dialling
 
@@ -257,10 +218,11 @@ class PeerNetwork:
         try:
             async with asyncio.timeout(DIAL_TIMEOUT_MS / 1000):
                 _, connection = await loop.create_connection(
-                    lambda: PeerConnection(self, self._shaper, name, self.traffic),
+                    lambda: self._connection(name),
                     host,
                     port,
                     ssl=self._credentials.dialling,
+                    ssl_shutdown_timeout=SHUTDOWN_TIMEOUT_MS / 1000,
                 )
         except ssl.SSLCertVerificationError:
             detail = f"The node at {name}'s address shows a certificate of no authority of this network."
@@ -381,6 +343,7 @@ class PeerNetwork:
             self._refuse(connection, error)
             return
         connection.peer, connection.not_after_ms = facts.name, facts.not_after_ms
+        self._greeting.add(connection)
         hello = Hello(
             version=PROTOCOL_VERSION,
             chain_id=self._chain_id,
@@ -400,6 +363,11 @@ class PeerNetwork:
             connection.abort()
         self._forget(connection)
 
+    def _give_up(self, connection: PeerConnection, why: str) -> None:
+        """Close a connection whose holder says nothing, and name it."""
+        self._refused.note(connection.peer, BlockRobotError("PEER_SILENT", why), self._clock())
+        connection.abort()
+
     def _require_expected(self, connection: PeerConnection, name: str) -> None:
         if connection.dialled is not None and name != connection.dialled:
             raise BlockRobotError("PEER_REFUSED", f"{name!r} answered where {connection.dialled!r} should be.")
@@ -409,6 +377,7 @@ class PeerNetwork:
     def connection_lost(self, connection: PeerConnection) -> None:
         """Forget it."""
         self._open.discard(connection)
+        self._greeting.remove(connection)
         self._forget(connection)
 
     def _forget(self, connection: PeerConnection) -> None:
@@ -431,6 +400,7 @@ class PeerNetwork:
         if hello.chain_id != self._chain_id:
             raise BlockRobotError("PEER_REFUSED", f"{connection.peer} is on another chain.")
         connection.greeted = True
+        self._greeting.remove(connection)
         previous = self._peers.get(connection.peer)
         self._peers[connection.peer] = connection
         if previous is not None:
@@ -455,6 +425,10 @@ class PeerNetwork:
         else:
             self._links.charge(peer, cost_us - FRAME_COSTS[kind].us)
 
+    def pay_reading(self, peer: str, cost_us: int) -> None:
+        """Let a peer pay for what reading cost besides its frames."""
+        self._links.charge(peer, cost_us)
+
     def too_many_requests(self, peer: str) -> None:
         """Let a peer pay for the refusal, and name it."""
         self._links.charge(peer, REFUSAL_US)
@@ -474,7 +448,7 @@ class PeerNetwork:
             connection.abort()
         else:
             log.warning("peer_message_refused", peer=connection.peer, code=error.code, detail=error.detail)
-            connection.close()
+            connection.cut_off(REFUSED_LINGER_MS / 1000)
 
     def cut_off(self, peer: str, error: BlockRobotError) -> None:
         """Hear nothing more of a peer that sent what no honest node sends, for a while that grows each time."""
@@ -485,16 +459,3 @@ class PeerNetwork:
     async def answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Pass a request on."""
         return await self._handler.peer_request(peer, kind, body)
-
-
-def bind_listener(host: str, port: int) -> socket.socket:
-    """Return a listening TCP socket. Raises PORT_IN_USE."""
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    try:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((host, port))
-        listener.listen(_BACKLOG_COUNT)
-    except OSError:
-        listener.close()
-        raise BlockRobotError("PORT_IN_USE", f"Another program already listens on {host}:{port}.") from None
-    return listener

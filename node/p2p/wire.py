@@ -69,6 +69,8 @@ FRAME_MAX_BYTES: dict[int, int] = {
     FrameKind.WORDS_REQUEST: 64,
     FrameKind.WORDS_ANSWER: SMALL_FRAME_MAX_BYTES,
 }
+FIRST_KINDS = frozenset({FrameKind.HELLO, FrameKind.REFUSAL})
+"""What a peer may say that has not said hello yet."""
 GOSSIP_KINDS = frozenset({FrameKind.TRANSACTIONS, FrameKind.HEIGHT})
 
 
@@ -182,10 +184,16 @@ class FrameDecoder:
             self._position = 0
         self._buffer += data
 
-    def next_frame(self) -> tuple[FrameKind, bytes] | None:
+    @property
+    def has_begun(self) -> bool:
+        """Tell whether a part of a frame is here."""
+        return len(self._buffer) > self._position
+
+    def next_frame(self, *, is_greeted: bool = True) -> tuple[FrameKind, bytes] | None:
         """Return the next whole frame as (kind, payload), or None if it is not here yet.
 
-        Raises PEER_MESSAGE_INVALID for an unknown kind or a frame over its limit: the stream is then lost.
+        Raises PEER_MESSAGE_INVALID for an unknown kind, one that nobody says before the hello, or a frame over its
+        limit: the stream is then lost.
         """
         buffer, position = self._buffer, self._position
         if len(buffer) - position < HEADER_SIZE_BYTES:
@@ -194,6 +202,8 @@ class FrameDecoder:
         limit = FRAME_MAX_BYTES.get(kind)
         if limit is None or not 1 <= length <= limit + 1:
             raise BlockRobotError("PEER_MESSAGE_INVALID", f"A frame of type {kind} and {length} bytes.")
+        if not is_greeted and kind not in FIRST_KINDS:
+            raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer spoke before it said hello.")
         end = position + 4 + length
         if len(buffer) < end:
             return None

@@ -19,7 +19,8 @@ from network.authority import Authority, create_authority, issue_node_certificat
 from node.budget import Source
 from node.config import NodeConfig
 from node.directory import Directory, content_of_genesis
-from node.p2p.network import PeerNetwork, bind_listener, wall_now_ms
+from node.p2p.accepting import bind_listener
+from node.p2p.network import PeerNetwork, wall_now_ms
 from node.p2p.wire import FrameKind, RequestKind
 from tests.unit.node.small_genesis import node_entry, small_genesis
 

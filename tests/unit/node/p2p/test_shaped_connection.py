@@ -23,6 +23,9 @@ class _Transport:
         self.unsent_bytes = 0
         self.is_aborted = False
 
+    def get_extra_info(self, _name: str) -> None:
+        return None
+
     def set_write_buffer_limits(self, high: int) -> None:
         self.high = high
 

@@ -1,0 +1,59 @@
+"""What reading a connection cost besides its frames: TLS records, and reads that end no frame. Must count no byte twice.
+
+A peer may send each byte as a record of its own, 22 bytes longer: a frame's price says nothing of that. Where the system
+does not tell what came over the socket, records are not counted.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import socket
+import struct
+import sys
+import termios
+from typing import Any
+
+from node.costs import RECORD_US
+
+RECORD_OVERHEAD_BYTES = 22
+"""What a record of TLS 1.3 has besides its content, at least."""
+_RECORD_MAX_BYTES = 17 * 1024
+"""A part of so much may be here of a record that is not whole yet."""
+_TCP_INFO_BYTES, _RECEIVED_AT_BYTES = 136, 128
+_RECEIVED = struct.Struct("@Q")
+_UNREAD = struct.Struct("@i")
+
+
+def read_bytes(transport_socket: Any) -> int | None:
+    """Return how many bytes were read from a TCP socket since it was opened; None where the system does not tell."""
+    if not sys.platform.startswith("linux"):
+        return None
+    try:
+        told = transport_socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+        unread = fcntl.ioctl(transport_socket.fileno(), termios.FIONREAD, bytes(_UNREAD.size))
+    except OSError:
+        return None
+    if len(told) < _TCP_INFO_BYTES:
+        return None
+    return int(_RECEIVED.unpack_from(told, _RECEIVED_AT_BYTES)[0]) - int(_UNREAD.unpack(unread)[0])
+
+
+class Reading:
+    """How many bytes of one connection were records' own."""
+
+    def __init__(self, transport_socket: Any) -> None:
+        self._socket = transport_socket
+        self._begun = None if transport_socket is None else read_bytes(transport_socket)
+        self._content_bytes = 0
+        self._paid_bytes = 0
+
+    def cost_us(self, content_bytes: int) -> int:
+        """Return what records cost since the last call, of which so many bytes of content came."""
+        self._content_bytes += content_bytes
+        now = None if self._begun is None else read_bytes(self._socket)
+        if now is None or self._begun is None:
+            return 0
+        unpaid = now - self._begun - self._content_bytes - _RECORD_MAX_BYTES - self._paid_bytes
+        records = max(0, unpaid) // RECORD_OVERHEAD_BYTES
+        self._paid_bytes += records * RECORD_OVERHEAD_BYTES
+        return records * RECORD_US
