@@ -24,16 +24,17 @@ from contracts.execution.registry import check_contracts
 from contracts.worker.machine import Hold, Staff, WorkerMachine, WorkerViews, missing_parts
 from contracts.worker.wire import Begin, WallPart
 from node.api.services import LedgerSnapshot, ViewRunner
+from node.budget import OWN, Source
 from node.config import CONTRACT_MEMORY_MIB, NodeConfig
 from node.contract_views import ContractViews
 from node.machines import Machine
 from node.storage.ledger_store import LedgerStore
 from node.storage.lmdb_reader import LedgerFile
+from node.view_places import ViewPlaces
 
 WORKER_COMMAND = (sys.executable, "-I", "-m", "node.contract_worker")
 _BYTES_PER_MIB = 1024**2
 WORKER_MEMORY_MAX_BYTES = CONTRACT_MEMORY_MIB * _BYTES_PER_MIB
-VIEWS_WAITING_MAX_COUNT = 64
 
 log = structlog.get_logger(__name__)
 
@@ -130,7 +131,14 @@ class InsideContracts:
         self._views = ContractViews(genesis)
         self.views: ViewRunner = self
 
-    async def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
+    async def run_view(
+        self,
+        snapshot: LedgerSnapshot,
+        contract: str,
+        view: str,
+        arguments: list[Any],
+        source: Source = OWN,  # noqa: ARG002 - they run at once
+    ) -> bytes:
         """Return the encoded result of a view on this snapshot; see `node.api.services.ViewRunner`."""
         header = snapshot.header
         return self._views.run(snapshot, header.height, header.timestamp_ms, contract, view, arguments)
@@ -153,7 +161,7 @@ class WalledContracts:
         self._blocks = WorkerMachine(blocks, StoreOfWorkers(ledger))
         self._views = WorkerViews(replace(staff, note_loss=partial(_note_loss, "views")))
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="views")
-        self._waiting_count = 0
+        self._places = ViewPlaces()
         self.machine: Machine | None = self._blocks
         self.views: ViewRunner = self
 
@@ -166,13 +174,13 @@ class WalledContracts:
         _report(parts)
         _require_wall(self._wall, parts)
 
-    async def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
+    async def run_view(
+        self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], source: Source = OWN
+    ) -> bytes:
         """Return the encoded result of a view on this snapshot, run in the worker for views.
 
-        Raises VIEWS_BUSY, CONTRACT_WORKER_FAILED, and what `node.api.services.ViewRunner` names.
+        Raises RATE_LIMITED, VIEWS_BUSY, CONTRACT_WORKER_FAILED, and what `node.api.services.ViewRunner` names.
         """
-        if self._waiting_count >= VIEWS_WAITING_MAX_COUNT:
-            raise BlockRobotError("VIEWS_BUSY")
         header = snapshot.header
         run = partial(
             self._views.run_view,
@@ -184,13 +192,10 @@ class WalledContracts:
             view,
             arguments,
         )
-        self._waiting_count += 1
+        self._places.take(source)
         running = asyncio.get_running_loop().run_in_executor(self._thread, run)
-        running.add_done_callback(self._note_done)
+        running.add_done_callback(lambda _running: self._places.give_back(source))
         return await _see_through(running)
-
-    def _note_done(self, _running: asyncio.Future[bytes]) -> None:
-        self._waiting_count -= 1
 
     def describe(self) -> Mapping[str, Any]:
         """Return how the wall and the workers are, ready for JSON."""

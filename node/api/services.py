@@ -127,11 +127,14 @@ class LedgerReader(Protocol):
 class ViewRunner(Protocol):
     """Runs the read-only entries of contracts."""
 
-    async def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
-        """Return the encoded result of a view on this snapshot.
+    async def run_view(
+        self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], source: Source = OWN
+    ) -> bytes:
+        """Return the encoded result of a view on this snapshot, for a source of calls (this node, if none is named).
 
         The snapshot must stay open until then. Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view,
-        CONTRACT_DISABLED, CALL_REFUSED if the contract refuses, VIEWS_BUSY if too many wait, CONTRACT_WORKER_FAILED.
+        CONTRACT_DISABLED, CALL_REFUSED if the contract refuses, RATE_LIMITED if too many of the source wait, VIEWS_BUSY
+        if too many wait in all, CONTRACT_WORKER_FAILED.
         """
         ...
 

@@ -17,7 +17,12 @@ async def _query(call: Call) -> web.StreamResponse:
     if not isinstance(arguments, list):
         raise BlockRobotError("REQUEST_INVALID", "The arguments are not an encoded list.")
     with call.services.ledger.snapshot() as snapshot:
-        result = await call.services.views.run_view(snapshot, asked.contract, asked.view, arguments)
+        try:
+            result = await call.services.views.run_view(snapshot, asked.contract, asked.view, arguments, call.source)
+        except BlockRobotError as error:
+            if error.code == "RATE_LIMITED":
+                call.services.note_over(str(call.source), error)
+            raise
         return json_answer(QueryAnswer(result=result.hex(), height=snapshot.header.height))
 
 

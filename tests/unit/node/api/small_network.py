@@ -301,7 +301,9 @@ class FakePool:
 class EchoViews:
     """`echo.back` returns its arguments; every other call is refused or unknown."""
 
-    async def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
+    async def run_view(
+        self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], _source: Source = OWN
+    ) -> bytes:
         if (contract, view) == ("echo", "back"):
             return encode_value(arguments)
         if contract == "echo":

@@ -18,6 +18,7 @@ from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, check_clip_upload
 from consensus.transaction import Transaction, sign_transaction
 from node.api.documents import EPOCHS_PAGE_MAX_COUNT
+from node.budget import Source, over_budget
 from tests.unit.node.api.small_network import (
     ACCESS_ID,
     NOW_MS,
@@ -191,6 +192,24 @@ async def test_a_query_that_fails_says_why(
     document = {"contract": contract, "view": view, "args": arguments.hex()}
     answer = await api.post("/v1/queries", json=document, headers=await open_session(SUBJECT))
     assert (await answer.json())["code"] == code
+
+
+async def test_who_asks_more_views_at_once_than_may_wait_of_one_source_is_named(
+    node: SmallNode, api: Any, open_session: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Source] = []
+
+    async def run_view(*arguments: Any) -> bytes:
+        asked.append(arguments[-1])
+        raise over_budget(str(arguments[-1]), 1.0)
+
+    over: list[str] = []
+    monkeypatch.setattr(node.services.views, "run_view", run_view)
+    object.__setattr__(node.services, "note_over", lambda source, _error: over.append(source))
+    document = {"contract": "echo", "view": "back", "args": encode_value([]).hex()}
+    answer = await api.post("/v1/queries", json=document, headers=await open_session(SUBJECT))
+    assert (await answer.json())["code"] == "RATE_LIMITED"
+    assert over == [str(asked[0])] == [f"session {SUBJECT.public_key.hex()}"]
 
 
 async def test_a_page_of_announcements_proves_the_count_and_each_item(api: Any, open_session: Any) -> None:
