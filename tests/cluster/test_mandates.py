@@ -67,8 +67,8 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
         until_ms = mandate.state["until_ms"]
         with pytest.raises(BlockRobotError, match="BEYOND_MANDATE"):
             await speaking.give(["demo"], ["depth"])
-        await speaking.give(["demo"], ["depth"], until_ms=until_ms)
-        await ward.told_everywhere()
+        word = await speaking.give(["demo"], ["depth"], until_ms=until_ms)
+        await ward.told_everywhere(word.from_height)
         kept = (await ward.record())["kept"]
         assert kept > 0
         reports = await child.records()
