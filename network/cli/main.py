@@ -108,7 +108,13 @@ _COMMANDS = {
 }
 
 
-_WITH_SECRETS = frozenset({"robot", "wallet"})
+WITHOUT_SECRETS = frozenset(
+    {
+        *("verify", "status", "logs", "down", "doctor", "console", "explore", "fault", "demo", "experiment", "bench"),
+        *("privacy", "sim", "completion", "reference"),
+    }
+)
+"""Commands that open no key, passphrase or tag of anybody, or only those of a network that they make for a trial."""
 SECTIONS = {
     "Patients, and whom they share with": ("wallet", "verify"),
     "Robot operators": ("robot",),
@@ -130,7 +136,7 @@ SECTIONS = {
 @click.pass_context
 def main(ctx: click.Context) -> None:
     """BlockRobot: a permissioned ledger that gives patients control of what a social robot records of them."""
-    if ctx.invoked_subcommand in _WITH_SECRETS:
+    if ctx.invoked_subcommand not in WITHOUT_SECRETS:
         from clients.sdk.process_guard import guard_process  # noqa: PLC0415 - only when it is needed
 
         guard_process()
