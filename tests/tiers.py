@@ -49,7 +49,7 @@ def find_kinds(item: pytest.Item) -> Iterator[str]:
         yield "process"
     if "browser" in fixtures:
         yield "browser"
-    if "mongo_uri" in fixtures or store not in {None, "sqlite"}:
+    if {"mongo_uri", "driver_sockets"} & set(fixtures) or store not in {None, "sqlite"}:
         yield "mongo"
     if item.path.name.startswith("test_ros"):
         yield "ros"

@@ -38,7 +38,6 @@ def commands_that_name(folder: Path) -> list[str]:
     return found
 
 
-@pytest.mark.smoke
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_run_that_is_ended_leaves_no_process_behind(tmp_path: Path, number: signal.Signals) -> None:

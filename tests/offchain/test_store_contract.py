@@ -28,8 +28,6 @@ from node.offchain.store import (
     RecordFacts,
 )
 
-pytestmark = pytest.mark.smoke
-
 OWNER, STRANGER = b"\x02" * 33, b"\x03" * 33
 TXID, NEWER_TXID = b"\x11" * 32, b"\x12" * 32
 

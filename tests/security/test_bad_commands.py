@@ -96,6 +96,7 @@ async def test_a_damaged_code_is_told_before_anything_is_sent(network: NetworkUn
         outcome.assert_plain("VOUCHER_INVALID")
 
 
+@pytest.mark.smoke
 async def test_a_wrong_passphrase_opens_no_wallet(network: NetworkUnderTest, terminal: Terminal) -> None:
     await terminal.new_wallet()
     wrong = terminal.home / "wrong"
@@ -180,6 +181,7 @@ async def test_commands_without_a_network_say_so(terminal: Terminal) -> None:
         (await terminal.run(*arguments)).assert_plain("CLUSTER_NOT_RUNNING")
 
 
+@pytest.mark.smoke
 async def test_as_json_a_refusal_is_one_object(network: NetworkUnderTest, terminal: Terminal) -> None:
     import json
 

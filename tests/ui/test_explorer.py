@@ -267,7 +267,6 @@ async def test_custody_says_from_where_on_it_shows_nothing(page: Page, recorded_
     await expect(page.get_by_role("link", name="Go on from there")).to_have_attribute("href", "#/custody/7")
 
 
-@pytest.mark.smoke
 async def test_a_block_shows_who_certified_it(page: Page, recorded_network: RecordedNetwork) -> None:
     place = await refuse_something(recorded_network)
     await enter(page, recorded_network.network, f"block/{place['height']}")
@@ -301,7 +300,6 @@ async def test_a_round_that_a_dead_leader_lost_is_told_and_drawn(page: Page, rec
     assert int(await missed.inner_text()) > 0
 
 
-@pytest.mark.smoke
 async def test_a_refused_transaction_shows_its_code_its_words_and_the_line(
     page: Page, recorded_network: RecordedNetwork
 ) -> None:

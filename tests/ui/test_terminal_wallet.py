@@ -114,7 +114,6 @@ async def test_erasing_says_what_goes_asks_and_shows_receipts(recorded_network: 
     assert name not in plain(await said(ann, "records"))
 
 
-@pytest.mark.smoke
 async def test_with_a_node_killed_the_others_answer(recorded_network: RecordedNetwork) -> None:
     ann = recorded_network
     await asyncio.to_thread(ann.network.cluster.kill, ann.network.names[0])

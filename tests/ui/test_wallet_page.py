@@ -21,8 +21,6 @@ from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, open_page, serve_
 from tests.ui.watched_page import SERVER_ENDED, Pages, Watch
 from tests.walking_alone import UID
 
-pytestmark = pytest.mark.smoke
-
 STAFF_UID = "D0C"
 
 
@@ -46,6 +44,7 @@ async def other_leaves(folders: list[Path], record_id: bytes) -> AsyncIterator[N
         await asyncio.to_thread(turn)
 
 
+@pytest.mark.smoke
 async def test_she_opens_it_by_the_file_watches_what_was_recorded_and_sees_a_green_seal(
     recorded_network: RecordedNetwork, page: Page
 ) -> None:
@@ -157,6 +156,7 @@ async def test_what_no_keeper_hands_out_whole_has_no_seal_but_is_said_to_be_unch
         await expect(seal).to_be_visible(timeout=SETTLED_MS)
 
 
+@pytest.mark.smoke
 async def test_she_shares_with_a_doctor_after_she_was_told_what_that_means_and_ends_it(
     recorded_network: RecordedNetwork, page: Page, watch: Watch
 ) -> None:
@@ -227,6 +227,7 @@ async def test_consent_shows_the_notice_first_and_a_no_is_one_press(
         assert await find_accessibility_faults(page, by_keyboard=False) == []
 
 
+@pytest.mark.smoke
 async def test_she_erases_a_meeting_and_sees_every_keepers_receipt(
     recorded_network: RecordedNetwork, page: Page
 ) -> None:

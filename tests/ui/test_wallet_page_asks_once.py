@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from urllib.parse import urlsplit
 
-import pytest
 from playwright.async_api import Page, Request, expect
 
 from clients.wallet.auditing import audit_all
@@ -21,7 +20,6 @@ async def entries_by_her(network: RecordedNetwork) -> list[str]:
         return [entry.kind for entry in await audit_all(ann) if entry.kind in _BY_HER]
 
 
-@pytest.mark.smoke
 async def test_a_change_of_language_the_back_button_and_news_ask_for_nothing_again(
     recorded_network: RecordedNetwork, page: Page, watch: Watch
 ) -> None:

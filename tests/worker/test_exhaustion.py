@@ -107,7 +107,9 @@ async def test_a_worker_killed_again_and_again_gives_a_fault_or_the_right_result
     killer = threading.Thread(target=kill)
     killer.start()
     try:
-        for _ in range(12):
+        for number in range(500):
+            if lost and number >= 12:
+                break
             try:
                 assert machine.verify(chain.view, 1, chain.time_ms(1), transactions) == expected
             except ExecutionFault:
