@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import shutil
 import sqlite3
 import time
@@ -21,10 +22,12 @@ from network.custody.asking import ask_status, run_work
 from network.custody.hunt import HuntReport, gather, hunt
 from network.custody.traces import Trace, read_traces, write_traces
 from network.demo.tampering import flip_stored_byte
+from node.config import CONFIG_FILE
 from node.offchain.sqlite_store import DATABASE_FILE_NAME
 
 FRAMES_COUNT, FRAME_BYTES = 5, 6_000
 SETTLE_MAX_S = 60.0
+MORE_THAN_ANY_DISK_MIB = 10**9
 _TOLD = ("name", "checkpoint_height", "finalized_height", "serving", "clips_held", "clips_missing")
 
 
@@ -180,6 +183,30 @@ async def test_a_custodian_that_was_down_during_an_erasure_carries_it_out_when_i
     await robot.wait_erased(owner, erasure_id)
     assert (await _hunt(cluster, traces)).is_clean
     await _waits_for(cluster, awake, {})
+
+
+async def test_a_disk_below_its_reserve_takes_no_upload_and_still_erases(
+    embedded: tuple[FreshNetwork, ClipRobot],
+) -> None:
+    network, robot = embedded
+    cluster = network.cluster
+    owner = await robot.open_visit()
+    gone = await robot.record(owner, FRAMES_COUNT, FRAME_BYTES)
+    await _settled(cluster)
+    for name in _names(cluster):
+        await asyncio.to_thread(cluster.stop, name)
+        settings = cluster.config(name).data_dir / CONFIG_FILE
+        told = settings.read_text(encoding="utf-8")
+        settings.write_text(
+            re.sub(r"reserve_mib = \d+", f"reserve_mib = {MORE_THAN_ANY_DISK_MIB}", told), encoding="utf-8"
+        )
+        cluster.start(name)
+    await cluster.wait_ready(_names(cluster))
+    with pytest.raises(BlockRobotError) as refusal:
+        await robot.record(owner, FRAMES_COUNT, FRAME_BYTES)
+    assert refusal.value.code == "DISK_RESERVE_REACHED"
+    await robot.wait_erased(owner, await robot.request_erasure(owner, [gone.record_id]))
+    assert (await _hunt(cluster, await _trace(cluster, gone))).is_clean
 
 
 async def test_two_custodians_that_disagree_are_found_out_and_mended_from_each_other(
