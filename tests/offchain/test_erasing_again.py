@@ -8,6 +8,7 @@ import pytest
 
 from tests.offchain.house import ERASURE_ID, House, refused
 from tests.offchain.small_chain import erasure, record_clip
+from tests.offchain.test_sharing import revoked, share
 
 
 @pytest.mark.parametrize(("loses", "frames"), [("erase_clip", ()), ("erase_frames", (1,))])
@@ -35,3 +36,20 @@ async def test_a_deletion_that_the_store_lost_is_done_again_at_the_next_try(
     gone = len(frames) or len(clip.plaintexts)
     assert receipts == [[ERASURE_ID, gone], [b"\xe2" * 32, gone]]
     assert lost == [clip.record_id, second.record_id]
+
+
+async def test_a_part_of_a_key_that_the_store_still_returns_stops_the_block(
+    opened: House, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = record_clip()
+    await share(opened, clip)
+    block = opened.chain.block(revoked())
+    with monkeypatch.context() as patch:
+
+        async def lose(_slots: Any) -> None:
+            return
+
+        patch.setattr(opened.store, "erase_parts", lose)
+        await refused("STORE_UNAVAILABLE", opened.custodian.on_finalized_block(block))
+    await opened.custodian.on_finalized_block(block)
+    assert [place async for place in opened.store.all_parts()] == []
