@@ -53,3 +53,15 @@ async def test_a_part_of_a_key_that_the_store_still_returns_stops_the_block(
         await refused("STORE_UNAVAILABLE", opened.custodian.on_finalized_block(block))
     await opened.custodian.on_finalized_block(block)
     assert [place async for place in opened.store.all_parts()] == []
+
+
+async def test_an_erase_key_that_is_still_there_stops_the_block(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = record_clip()
+    await opened.keep(clip)
+    block = opened.chain.block(erasure(ERASURE_ID, clip))
+    with monkeypatch.context() as patch:
+        patch.setattr(opened.keys, "destroy", lambda _slots: None)
+        await refused("ERASE_KEYS_DAMAGED", opened.custodian.on_finalized_block(block))
+        assert await opened.owed() == [], "nothing is promised before it is done"
+    await opened.custodian.on_finalized_block(block)
+    assert [call for call, _ in await opened.owed()] == ["erasure.receipt"]

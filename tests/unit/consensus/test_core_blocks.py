@@ -9,7 +9,7 @@ from consensus.block import Block, IndexedSignature, QuorumCertificate
 from consensus.effects import TIMER_FETCH, CancelTimer, ExecuteBlock, FetchBlocks, Halt, SetTimer
 from consensus.events import BlocksFetched, FinalizedElsewhere, ProposalReceived, VoteReceived
 from consensus.limits import ORPHAN_BLOCKS_MAX_COUNT
-from consensus.messages import Proposal, Vote
+from consensus.messages import Proposal, Vote, sign_block
 from consensus.primitives.hashing import sha256
 from tests.sim.named_chain import make_transaction
 from tests.unit.consensus.one_core import NOW_MS, TRANSACTION, OneCore, committed, of_type, said
@@ -56,6 +56,14 @@ def test_a_block_signed_by_somebody_else_is_never_executed():
     node = OneCore()
     block = node.block(1)
     assert proposed(node, msgspec.structs.replace(block, signature=node.block(2).signature)) == []
+
+
+def test_a_block_of_a_producer_that_does_not_lead_the_round_is_never_executed():
+    node = OneCore()
+    other = (node.schedule.leader(1) + 1) % len(node.keys)
+    block = node.block(1, producer=other)
+    signature = sign_block(node.keys[other], node.chain_id, node.schedule.epoch, 1, block.block_id)
+    assert of_type(proposed(node, msgspec.structs.replace(block, signature=signature)), ExecuteBlock) == []
 
 
 def test_bytes_that_are_no_header_are_ignored():

@@ -58,6 +58,8 @@ def test_the_certificate_must_be_the_childs():
     one, two, three = PEERS.chain(1, 2, 3)
     refused(proof_of(one, two, PEERS.qc(three)), "PROOF_INVALID")
     refused(proof_of(one, two, PEERS.qc(one)), "PROOF_INVALID")
+    of_the_same_round = PEERS.block(2, one, timestamp_ms=two.header.timestamp_ms + 1)
+    refused(proof_of(one, two, PEERS.qc(of_the_same_round)), "PROOF_INVALID")
 
 
 def test_the_childs_certificate_must_be_a_quorums():
