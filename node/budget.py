@@ -7,6 +7,7 @@ is done, by the prices of `node/costs.py`; whoever has nothing left waits, or is
 from __future__ import annotations
 
 import ipaddress
+import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
@@ -87,15 +88,29 @@ class TokenBucket:
         return True
 
     def charge(self, cost_us: float, now_s: float) -> None:
-        """Pay in any case, by a debt if need be (or give back, if the cost is negative)."""
+        """Pay in any case, by a debt if need be."""
         self._fill(now_s)
-        self.level_us = min(float(self.allowance.burst_us), self.level_us - cost_us)
+        self.level_us -= cost_us
 
     def wait_s(self, cost_us: float, now_s: float) -> float:
         """Return how long it is until there is enough for this cost, or for a full bucket if it costs more than that."""
         self._fill(now_s)
         missing_us = min(cost_us, float(self.allowance.burst_us)) - self.level_us
         return max(0.0, missing_us / self.allowance.us_per_s)
+
+
+@dataclass(slots=True)
+class Receipt:
+    """What one bucket paid. It goes back to that bucket only, and never more than was paid."""
+
+    bucket: TokenBucket
+    paid_us: float
+
+    def give_back(self, cost_us: float = math.inf) -> None:
+        """Give back so much of it, or all: somebody else pays for the work, or it was not done."""
+        given_us = min(cost_us, self.paid_us)
+        self.paid_us -= given_us
+        self.bucket.level_us = min(float(self.bucket.allowance.burst_us), self.bucket.level_us + given_us)
 
 
 class Budgets(Generic[K]):
@@ -125,19 +140,15 @@ class Budgets(Generic[K]):
             self._buckets.move_to_end(source)
         return bucket, now_s
 
-    def take(self, source: K, cost_us: float) -> bool:
-        """Pay if the source has enough; tell whether it had."""
+    def take(self, source: K, cost_us: float) -> Receipt | None:
+        """Pay if the source has enough; return the receipt, or None if it has not."""
         bucket, now_s = self._of(source)
-        return bucket.take(cost_us, now_s)
+        return Receipt(bucket, cost_us) if bucket.take(cost_us, now_s) else None
 
     def charge(self, source: K, cost_us: float) -> None:
         """Let the source pay in any case."""
         bucket, now_s = self._of(source)
         bucket.charge(cost_us, now_s)
-
-    def refund(self, source: K, cost_us: float) -> None:
-        """Give back what was paid for work that somebody else pays for."""
-        self.charge(source, -cost_us)
 
     def wait_s(self, source: K, cost_us: float = 1.0) -> float:
         """Return how long it is until the source can pay this."""

@@ -12,13 +12,14 @@ from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import NoReturn
 
 import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.transaction import Transaction
 from contracts.execution.standing import is_registration
-from node.budget import OWN, Allowance, Budgets, Source, SourceKind, over_budget
+from node.budget import OWN, Allowance, Budgets, Receipt, Source, SourceKind, over_budget
 from node.costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool import Mempool, Screened
 
@@ -92,6 +93,15 @@ class _Job:
 
 
 @dataclass(slots=True)
+class _Paid:
+    """What was paid for one transaction, by who brings it and by its sender: one of them gets it back."""
+
+    item: Screened
+    by_bringer: list[Receipt]
+    by_sender: Receipt | None = None
+
+
+@dataclass(slots=True)
 class _Queue:
     jobs: deque[_Job] = field(default_factory=deque)
     size_bytes: int = 0
@@ -151,9 +161,10 @@ class TransactionIntake:
         """
         if len(wires) > INLINE_MAX_COUNT and source != OWN:
             cost_us = len(wires) * TRANSACTION_SCREENING_US
-            if not self._sources.take(source.shared, cost_us):
+            receipt = self._sources.take(source.shared, cost_us)
+            if receipt is None:
                 self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
-            self._sources.refund(source.shared, cost_us)  # paid for one by one as they are looked at
+            receipt.give_back()  # paid for one by one as they are looked at
         began_s, is_refused = self._loop.time(), False
 
         def told(outcomes: list[Outcome]) -> None:
@@ -173,8 +184,7 @@ class TransactionIntake:
         is_idle = self._task is None or self._task.done()
         if is_idle and len(job.wires) <= INLINE_MAX_COUNT:
             screened, outcomes = self._screen_slice(job)
-            for item in screened:
-                outcomes.append(self._settle(job.source, item, _check(item)))
+            outcomes += [self._settle(job.source, paid, _check(paid.item)) for paid in screened]
             if not job.wires:
                 job.sink(outcomes)
                 _finish(job)
@@ -240,99 +250,101 @@ class TransactionIntake:
         if job.source.part:
             queue.size_of_parts_bytes[job.source.part] -= job.taken_bytes - taken_bytes
         if len(screened) <= INLINE_MAX_COUNT:
-            checked = [_check(item) for item in screened]
+            checked = [_check(paid.item) for paid in screened]
         else:
-            checked = await self._loop.run_in_executor(self._thread, _check_all, screened)
-        outcomes += [self._settle(source, item, error) for item, error in zip(screened, checked, strict=True)]
+            checked = await self._loop.run_in_executor(self._thread, _check_all, [paid.item for paid in screened])
+        outcomes += [self._settle(source, paid, error) for paid, error in zip(screened, checked, strict=True)]
         job.sink(outcomes)
 
-    def _screen_slice(self, job: _Job) -> tuple[list[Screened], list[Outcome]]:
+    def _screen_slice(self, job: _Job) -> tuple[list[_Paid], list[Outcome]]:
         """Take transactions of a job until they are worth a slice; return those to be checked, and the others' outcomes."""
         now_ms, weight_us = self._clock(), 0
-        screened: list[Screened] = []
+        screened: list[_Paid] = []
         outcomes: list[Outcome] = []
         while job.wires and weight_us < SLICE_MAX_US:
             wire, transaction = job.wires.popleft(), None
             weight_us += TRANSACTION_SCREENING_US
             job.taken_bytes += len(wire)
             try:
-                self._pay(job.source, TRANSACTION_SCREENING_US)
+                receipt = self._pay(job.source, TRANSACTION_SCREENING_US)
                 transaction, is_verified = self._mempool.read(wire)
-                item, cost_us = self._screen(job, transaction, now_ms, is_verified=is_verified)
+                paid, cost_us = self._screen(job, receipt, transaction, now_ms, is_verified=is_verified)
             except BlockRobotError as error:
                 outcomes.append(Outcome(wire, transaction, is_new=False, error=error))
                 continue
             weight_us += cost_us
-            if item.is_verified:
-                outcomes.append(self._settle(job.source, item, None))
+            if paid.item.is_verified:
+                outcomes.append(self._settle(job.source, paid, None))
             else:
-                screened.append(item)
+                screened.append(paid)
         return screened, outcomes
 
-    def _screen(self, job: _Job, transaction: Transaction, now_ms: int, *, is_verified: bool) -> tuple[Screened, int]:
+    def _screen(
+        self, job: _Job, receipt: Receipt, transaction: Transaction, now_ms: int, *, is_verified: bool
+    ) -> tuple[_Paid, int]:
         """Do the cheap checks of one transaction, and have its signature paid for; return it and what that costs.
 
-        Raises RATE_LIMITED, and what `Mempool.screen` raises.
+        `receipt` is of its screening. Raises RATE_LIMITED, and what `Mempool.screen` raises.
         """
-        source, cost_us = job.source, 0
+        source, cost_us, receipts = job.source, 0, [receipt]
         if is_registration(transaction) and not is_verified:
             cost_us = REGISTRATION_US
-            self._pay(source, cost_us)
+            receipts.append(self._pay(source, cost_us))
         try:
             item = self._mempool.screen(transaction, now_ms, job.also, is_verified=is_verified)
         except BlockRobotError as error:
             if error.code == _NOT_ADMITTED and source.kind not in _KNOW_MEMBERS and not cost_us:
-                self._pay_as_for_signature(source, transaction.body.sender)
+                self._pay_for_signature(source, transaction.body.sender)  # so that no stranger is told from a member
             raise
+        paid = _Paid(item, receipts)
         if item.is_waiting:
-            self._sources.refund(source.shared, TRANSACTION_SCREENING_US - KNOWN_US)
+            receipt.give_back(TRANSACTION_SCREENING_US - KNOWN_US)
         elif not is_verified and not cost_us:
             cost_us = EC_OPERATION_US
-            self._pay_for_signature(source, payer_of(item))
-        return item, cost_us
+            if source != OWN:
+                paid.by_sender = self._pay_as_sender(payer_of(item))
+                try:
+                    receipts.append(self._pay_for_signature(source, payer_of(item)))
+                except BlockRobotError:
+                    paid.by_sender.give_back()
+                    raise
+        return paid, cost_us
 
-    def _pay(self, source: Source, cost_us: int) -> None:
-        is_paid = self._sources.take(source.shared, cost_us)
-        if not is_paid and not (source.part and self._parts.take(source, cost_us)):
-            self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
+    def _pay(self, source: Source, cost_us: int) -> Receipt:
+        receipt = self._sources.take(source.shared, cost_us)
+        if receipt is None and source.part:
+            receipt = self._parts.take(source, cost_us)
+        return receipt or self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
 
-    def _pay_for_signature(self, source: Source, sender: bytes) -> None:
-        """Take it from who brings the transaction, and from who is said to have signed it: one of them gets it back."""
-        if source == OWN:
-            return
-        if not self._senders.take(sender, EC_OPERATION_US + TRANSACTION_SCREENING_US):
-            self._refuse(f"member {sender.hex()}", self._senders.wait_s(sender, EC_OPERATION_US))
+    def _pay_as_sender(self, sender: bytes) -> Receipt:
+        receipt = self._senders.take(sender, EC_OPERATION_US + TRANSACTION_SCREENING_US)
+        return receipt or self._refuse(f"member {sender.hex()}", self._senders.wait_s(sender, EC_OPERATION_US))
+
+    def _pay_for_signature(self, source: Source, sender: bytes) -> Receipt:
+        """Take it from who brings the transaction, or from the little that a sender has behind a used-up address."""
         source = source.shared
-        if self._sources.take(source, EC_OPERATION_US):
-            return
-        if source.kind == "peer" or not self._trials.take((source, sender), EC_OPERATION_US):
-            self._senders.refund(sender, EC_OPERATION_US + TRANSACTION_SCREENING_US)
-            self._refuse(str(source), self._sources.wait_s(source, EC_OPERATION_US))
+        receipt = self._sources.take(source, EC_OPERATION_US)
+        if receipt is None and source.kind != "peer":
+            receipt = self._trials.take((source, sender), EC_OPERATION_US)
+        return receipt or self._refuse(str(source), self._sources.wait_s(source, EC_OPERATION_US))
 
-    def _pay_as_for_signature(self, source: Source, sender: bytes) -> None:
-        """Take from a client for a stranger what a member's false signature costs, so that none is told from the other."""
-        source = source.shared
-        if not self._sources.take(source, EC_OPERATION_US) and not self._trials.take((source, sender), EC_OPERATION_US):
-            self._refuse(str(source), self._sources.wait_s(source, EC_OPERATION_US))
-
-    def _refuse(self, who: str, wait_s: float) -> None:
+    def _refuse(self, who: str, wait_s: float) -> NoReturn:
         self.dropped_count += 1
         error = over_budget(who, wait_s)
         self._note_over(who, error)
         raise error
 
-    def _settle(self, source: Source, item: Screened, error: BlockRobotError | None) -> Outcome:
+    def _settle(self, source: Source, paid: _Paid, error: BlockRobotError | None) -> Outcome:
         """Let a checked transaction wait, and give back what it turns out that somebody else has to pay."""
+        item, is_signed = paid.item, error is None
         transaction = item.transaction
-        is_signed = error is None
         if not item.is_verified:
             self.signatures_checked_count += 1
-            registration = is_registration(transaction)
             if is_signed:
-                refund_us = REGISTRATION_US if registration else EC_OPERATION_US
-                self._sources.refund(source.shared, refund_us + TRANSACTION_SCREENING_US)
-            elif not registration and source != OWN:
-                self._senders.refund(payer_of(item), EC_OPERATION_US + TRANSACTION_SCREENING_US)
+                for receipt in paid.by_bringer:
+                    receipt.give_back()
+            elif paid.by_sender is not None:
+                paid.by_sender.give_back()
         is_new = False
         if is_signed:
             try:

@@ -76,11 +76,10 @@ class RateLimiter:
         raise error
 
     def _take_reserved(self, source: Source, cost_us: int) -> bool:
-        if not self._parts.take(source, cost_us):
-            return False
-        if self._reserves.take(source.shared, cost_us):
-            return True
-        self._parts.refund(source, cost_us)
+        receipt = self._parts.take(source, cost_us)
+        if receipt is None or self._reserves.take(source.shared, cost_us):
+            return receipt is not None
+        receipt.give_back()
         return False
 
 

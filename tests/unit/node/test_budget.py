@@ -38,11 +38,30 @@ def test_one_sources_debt_is_no_other_ones() -> None:
     assert budgets.take("b", 5_000)
 
 
-def test_what_is_given_back_never_makes_more_than_a_burst() -> None:
-    budgets = _budgets(_Clock())
-    budgets.refund("a", 1_000_000)
+def test_what_is_given_back_never_makes_more_than_was_paid_nor_than_a_burst() -> None:
+    clock = _Clock()
+    budgets = _budgets(clock)
+    receipt = budgets.take("a", 4_000)
+    assert receipt is not None
+    receipt.give_back(1_000)
+    receipt.give_back()
+    receipt.give_back()
     assert budgets.take("a", 5_000)
-    assert not budgets.take("a", 100)
+    late = budgets.take("b", 4_000)
+    assert late is not None
+    clock.now_s = 100.0
+    late.give_back()
+    assert budgets.take("b", 5_000)
+    assert not budgets.take("b", 100)
+
+
+def test_what_is_given_back_goes_to_the_bucket_that_paid_also_when_it_is_forgotten() -> None:
+    budgets = _budgets(_Clock(), max_count=1)
+    receipt = budgets.take("a", 4_000)
+    assert receipt is not None
+    budgets.take("b", 5_000)
+    receipt.give_back()
+    assert not budgets.take("b", 100)
 
 
 def test_the_table_stays_bounded_and_forgets_who_was_not_seen_for_longest() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import Any, get_args
 
 import pytest
@@ -24,6 +25,7 @@ from tests.virtual_time import run_virtual
 
 STRANGER = Source("loopback", "127.0.0.1")
 OTHER = Source("loopback", "127.0.0.2")
+VISIT = Source("visit_keys", "192.0.2.1", "quiet")
 
 
 class _Counter:
@@ -168,6 +170,29 @@ def test_a_visit_that_floods_leaves_the_others_at_its_address_a_few_transactions
         assert _codes(await _submit(intake, quiet, [transaction(9_000, by=3).wire])) == {""}
 
     _run(make_pool(), story)
+
+
+@pytest.mark.parametrize(("source", "left_s"), [(STRANGER, 0.001), (VISIT, 0.001), (VISIT, 0.0)])
+def test_what_a_reserve_paid_for_a_signed_transaction_does_not_go_to_the_address(source: Source, left_s: float) -> None:
+    def looked_at(*wires: bytes) -> int:
+        """Return how many expired transactions a used-up address has looked at after these."""
+        count = 0
+
+        async def story(intake: TransactionIntake) -> None:
+            nonlocal count
+            noise = [transaction(number, by=7, valid_until_ms=NOW_MS).wire for number in range(8)]
+            loud = replace(source, part="loud") if source.part else source
+            while "RATE_LIMITED" not in _codes(await _submit(intake, loud, noise[:1])):
+                pass
+            await asyncio.sleep(left_s)
+            assert all(outcome.is_new == bool(wires) for outcome in await _submit(intake, source, list(wires)))
+            for one in noise:
+                count += "RATE_LIMITED" not in _codes(await _submit(intake, loud, [one]))
+
+        _run(make_pool(), story)
+        return count
+
+    assert looked_at(transaction(9_000, by=3).wire) <= looked_at()
 
 
 @pytest.mark.parametrize("visits_count", [1, 40])
