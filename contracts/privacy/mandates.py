@@ -9,7 +9,8 @@ approved_ms, accepted_ms, ends_ms, ended_ms, ended_by}, the id being the txid th
 person's, `until_ms` the first moment at which it holds no more, and `ends_ms` the moment up to which the next of the two
 others has to agree; mandate-number/n -> id; mandate-count -> n; of/handle -> the id of the one that is proposed,
 approved or active; act/id+n -> {kind, time, height, txid, data}; act-count/id -> n: what was done under it; day/id ->
-[day, how many acts of that day]; person/handle+n -> id, person-count/handle -> n: in which mandates a person was ever named.
+[day, how many acts of that day]; proposals/officer's handle -> [day, how many proposals of that day]; person/handle+n
+-> id, person-count/handle -> n: in which mandates a person was ever named.
 """
 
 HANDLE_BYTES = 32
@@ -21,6 +22,7 @@ UNTIL_STEP_MS = 300000
 LASTS_MAX_MS = 31622400000
 APPROVE_MS = 259200000
 ACCEPT_MS = 604800000
+PROPOSALS_A_DAY_MAX_COUNT = 64
 ACTS_A_DAY_MAX_COUNT = 64
 DAY_MS = 86400000
 PAGE_MAX_COUNT = 128
@@ -128,6 +130,16 @@ def is_over(entry: dict) -> bool:
     return entry["status"] != ENDED and ctx.time > min(entry["ends_ms"], entry["until_ms"] - 1)
 
 
+def count_today(key: bytes) -> int:
+    """Count one more of today (UTC); return how many there were before."""
+    today = ctx.time // DAY_MS
+    day, count = state.get(key, [today, 0])
+    if day != today:
+        count = 0
+    state.put(key, [today, count + 1])
+    return count
+
+
 @export
 def propose(handle: bytes, representative: bytes, papers: bytes, acts: list, until_ms: int):
     """Propose that a member acts for a person who cannot. Who may call: an officer of the represented member's organisation.
@@ -149,6 +161,8 @@ def propose(handle: bytes, representative: bytes, papers: bytes, acts: list, unt
         entry = state.get(b"mandate/" + before)
         require(is_over(entry), "MANDATE_EXISTS", "There is a mandate for this person, or a proposal of one: end it first.")
         finish(before, entry)
+    within = count_today(b"proposals/" + handle_of(ctx.caller)) < PROPOSALS_A_DAY_MAX_COUNT
+    require(within, "WORDS_TOO_MANY", "An officer proposes 64 mandates a day.")
     number = state.get(b"mandate-count", 0)
     entry = {
         "number": number,
@@ -255,22 +269,15 @@ def finish(mandate_id: bytes, entry: dict):
     emit("ended", {"mandate_id": mandate_id, "member": ctx.caller})
 
 
-def count_act(mandate_id: bytes, kind: str):
-    """Count one more of today's acts under a mandate (days of UTC). A day ends givings, and so what a no can change."""
-    today = ctx.time // DAY_MS
-    day, count = state.get(b"day/" + mandate_id, [today, 0])
-    if day != today:
-        count = 0
-    within = kind != GIVEN or count < ACTS_A_DAY_MAX_COUNT
-    require(within, "WORDS_TOO_MANY", "A day takes 64 acts under a mandate; a no it takes always.")
-    state.put(b"day/" + mandate_id, [today, count + 1])
-
-
 @export
 def note(mandate_id: bytes, kind: str, data: dict):
-    """Append what was done under a mandate to its trail, 64 givings a day at most. Who may call: the contract `consent`."""
+    """Append what was done under a mandate to its trail, 64 givings a day at most. Who may call: the contract `consent`.
+
+    What is not given any more cannot be refused either: the noes of a day have an end, too.
+    """
     require(ctx.calling_contract == "consent", "NOT_THE_CONSENT_CONTRACT", "Only the contract consent may do that.")
-    count_act(mandate_id, kind)
+    within = count_today(b"day/" + mandate_id) < ACTS_A_DAY_MAX_COUNT or kind != GIVEN
+    require(within, "WORDS_TOO_MANY", "A day takes 64 acts under a mandate; a no it takes always.")
     number = state.get(b"act-count/" + mandate_id, 0)
     entry = {"kind": kind, "time": ctx.time, "height": ctx.height, "txid": ctx.txid, "data": data}
     state.put(b"act/" + mandate_id + u32(number), entry)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 from consensus.primitives.keys import PrivateKey
-from consensus.records.vouchers import sign_rotation
 from contracts.execution.callers import MEMBERS, NOT_YET_MEMBERS, RECORDED
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, key_of
 from tests.unit.contracts.system.consortium import node_fields, producer_of
@@ -163,18 +162,7 @@ def _registration(scene: Scene, name: str) -> list[Any]:
 
 
 def _rotation(scene: Scene, name: str) -> list[Any]:
-    old, new = scene.people[name], Person("new")
-    keys = [new.identity.public_key, new.spend.public_key, new.view.public_key, new.sealing]
-    signature = sign_rotation(
-        new.identity,
-        chain_id=scene.hospital.chain_id,
-        handle=old.handle,
-        member=old.identity.public_key,
-        spend=keys[1],
-        view=keys[2],
-        sealing=keys[3],
-    )
-    return [old.handle, *keys, signature]
+    return scene.hospital.rotation_arguments(scene.people[name], Person("new"))
 
 
 def _open(scene: Scene) -> list[Any]:

@@ -14,7 +14,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import derive_owner_key, open_visit_keys, sign_transfer
 from consensus.records.purposes import PURPOSES
-from consensus.records.vouchers import Card, issue_card, sign_card
+from consensus.records.vouchers import Card, issue_card, sign_card, sign_rotation
 from consensus.transaction import Transaction, sign_transaction
 from contracts.execution.executor import execute_block
 from contracts.execution.genesis import complete_genesis, open_genesis
@@ -204,6 +204,20 @@ class Hospital:
         return person
 
     # Visits and records
+
+    def rotation_arguments(self, old: Person, new: Person) -> list[Any]:
+        """Return the arguments by which a member takes new keys."""
+        keys = [new.spend.public_key, new.view.public_key, new.sealing]
+        agreed = sign_rotation(
+            new.identity,
+            chain_id=self.chain_id,
+            handle=old.handle,
+            member=old.identity.public_key,
+            spend=keys[0],
+            view=keys[1],
+            sealing=keys[2],
+        )
+        return [old.handle, new.identity.public_key, *keys, agreed]
 
     def bucket(self) -> int:
         return self.time_ms - self.time_ms % TIME_BUCKET_MS

@@ -474,3 +474,17 @@ def test_whatever_she_took_back_herself_nobody_gives_for_her_until_she_gives_it_
     family.hospital.block([])
     assert family.yes(family.mother) == "OK"
     assert family.yes(family.mother, ("care",)) == ("OK" if named[0] else "OWN_NO_STANDS")
+
+
+def test_an_officer_proposes_64_mandates_a_day_whatever_is_ended_and_whatever_key_proposes(family: Family) -> None:
+    hospital, first = family.hospital, family.first
+    for _ in range(64):
+        hospital.must(first.identity, "mandates", "end", family.propose())
+    assert family.refusal(first, "propose", *family.arguments()) == "WORDS_TOO_MANY"
+    again = Person("first-again")
+    hospital.must(first.identity, "identity", "rotate", *hospital.rotation_arguments(first, again))
+    assert family.refusal(again, "propose", *family.arguments()) == "WORDS_TOO_MANY"
+    others = hospital.must(family.second.identity, "mandates", "propose", *family.arguments()).txid
+    hospital.must(family.second.identity, "mandates", "end", others)
+    hospital.time_ms += DAY_MS
+    hospital.must(again.identity, "mandates", "propose", *family.arguments())

@@ -8,7 +8,6 @@ import pytest
 
 from consensus.primitives.encoding import encode_value
 from consensus.records.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, SPAN_MAX_MS, VISITS_MAX_COUNT
-from consensus.records.vouchers import sign_rotation
 from contracts.execution.registry import read_source
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, data_of
 
@@ -84,18 +83,7 @@ def test_one_person_alone_erases_nothing(pair: Pair) -> None:
     assert pair.erasing(proposal_id) == "NOT_APPROVED"
     assert pair.refusal(pair.first, "approve", proposal_id) == "OFFICER_THE_SAME"
     old, new = pair.first, Person("first-again")
-    keys = [new.spend.public_key, new.view.public_key, new.sealing]
-    agreed = sign_rotation(
-        new.identity,
-        chain_id=hospital.chain_id,
-        handle=old.handle,
-        member=old.identity.public_key,
-        spend=keys[0],
-        view=keys[1],
-        sealing=keys[2],
-    )
-    arguments = [old.handle, new.identity.public_key, *keys, agreed]
-    hospital.must(old.identity, "identity", "rotate", *arguments)
+    hospital.must(old.identity, "identity", "rotate", *hospital.rotation_arguments(old, new))
     assert pair.refusal(new, "approve", proposal_id) == "OFFICER_THE_SAME", "new keys make no second person"
     hospital.must(pair.second.identity, "officers", "approve", proposal_id)
     hospital.must(new.identity, "officers", "erase", proposal_id, pair.visit.owner, pair.visit.records)
