@@ -65,3 +65,17 @@ async def test_an_erase_key_that_is_still_there_stops_the_block(opened: House, m
         assert await opened.owed() == [], "nothing is promised before it is done"
     await opened.custodian.on_finalized_block(block)
     assert [call for call, _ in await opened.owed()] == ["erasure.receipt"]
+
+
+async def test_what_the_state_says_is_erased_is_read_back_too(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = record_clip()
+    await opened.keep(clip)
+    with monkeypatch.context() as patch:
+
+        async def lose(_record_id: bytes) -> None:
+            return
+
+        patch.setattr(opened.store, "erase_clip", lose)
+        await refused("STORE_UNAVAILABLE", opened.custodian.eraser.erase_again([clip.record_id]))
+    await opened.custodian.eraser.erase_again([clip.record_id])
+    assert await opened.store.frame_places([clip.record_id]) == []
