@@ -7,8 +7,11 @@ idempotent and the checkpoint comes last, so that a crash at any moment repeats 
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from itertools import islice
+from typing import Any, TypeVar
 
 from msgspec import structs
 
@@ -23,6 +26,26 @@ from node.offchain.store import BlockEffects, CustodyStore, RecordFacts, VisitSt
 
 RECORDS_AT_ONCE_COUNT = 256
 
+T = TypeVar("T")
+
+
+async def read_in_thread(read: Callable[[], T]) -> T:
+    """Read the state in a thread, so that the event loop goes on. Ends after the reading, also when it is cancelled.
+
+    Whoever opened the state closes it next, and nothing may read it then.
+    """
+    reading = asyncio.ensure_future(asyncio.to_thread(read))
+    try:
+        return await asyncio.shield(reading)
+    finally:
+        await asyncio.wait([reading])
+
+
+async def read_in_parts(rows: Iterator[T]) -> AsyncIterator[list[T]]:
+    """Yield what an iterator over the state yields, in parts that a thread has read."""
+    while part := await read_in_thread(lambda: list(islice(rows, RECORDS_AT_ONCE_COUNT))):
+        yield part
+
 
 class Reconciliation:
     """One custodian's store against one version of the state. The checkpoint is the caller's."""
@@ -36,30 +59,29 @@ class Reconciliation:
 
     async def bring_about(self) -> None:
         """Take records, what was said of visits, access and erasures into the store, as their blocks would have."""
-        batch: list[RecordFacts] = []
-        for facts in self._facts.active_records():
-            batch.append(facts)
-            if len(batch) >= RECORDS_AT_ONCE_COUNT:
-                await self._take_records(batch)
-                batch = []
-        await self._take_records(batch)
+        async for batch in read_in_parts(self._facts.active_records()):
+            await self._take_records(batch)
         await self._take_standings()
         await self._take_shares()
         held = await self._store.background_digests()
         withdrawn = [digest for digest in held if not self._facts.is_empty_frame_approved(digest)]
         await self._eraser.delete_backgrounds(withdrawn)
-        for access in self._facts.accesses():
-            await self._take_access(access)
-        for erasure in self._facts.erasures():
-            await self._take_erasure(erasure)
+        async for accesses in read_in_parts(self._facts.accesses()):
+            for access in accesses:
+                await self._take_access(access)
+        async for erasures in read_in_parts(self._facts.erasures()):
+            for erasure in erasures:
+                await self._take_erasure(erasure)
         await self._eraser.finish()
-        for erasure in self._facts.erasures():
-            await self._settle_erasure(erasure)
+        async for erasures in read_in_parts(self._facts.erasures()):
+            for erasure in erasures:
+                await self._settle_erasure(erasure)
         await self.report_expired()
 
     async def report_expired(self) -> None:
         """Owe the reports for which expired records still wait, whoever was to say it: nobody else may come to do so."""
-        await self._eraser.report_expired(self._facts.unreported(self._member), self._facts.point.height)
+        unreported = await read_in_thread(lambda: self._facts.unreported(self._member))
+        await self._eraser.report_expired(unreported, self._facts.point.height)
 
     async def _take_records(self, batch: list[RecordFacts]) -> None:
         clips = await self._store.clips([facts.record_id for facts in batch])
@@ -81,7 +103,7 @@ class Reconciliation:
 
         Only the store knows of a clip that it keeps longer and the chain no longer does: those expiries are its own.
         """
-        standing = {row.owner: row for row in self._facts.standings()}
+        standing = {row.owner: row for row in await read_in_thread(lambda: list(self._facts.standings()))}
         for owner, before in (await self._store.standings()).items():
             now = standing.get(owner, VisitStanding(owner))
             now = structs.replace(now, narrowed_height=max(before.narrowed_height, now.narrowed_height))
@@ -91,17 +113,21 @@ class Reconciliation:
 
     async def _take_shares(self) -> None:
         """Heed the grants that stand, and let go of what is held for those that do not, or for records that are gone."""
-        standing, ended = self._facts.shares()
-        denied = {row.owner for row in self._facts.standings() if row.quarantined}
+        standing, ended = await read_in_thread(self._facts.shares)
+        standings = await read_in_thread(lambda: list(self._facts.standings()))
+        denied = {row.owner for row in standings if row.quarantined}
         point = await self._store.checkpoint()
         followed = -1 if point is None else point.height
         meanwhile = {owner: height for owner, height in self._facts.denied_heights().items() if height > followed}
         await self._shares.reconcile(standing, ended, denied, meanwhile)
         at_ms = self._facts.point.timestamp_ms
         shared = {place.record_id async for place in self._store.all_parts()}
-        records = ((record_id, self._facts.record(record_id)) for record_id in sorted(shared))
-        gone = [record_id for record_id, record in records if record is None or not record.is_kept(at_ms)]
+        gone = await read_in_thread(lambda: [each for each in sorted(shared) if not self._is_kept(each, at_ms)])
         await self._eraser.destroy_parts(await self._store.parts_of("record_id", gone))
+
+    def _is_kept(self, record_id: bytes, at_ms: int) -> bool:
+        record = self._facts.record(record_id)
+        return record is not None and record.is_kept(at_ms)
 
     async def _take_access(self, access: AccessFacts) -> None:
         if await self._store.grant(access.access_id) is None:

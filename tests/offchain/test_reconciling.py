@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from node.offchain.chain_facts import AUDIT_PREFIX
+from node.offchain.chain_facts import AUDIT_PREFIX, CUSTODIANS_KEY, RECORD_PREFIX, ChainFacts, StateReader
+from node.offchain.erasing import RECORDS_A_CALL_MAX_COUNT
+from node.offchain.reconciling import RECORDS_AT_ONCE_COUNT
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -288,3 +293,69 @@ async def test_the_audit_is_walked_once_however_many_requests_there_are(opened: 
     assert [erasure.height for erasure in facts.erasures()] == [7]
     assert list(facts.open_erasures()) == []
     assert walks.count(AUDIT_PREFIX) == 1
+
+
+class _Watched:
+    """A state that notes how many rows are read on the event loop's own thread from one turn of the loop to the next."""
+
+    def __init__(self, state: StateReader) -> None:
+        self._state, self._loop_thread = state, threading.current_thread()
+        self.rows_of_turn_count = self.rows_max_count = 0
+        self.is_held, self.read_on = threading.Event(), threading.Event()
+        self.read_on.set()
+
+    def get(self, key: bytes) -> bytes | None:
+        return self._state.get(key)
+
+    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
+        for row in self._state.scan(prefix, limit):
+            self.is_held.set()
+            self.read_on.wait(10)
+            self.rows_of_turn_count += threading.current_thread() is self._loop_thread
+            self.rows_max_count = max(self.rows_max_count, self.rows_of_turn_count)
+            yield row
+
+    async def turn(self) -> None:
+        while True:
+            self.rows_of_turn_count = 0
+            await asyncio.sleep(0)
+
+
+def _of_many() -> tuple[_Watched, ChainFacts]:
+    """A state with hundreds of records, each with words in the audit, of which most were erased or have expired."""
+    clip, state = record_clip(), State()
+    state.record(clip)
+    row = state.rows.pop(RECORD_PREFIX + clip.record_id)
+    for number in range(600):
+        status = ("active", "erased", "expired")[number % 3]
+        awaited = [CUSTODIAN] if status == "expired" else []
+        state.rows[RECORD_PREFIX + number.to_bytes(16, "big")] = row | {"status": status, "awaited": awaited}
+        state.said("restricted", 5, owner=number.to_bytes(33, "big"))
+    state.rows[CUSTODIANS_KEY] = BOTH
+    facts = state.facts()
+    watched = _Watched(facts._state)
+    return watched, ChainFacts(watched, facts.point)
+
+
+@pytest.mark.parametrize("name", ["reconcile", "report_expired"])
+async def test_however_many_records_there_are_the_event_loop_goes_on(opened: House, name: str) -> None:
+    watched, facts = _of_many()
+    turning = asyncio.ensure_future(watched.turn())
+    await getattr(opened.custodian, name)(facts)
+    turning.cancel()
+    assert watched.rows_max_count <= RECORDS_AT_ONCE_COUNT
+    assert len(await opened.owed()) == -(-200 // RECORDS_A_CALL_MAX_COUNT)
+
+
+async def test_a_cancelled_reconciliation_ends_when_nothing_reads_the_state_any_more(opened: House) -> None:
+    watched, facts = _of_many()
+    watched.read_on.clear()
+    work = asyncio.ensure_future(opened.custodian.reconcile(facts))
+    await asyncio.to_thread(watched.is_held.wait, 10)
+    work.cancel()
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert not work.done()
+    watched.read_on.set()
+    with pytest.raises(asyncio.CancelledError):
+        await work
