@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from consensus.primitives.encoding import Wire, decode_value
+from consensus.state.settings import QUOTA
 
 MIB_BYTES = 1024 * 1024
 DAY_MS = 86_400_000
-QUOTA_PREFIX = b"settings\x00quota/"
 
 
 class UploadQuotas(Wire, frozen=True):
@@ -33,7 +33,7 @@ QUOTA_NAMES: tuple[str, ...] = UploadQuotas.__struct_fields__
 
 def read_quotas(get: Callable[[bytes], bytes | None]) -> UploadQuotas:
     """Return the quotas of a finalized state, whose values `get` returns by flat key."""
-    found = {name: get(QUOTA_PREFIX + name.encode()) for name in QUOTA_NAMES}
+    found = {name: get(QUOTA.key(name)) for name in QUOTA_NAMES}
     return quotas_of({name: decode_value(value) for name, value in found.items() if value is not None})
 
 

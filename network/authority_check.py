@@ -13,8 +13,8 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from cryptography.x509.oid import NameOID
 
-from clients.sdk.governance import OrganisationRow
 from consensus.errors import BlockRobotError
+from consensus.state.membership import OrganisationRow
 from node.p2p.identity import load_authorities
 
 _OWNER_FIELDS = {"add_org": "name", "replace_ca": "organisation"}

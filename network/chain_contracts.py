@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from clients.sdk.governance import MembershipView, ProposalRow, read_membership
-from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
+from clients.sdk.http import NetworkClient
+from clients.sdk.rows import PROOF_KEYS_MAX_COUNT
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey

@@ -25,15 +25,15 @@ from consensus.records.consent_receipts import (
     read_word,
     require_signatures,
 )
-from consensus.records.notices import PublishedNotice, read_published, read_row, version_key
+from consensus.records.notices import PublishedNotice, read_published, read_row
+from consensus.state.consent import NOTICE_TEXT
+from consensus.state.identity import CUSTODIAN, MEMBER
 from consensus.transaction import decode_transaction
 
 FORMAT = "blockrobot-consent-receipts"
 FORMAT_VERSION = 1
 FILE_MAX_BYTES = 64 * 1024 * 1024
 RECEIPTS_MAX_COUNT = 4_096
-_CUSTODIAN = b"identity\x00custodian/"
-_MEMBER = b"identity\x00member/"
 _NAME = "a consent receipt"
 _VERSIONS_END = (1 << 32) - 1  # the next version has a key too
 _FORM_ERRORS = (KeyError, TypeError, AttributeError, ValueError, IndexError, OverflowError, RecursionError)
@@ -70,8 +70,8 @@ def state_keys(controller_key: bytes, member: bytes, organisation: str, notice_v
     (0: none), and the next one.
     """
     versions = [notice_version, notice_version + 1] if notice_version else [1]
-    keys = [_CUSTODIAN + controller_key, _MEMBER + member]
-    return [*keys, *(version_key(organisation, version) for version in versions)]
+    keys = [CUSTODIAN.key(controller_key), MEMBER.key(member)]
+    return [*keys, *(NOTICE_TEXT.key(version, organisation) for version in versions)]
 
 
 def read_reference(document: bytes) -> tuple[str, int]:
@@ -118,12 +118,12 @@ def _check(chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, sig
     word = read_word(transaction, proved.receipt, height=proved.height, index=proved.index, time_ms=proved.time_ms)
     key = doc.read_bytes(_NAME, entry.controller_key)
     state = chain.state(_NAME, entry.state)
-    node = state[_CUSTODIAN + key].value
-    if node is None:
+    value = state[CUSTODIAN.key(key)].value
+    if value is None:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "Who signed it is no custodian of the network.")
-    organisation, version = read_reference(document)
-    if organisation != node["org"]:
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"A node of {node['org']} signed it for {organisation}.")
+    node, (organisation, version) = CUSTODIAN.convert(value), read_reference(document)
+    if organisation != node.org:
+        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"A node of {node.org} signed it for {organisation}.")
     is_registrars = _is_registrars(state, organisation, word)
     published = _notice(state, organisation, version, word)
     if build_document(word, organisation, published) != document:
@@ -135,15 +135,16 @@ def _check(chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, sig
         person=word.member,
         person_signature=doc.read_bytes(_NAME, entry.person_signature) if signed else None,
     )
-    return CheckedReceipt(word, organisation, node["name"], published, json.loads(document), is_registrars)
+    return CheckedReceipt(word, organisation, node.name, published, json.loads(document), is_registrars)
 
 
 def _is_registrars(state: dict[bytes, ProvedValue], organisation: str, word: ConsentWord) -> bool:
     """Tell whether it is proved that an organisation registered her. Raises CONSENT_RECEIPT_INVALID if another did."""
-    proved = state.get(_MEMBER + word.member)
+    proved = state.get(MEMBER.key(word.member))
     if proved is None:
         return False
-    if proved.value is None or (proved.value["org"], proved.value["handle"]) != (organisation, word.handle):
+    row = None if proved.value is None else MEMBER.convert(proved.value)
+    if row is None or (row.org, row.handle) != (organisation, word.handle):
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{organisation} signed it, and did not register her.")
     return True
 
@@ -152,12 +153,12 @@ def _notice(
     state: dict[bytes, ProvedValue], organisation: str, version: int, word: ConsentWord
 ) -> PublishedNotice | None:
     """Return the version that a receipt names, having checked that it was the one in force when she spoke."""
-    following = state[version_key(organisation, version + 1)]
+    following = state[NOTICE_TEXT.key(version + 1, organisation)]
     if following.height < word.height:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "What proves its notice is older than the word itself.")
     published = None
     if version:
-        published = read_published(organisation, state[version_key(organisation, version)].value)
+        published = read_published(organisation, state[NOTICE_TEXT.key(version, organisation)].value)
     row = None if published is None else published.row
     known = published is not None or version == 0
     if not known or not is_notice_of(row, read_row(organisation, following.value), word):

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ from consensus.limits import CLIP_FRAMES_MAX_COUNT
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from consensus.records.commitments import commitment_leaf, commitment_root
 from consensus.records.renditions import ENCODING_PNG16, Rendition, decode_rendition
+from consensus.state.records import RecordRow
 
 PICTURE = "picture"
 NOTICE = "notice"
@@ -91,13 +92,13 @@ def draw(rendition: Rendition, background: bytes | None) -> list[tuple[str, byte
     return [("png", colour_pixels(compose_on(_decode_room(background), *box, rendition.pixels))), *files]
 
 
-def _read_leaves(opening: RecordOpening, state: dict[str, Any]) -> list[bytes]:
+def _read_leaves(opening: RecordOpening, state: RecordRow) -> list[bytes]:
     leaves = [read_bytes(RECORD_OPENINGS, leaf) for leaf in opening.commitment_leaves]
     if len(leaves) != len(opening.salts) or len(leaves) > CLIP_FRAMES_MAX_COUNT:
         raise BlockRobotError("BUNDLE_INVALID", "A record has other numbers of leaves and salts, or too many.")
     if leaves and (any(len(leaf) != HASH_SIZE_BYTES for leaf in leaves)):
         raise BlockRobotError("BUNDLE_INVALID", "A leaf does not have 32 bytes.")
-    if leaves and commitment_root(leaves) != state["commitment_root"]:
+    if leaves and commitment_root(leaves) != state.commitment_root:
         raise BlockRobotError(
             "BUNDLE_UNPROVEN", f"The frames of record {opening.record_id} are not those that the ledger commits to."
         )
@@ -105,7 +106,7 @@ def _read_leaves(opening: RecordOpening, state: dict[str, Any]) -> list[bytes]:
 
 
 def walk_frames(
-    visit: int, record: int, opening: RecordOpening, state: dict[str, Any], source: FrameSource, seen: set[bytes]
+    visit: int, record: int, opening: RecordOpening, state: RecordRow, source: FrameSource, seen: set[bytes]
 ) -> Generator[Piece, None, list[FrameDocument]]:
     """Yield the files of a record's frames, in order, and return what is told of them.
 
@@ -117,11 +118,11 @@ def walk_frames(
     for index, leaf in enumerate(_read_leaves(opening, state)):
         salt = read_bytes(RECORD_OPENINGS, opening.salts[index])
         if not salt:
-            status = ERASED if index in state["erased_frames"] else ABSENT
+            status = ERASED if index in state.erased_frames else ABSENT
             told.append(FrameDocument(index, status, 0, 0, "", "", []))
             continue
         name = rendition_name(visit, record, index)
-        if index in state["erased_frames"]:
+        if index in state.erased_frames:
             raise BlockRobotError("BUNDLE_UNPROVEN", f"{name} is erased on the ledger, and yet the bundle opens it.")
         content = source.committed(name, bytes.fromhex(opening.record_id), index)
         if commitment_leaf(salt, index, sha256(content)) != leaf:

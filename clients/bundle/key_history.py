@@ -17,6 +17,7 @@ from clients.bundle.layout import KEY_HISTORY
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode_value
+from consensus.state.identity import MemberRow
 from consensus.transaction import Transaction, decode_transaction
 
 CONTRACT = "identity"
@@ -51,11 +52,11 @@ def read_step(transaction: Transaction) -> KeyStep:
 
 
 def prove_sealing_keys(
-    chain: ProvedChain, genesis: Genesis, history: doc.KeyHistory, member: bytes, state: dict[str, Any]
+    chain: ProvedChain, genesis: Genesis, history: doc.KeyHistory, member: bytes, row: MemberRow
 ) -> tuple[bytes, ...]:
     """Return all sealing keys that the person is proved to have had, the oldest first; the last is her present one.
 
-    `member` and `state` are of the person whom the bundle's proofs name. The history may begin with a rotation, where
+    `member` and `row` are of the person whom the bundle's proofs name. The history may begin with a rotation, where
     what came before could not be had. Raises BUNDLE_UNPROVEN unless each step leads to the next and the last one to her.
     """
     if not 1 <= len(history.steps) <= STEPS_MAX_COUNT:
@@ -65,9 +66,9 @@ def prove_sealing_keys(
         if place >= following or earlier.member != later.before:
             raise _unproven("The rotations of a person's keys do not follow each other.")
     last = steps[-1][1]
-    if last.member != member or any(step.handle != state["handle"] for _, step in steps):
+    if last.member != member or any(step.handle != row.handle for _, step in steps):
         raise _unproven("The rotations of keys are not those of the person whom the bundle names.")
-    if state["sealing"] not in {last.sealing, b""}:  # who has left has none any more
+    if row.sealing not in {last.sealing, b""}:  # who has left has none any more
         raise _unproven("The rotations of keys do not lead to the key that the person has.")
     return tuple(step.sealing for _, step in steps)
 

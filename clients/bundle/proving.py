@@ -78,7 +78,7 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
         read_visit(chain.state(layout.state_proofs_name(number), proof), openings, sealing)
         for number, proof in enumerate(proofs.visits, 1)
     )
-    order = [(facts.state["sequence"], facts.owner) for facts in visits]
+    order = [(facts.state.sequence, facts.owner) for facts in visits]
     if order != sorted(set(order)):
         raise BlockRobotError("BUNDLE_INVALID", "The visits are not in the order of the chain.")
     opened = [record.opening for facts in visits for record in facts.records if record.opening is not None]
@@ -105,11 +105,11 @@ def _prove_person(
             )
         return telling.NO_PERSON, (), b"", ()
     proved = chain.state(layout.state_proofs_name(0), proofs.person)
-    member, state = telling.read_person(proved)
-    sealing: tuple[bytes, ...] = (state["sealing"],)
+    member, row = telling.read_person(proved)
+    sealing: tuple[bytes, ...] = (row.sealing,)
     if proofs.keys is not None:
-        sealing = prove_sealing_keys(chain, genesis, proofs.keys, member, state)
-    signed = () if proofs.signed is None else prove_signed(chain, genesis, proofs.signed, state)
+        sealing = prove_sealing_keys(chain, genesis, proofs.keys, member, row)
+    signed = () if proofs.signed is None else prove_signed(chain, genesis, proofs.signed, row)
     consents = telling.tell_consents(proved, receipts, {each.word.member for each in signed})
     if proofs.signed is not None:
         require_told(proofs.signed, signed, consents)

@@ -6,7 +6,6 @@ Must never pass over one that does not follow from its proofs, nor one that is o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle.chain_proofs import ProvedChain
@@ -14,27 +13,28 @@ from clients.bundle.consent_receipts import RECEIPTS_MAX_COUNT, CheckedReceipt, 
 from clients.bundle.layout import SIGNED_RECEIPTS
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
+from consensus.state.identity import MemberRow
 from consensus.transaction import decode_transaction
 
 _REGISTERING = "identity"
 
 
-def require_hers(checked: CheckedReceipt, state: dict[str, Any]) -> None:
-    """Raise CONSENT_RECEIPT_INVALID unless a receipt is of the person with this proved state, by who registered her.
+def require_hers(checked: CheckedReceipt, row: MemberRow) -> None:
+    """Raise CONSENT_RECEIPT_INVALID unless a receipt is of the person with this proved row, by who registered her.
 
     A handle is registered once, and the chain takes words under it from its member alone: so it names the person, also
     where she has other keys now.
     """
-    if checked.word.handle != state["handle"]:
+    if checked.word.handle != row.handle:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another person.")
-    if checked.organisation != state["org"]:
+    if checked.organisation != row.org:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{checked.organisation} signed it, and did not register her.")
 
 
 def prove_signed(
-    chain: ProvedChain, genesis: Genesis, signed: doc.SignedReceipts, state: dict[str, Any]
+    chain: ProvedChain, genesis: Genesis, signed: doc.SignedReceipts, row: MemberRow
 ) -> tuple[CheckedReceipt, ...]:
-    """Return what all receipts say, having checked each; `state` is the proved one of the person.
+    """Return what all receipts say, having checked each; `row` is the proved one of the person.
 
     Raises BUNDLE_INVALID for too many, none, or another order than the chain's, BUNDLE_UNPROVEN for one that is not
     true, named by its number.
@@ -45,7 +45,7 @@ def prove_signed(
     for number, entry in enumerate(signed.receipts, 1):
         try:
             checked = check_entry(chain, genesis, entry)
-            require_hers(checked, state)
+            require_hers(checked, row)
         except BlockRobotError as error:
             raise BlockRobotError("BUNDLE_UNPROVEN", f"Consent receipt {number}: {error.detail}") from None
         found.append(checked)

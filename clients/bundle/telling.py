@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
+from operator import itemgetter
 from typing import Any
 
 from clients.bundle import documents as doc
@@ -14,11 +15,12 @@ from consensus.primitives.encoding import decode_value
 from consensus.records.consents import Step, read_choices
 from consensus.records.metadata import find_chain_gaps
 from consensus.records.rights import Correction, commit_correction
+from consensus.state.consent import CHOICES, CONSENT, SAID
+from consensus.state.erasure import ErasureReceiptRow
+from consensus.state.identity import MEMBER, MemberRow
+from consensus.state.keys import Row, Rows
+from consensus.state.rights import CORRECTION, RESTRICTION
 
-MEMBER = b"identity\x00member/"
-CHOICES = b"consent\x00of/"
-LAST_WORD = b"consent\x00said/"
-CONSENT = "consent"
 WORDS = ("given", "refused", "withdrawn", "objected")
 PART_OF_A_VISIT = -1
 
@@ -41,11 +43,11 @@ def tell_visit(number: int, facts: VisitFacts, frames: Sequence[list[doc.FrameDo
     return doc.VisitDocument(
         number=number,
         owner=facts.owner.hex(),
-        robot=state["robot"].hex(),
-        purpose=state["purpose"],
-        bucket_ms=state["bucket_ms"],
-        status=state["status"],
-        record_count=state["record_count"],
+        robot=state.robot.hex(),
+        purpose=state.purpose,
+        bucket_ms=state.bucket_ms,
+        status=state.status,
+        record_count=state.record_count,
         missing=_count_missing(facts) if facts.is_whole else PART_OF_A_VISIT,
         is_whole=facts.is_whole,
         proved_from_height=facts.heights[0],
@@ -58,8 +60,8 @@ def _count_missing(facts: VisitFacts) -> int:
     """Count what the robot closed the visit over, or chained its records over, and never brought to the ledger."""
     known = [record.metadata for record in facts.records if record.metadata is not None]
     expected = max((metadata.index_in_visit + 1 for metadata in known), default=0)
-    if facts.state["status"] == "closed":
-        expected = facts.state["record_count"]
+    if facts.state.status == "closed":
+        expected = facts.state.record_count
     unread = len(facts.records) - len(known)
     return max(0, max(expected - len(known), len(find_chain_gaps(known))) - unread)
 
@@ -69,13 +71,13 @@ def _tell_record(number: int, record: RecordFacts, frames: list[doc.FrameDocumen
     return doc.RecordDocument(
         record_id=record.record_id.hex(),
         number=number,
-        status=state["status"],
-        robot=state["robot"].hex(),
-        bucket_ms=state["bucket_ms"],
-        expires_at_ms=state["expires_at_ms"],
-        recorded_at_height=state["height"],
-        transaction=state["txid"].hex(),
-        commitment_root=state["commitment_root"].hex(),
+        status=state.status,
+        robot=state.robot.hex(),
+        bucket_ms=state.bucket_ms,
+        expires_at_ms=state.expires_at_ms,
+        recorded_at_height=state.height,
+        transaction=state.txid.hex(),
+        commitment_root=state.commitment_root.hex(),
         metadata_proved=record.metadata_proved,
         sensor=metadata.sensor if metadata else "",
         started_at_ms=metadata.started_at_ms if metadata else 0,
@@ -85,8 +87,8 @@ def _tell_record(number: int, record: RecordFacts, frames: list[doc.FrameDocumen
         width=metadata.width if metadata else 0,
         height=metadata.height if metadata else 0,
         withheld=dict(metadata.withheld) if metadata else {},
-        erased_frames=list(state["erased_frames"]),
-        verdict=record.verdict["verdict"] if record.verdict else "",
+        erased_frames=state.erased_frames,
+        verdict=record.verdict.verdict if record.verdict else "",
         frames=frames,
     )
 
@@ -97,11 +99,11 @@ def tell_trail(visits: Sequence[VisitFacts]) -> doc.AuditTrailDocument:
         doc.AuditDocument(
             owner=facts.owner.hex(),
             index=index,
-            record_id=entry["record_id"].hex(),
-            kind=entry["kind"],
-            time_ms=entry["time"],
-            height=entry["height"],
-            data=plain(entry["data"]),
+            record_id=entry.record_id.hex(),
+            kind=entry.kind,
+            time_ms=entry.time,
+            height=entry.height,
+            data=plain(entry.data),
         )
         for facts in visits
         for index, entry in facts.entries
@@ -115,16 +117,16 @@ def tell_accesses(visits: Sequence[VisitFacts]) -> doc.AccessLogDocument:
         doc.AccessDocument(
             access_id=access_id.hex(),
             owner=facts.owner.hex(),
-            records=plain(value["records"]),
-            purpose=value["purpose"],
-            time_ms=value["time"],
-            released=plain(value["released"]),
-            refused=plain(value["refused"]),
+            records=plain(row.records),
+            purpose=row.purpose,
+            time_ms=row.time,
+            released=plain(row.released),
+            refused=plain(row.refused),
         )
         for facts in visits
-        for access_id, value in facts.accesses.items()
+        for access_id, row in facts.accesses.items()
     ]
-    return doc.AccessLogDocument(sorted(rows, key=lambda row: (row.time_ms, row.access_id)))
+    return doc.AccessLogDocument(sorted(rows, key=lambda told: (told.time_ms, told.access_id)))
 
 
 def tell_erasures(visits: Sequence[VisitFacts]) -> doc.ErasuresDocument:
@@ -133,27 +135,27 @@ def tell_erasures(visits: Sequence[VisitFacts]) -> doc.ErasuresDocument:
         doc.ErasureDocument(
             erasure_id=erasure_id.hex(),
             owner=facts.owner.hex(),
-            records=plain(value["records"]),
-            frames=list(value["frames"]),
-            status=value["status"],
-            time_ms=value["time"],
-            custodians=plain(value["custodians"]),
-            receipts=[_tell_receipt(key, told) for key, told in sorted(value["receipts"].items())],
+            records=plain(row.records),
+            frames=row.frames,
+            status=row.status,
+            time_ms=row.time,
+            custodians=plain(row.custodians),
+            receipts=[_tell_receipt(*each) for each in sorted(row.receipts.items(), key=itemgetter(0))],
         )
         for facts in visits
-        for erasure_id, value in facts.erasures.items()
+        for erasure_id, row in facts.erasures.items()
     ]
-    return doc.ErasuresDocument(sorted(rows, key=lambda row: (row.time_ms, row.erasure_id)))
+    return doc.ErasuresDocument(sorted(rows, key=lambda told: (told.time_ms, told.erasure_id)))
 
 
-def _tell_receipt(custodian: bytes, told: Mapping[str, Any]) -> doc.ErasureReceiptDocument:
+def _tell_receipt(custodian: bytes, told: ErasureReceiptRow) -> doc.ErasureReceiptDocument:
     return doc.ErasureReceiptDocument(
         custodian=custodian.hex(),
-        destroyed_frames=told["destroyed_frames"],
-        remains=told["remains"],
-        remains_until_ms=told["remains_until_ms"],
-        digest=told["digest"].hex(),
-        time_ms=told["time"],
+        destroyed_frames=told.destroyed_frames,
+        remains=told.remains,
+        remains_until_ms=told.remains_until_ms,
+        digest=told.digest.hex(),
+        time_ms=told.time,
     )
 
 
@@ -174,9 +176,14 @@ def open_corrections(visits: Sequence[VisitFacts], openings: Sequence[doc.Correc
             doc.read_bytes(RECORD_OPENINGS, text)
         known = visits[place].corrections
         told = Correction(row.kind, row.text, row.salt, row.visit, row.record_ids)
-        if not 0 <= number < len(known) or known[number]["commitment"] != commit_correction(told):
+        if not 0 <= number < len(known) or known[number].commitment != commit_correction(told):
             raise BlockRobotError("BUNDLE_UNPROVEN", "A correction is not what its maker said on the ledger.")
     return {(row.visit, row.number): row.text for row in openings}
+
+
+def _plain_row(rows: Rows[Any], row: Row) -> Any:
+    """Return a row as `plain` does, its fields in the ledger's order."""
+    return plain(decode_value(rows.encode(row)))
 
 
 def tell_rights(visits: Sequence[VisitFacts], texts: Texts) -> doc.RightsDocument:
@@ -184,11 +191,11 @@ def tell_rights(visits: Sequence[VisitFacts], texts: Texts) -> doc.RightsDocumen
     rows = [
         doc.VisitRightsDocument(
             owner=facts.owner.hex(),
-            restriction=plain(facts.restriction),
+            restriction=None if facts.restriction is None else _plain_row(RESTRICTION, facts.restriction),
             objection=plain(facts.objection),
             quarantine=plain(facts.quarantine),
             corrections=[
-                plain(row) | {"text": texts.get((facts.owner.hex(), number), "")}
+                _plain_row(CORRECTION, row) | {"text": texts.get((facts.owner.hex(), number), "")}
                 for number, row in enumerate(facts.corrections)
             ],
         )
@@ -200,20 +207,21 @@ def tell_rights(visits: Sequence[VisitFacts], texts: Texts) -> doc.RightsDocumen
 NO_PERSON = doc.ConsentsDocument("", "", "", "", 0, 0, [], [])
 
 
-def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, dict[str, Any]]:
-    """Return the member key and the state of the one person that a document of proofs is about.
+def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, MemberRow]:
+    """Return the member key and the row of the one person that a document of proofs is about.
 
     Raises BUNDLE_UNPROVEN if the document leaves out her choices, or holds something else.
     """
-    members = [key[len(MEMBER) :] for key in proved if key.startswith(MEMBER)]
-    state = proved[MEMBER + members[0]].value if len(members) == 1 else None
-    if state is None:
+    keys = [key for key in proved if MEMBER.owns(key)]
+    value = proved[keys[0]].value if len(keys) == 1 else None
+    if value is None:
         raise BlockRobotError("BUNDLE_UNPROVEN", "The bundle does not prove who the person is.")
-    if set(proved) != {MEMBER + members[0], CHOICES + state["handle"], LAST_WORD + state["handle"]}:
+    row, (member,) = MEMBER.convert(value), MEMBER.split(keys[0])
+    if set(proved) != {keys[0], CHOICES.key(row.handle), SAID.key(row.handle)}:
         raise BlockRobotError(
             "BUNDLE_UNPROVEN", "The proofs of the person leave something out, or hold something else."
         )
-    return members[0], state
+    return member, row
 
 
 def tell_consents(
@@ -222,15 +230,15 @@ def tell_consents(
     """Return who the person is, what she consents to now, and what she said before, also by member keys that are proved
     to have been hers (`former`). Raises BUNDLE_UNPROVEN.
     """
-    member, state = read_person(proved)
-    choices = read_choices(proved[CHOICES + state["handle"]].value)
+    member, row = read_person(proved)
+    choices = read_choices(proved[CHOICES.key(row.handle)].value)
     return doc.ConsentsDocument(
         member=member.hex(),
-        handle=state["handle"].hex(),
-        role=state["role"],
-        status=state["status"],
+        handle=row.handle.hex(),
+        role=row.role,
+        status=row.status,
         proved_at_height=min(proof.height for proof in proved.values()),
-        last_word_height=proved[LAST_WORD + state["handle"]].value or 0,
+        last_word_height=proved[SAID.key(row.handle)].value or 0,
         choices=[
             doc.ConsentDocument(
                 purpose,

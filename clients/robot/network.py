@@ -19,9 +19,11 @@ from clients.sdk.connections import NodeAddress
 from clients.sdk.empty_frames import approve_frames, read_approved
 from clients.sdk.http import NetworkClient
 from clients.sdk.receipts import FinalReceipt
+from clients.sdk.rows import in_session, proved_row
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
+from consensus.state.records import VISIT
 from consensus.transaction import Transaction
 
 COPIES_DEFAULT_COUNT = 2
@@ -57,7 +59,7 @@ class RobotNetwork:
 
     async def knows_visit(self, owner: bytes) -> bool:
         """Whether the chain proves a visit of that owner key. The node that is asked hears the key."""
-        return await self._client.state_value("records", b"visit/" + owner, self._identity.identity) is not None
+        return await proved_row(in_session(self._client, self._identity.identity), VISIT, owner) is not None
 
     async def upload(self, upload: ClipUpload) -> None:
         """Bring a clip to all custodians. Raises the last refusal if fewer took it than are to have it."""
@@ -71,7 +73,7 @@ class RobotNetwork:
     async def find_unapproved(self, frames: tuple[EmptyFrame, ...]) -> list[EmptyFrame]:
         """Return the frames that the chain proves no approval of."""
         identity = self._identity.identity
-        approved = {frame.sha256 for frame in await read_approved(self._client, identity.public_key, identity)}
+        approved = {frame.digest for frame in await read_approved(self._client, identity.public_key, identity)}
         return [frame for frame in frames if frame.background_id not in approved]
 
     async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:

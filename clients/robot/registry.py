@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from clients.sdk.http import PROOF_KEYS_MAX_COUNT
+from clients.sdk.rows import PROOF_KEYS_MAX_COUNT
 from clients.sdk.quorum import AskingClient, hear_quorum, is_turned_away
 from clients.sdk.trust import ProvedState
 from consensus.primitives.keys import PrivateKey

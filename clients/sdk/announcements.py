@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
+
 from clients.sdk.answers import ProofsAnswer
 from clients.sdk.trust import Trust
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u64
-
-_PREFIX = b"records\x00announcement/"
-_COUNT_KEY = b"records\x00announcement-count"
+from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,25 +49,14 @@ def read_announcements(trust: Trust, answer: ProofsAnswer, first: int, limit: in
     if claimed > limit:
         raise BlockRobotError("PROOF_INVALID", "The page holds more announcements than were asked for.")
     numbers = range(first, first + claimed)
-    proved = trust.values(answer, [_COUNT_KEY, *(_PREFIX + u64(number) for number in numbers)]).values
-    count = proved[_COUNT_KEY] or 0
-    if not isinstance(count, int) or claimed != max(0, min(limit, count - first)):
+    keys = [ANNOUNCEMENT_COUNT.flat, *map(ANNOUNCEMENT.key, numbers)]
+    proved = trust.values(answer, keys).values
+    count = ANNOUNCEMENT_COUNT.among(proved) or 0
+    if claimed != max(0, min(limit, count - first)):
         raise BlockRobotError("PROOF_INVALID", "The page leaves announcements out.")
-    items = tuple(_read_item(number, proved[_PREFIX + u64(number)]) for number in numbers)
+    try:
+        rows = [(number, ANNOUNCEMENT.convert(proved[ANNOUNCEMENT.key(number)])) for number in numbers]
+    except BlockRobotError as error:
+        raise BlockRobotError("PROOF_INVALID", error.detail) from None
+    items = tuple(Announcement(number, *msgspec.structs.astuple(row)) for number, row in rows)
     return AnnouncementPage(count=count, items=items, next_number=first + claimed)
-
-
-def _read_item(number: int, value: object) -> Announcement:
-    match value:
-        case [bytes() as owner, bytes() as ephemeral, int() as view_tag, int() as bucket_ms, bytes() as robot]:
-            return Announcement(number, owner, ephemeral, view_tag, bucket_ms, robot)
-        case [
-            bytes() as owner,
-            bytes() as ephemeral,
-            int() as view_tag,
-            int() as bucket_ms,
-            bytes() as robot,
-            bytes() as root,
-        ]:
-            return Announcement(number, owner, ephemeral, view_tag, bucket_ms, robot, root)
-    raise BlockRobotError("PROOF_INVALID", f"Announcement {number} does not have its five or six parts.")

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from typing import Any, Protocol
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Protocol
 
 from clients.sdk.connections import NO_LANE, NodeAddress
+from clients.sdk.trust import ProvedState
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
+from consensus.state.records import EMPTY_FRAME
 
 TRANSFER_TIMEOUT_MS = 60_000
 
@@ -36,8 +38,8 @@ class Asker(Protocol):
         ...
 
 
-StateProver = Callable[[str, bytes, PrivateKey], Awaitable[Any]]
-"""Returns one value of a contract as the chain proves it, or None if it is absent (`NetworkClient.state_value`)."""
+StateProver = Callable[[Sequence[bytes], PrivateKey], Awaitable[ProvedState]]
+"""Returns values by flat key as the chain proves them (`NetworkClient.state_values`)."""
 
 
 class CustodyClient:
@@ -154,10 +156,10 @@ class CustodyClient:
         except BlockRobotError as error:
             missing[digest] = error
         try:
-            is_approved = await self._prove("records", b"empty-frame/" + digest, key) is not None
+            proved = await self._prove([EMPTY_FRAME.key(digest)], key)
         except BlockRobotError:
             return None  # what no custodian gave is told, not that nobody can say why
-        if not is_approved:
+        if EMPTY_FRAME.among(proved.values, digest) is None:
             missing[digest] = BlockRobotError("EMPTY_FRAME_WITHDRAWN")
         return None
 

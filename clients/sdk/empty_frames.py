@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from clients.sdk.http import NetworkClient
 from clients.sdk.receipts import FinalReceipt
+from clients.sdk.rows import in_session, proved_row
 from consensus.limits import EMPTY_FRAMES_A_CALL_MAX_COUNT
 from consensus.primitives.keys import PrivateKey
+from consensus.state.records import EMPTY_FRAMES, EmptyFrameRow
 
 
-@dataclass(frozen=True, slots=True)
-class ApprovedFrame:
-    """An empty frame by its SHA-256, the key of the admin or officer who approved it, and when (chain time, ms)."""
-
-    sha256: bytes
-    approver: bytes
-    approved_ms: int
-
-
-async def read_approved(client: NetworkClient, robot: bytes, reader: PrivateKey) -> list[ApprovedFrame]:
+async def read_approved(client: NetworkClient, robot: bytes, reader: PrivateKey) -> list[EmptyFrameRow]:
     """Return what is approved for a robot, the oldest first, as the chain proves it."""
-    rows = await client.state_value("records", b"empty-frames/" + robot, reader)
-    return [ApprovedFrame(*row) for row in rows or []]
+    return await proved_row(in_session(client, reader), EMPTY_FRAMES, robot) or []
 
 
 async def approve_frames(
     client: NetworkClient, approver: PrivateKey, robot: bytes, frames: Sequence[bytes]
 ) -> FinalReceipt | None:
     """Approve what is not approved yet; return the last receipt, or None if nothing was left to do."""
-    known = {frame.sha256 for frame in await read_approved(client, robot, approver)}
+    known = {frame.digest for frame in await read_approved(client, robot, approver)}
     wanted = [frame for frame in dict.fromkeys(frames) if frame not in known]
     return await _decide(client, approver, "approve_empty_frames", robot, wanted)
 

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.http import FinalReceipt, NetworkClient
+from clients.sdk.rows import in_session, proved_row
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.vouchers import Card, sign_card
+from consensus.state.identity import HANDLE, MEMBER, MemberRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,15 +59,15 @@ def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purpo
     ]
 
 
-async def find_registration(client: NetworkClient, identity: PrivateKey) -> dict[str, Any] | None:
+async def find_registration(client: NetworkClient, identity: PrivateKey) -> MemberRow | None:
     """Return what the chain holds of a member key, proved, or None if it is no active member's."""
     try:
-        found = await client.state_value("identity", b"member/" + identity.public_key, identity)
+        found = await proved_row(in_session(client, identity), MEMBER, identity.public_key)
     except BlockRobotError as error:
         if error.code != "SESSION_REFUSED":
             raise
         return None
-    return dict(found) if found is not None and found["status"] == "active" else None
+    return found if found is not None and found.is_active else None
 
 
 async def register_member(client: NetworkClient, card: Card, member: NewMember, purposes: list[str]) -> Registration:
@@ -74,11 +76,11 @@ async def register_member(client: NetworkClient, card: Card, member: NewMember, 
     Raises CALL_REFUSED with the contract's code if the chain refuses, PROOF_INVALID if it maps the handle elsewhere.
     """
     known = await find_registration(client, member.identity)
-    if known is not None and known["handle"] == card.handle:
+    if known is not None and known.handle == card.handle:
         return Registration(txid=b"", member=member.identity.public_key)
     arguments = registration_arguments(card, member, client.genesis.chain_id, purposes)
     receipt = await client.call(member.identity, "identity", "register", arguments)
-    recovered = await client.state_value("identity", b"handle/" + card.handle, member.identity)
+    recovered = await proved_row(in_session(client, member.identity), HANDLE, card.handle)
     if recovered != member.identity.public_key:
         raise BlockRobotError("PROOF_INVALID", "The chain does not map the card's handle to this key.")
     return Registration(txid=receipt.txid, member=recovered, receipt=receipt)

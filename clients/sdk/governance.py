@@ -10,15 +10,31 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from clients.sdk.http import PROOF_KEYS_MAX_COUNT, FinalReceipt, NetworkClient
+import msgspec
+
+from clients.sdk.http import FinalReceipt, NetworkClient
+from clients.sdk.rows import PROOF_KEYS_MAX_COUNT
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.settings import ChainSettings, Epoch
-from consensus.upload_quotas import QUOTA_NAMES, QUOTA_PREFIX, UploadQuotas, quotas_of
+from consensus.state import producers
+from consensus.state.membership import (
+    CLOSED,
+    KEYS_NUMBER,
+    NODE,
+    NODES,
+    OPEN,
+    ORGANISATION,
+    ORGANISATIONS,
+    PROPOSAL,
+    GovernanceProposalRow,
+    NodeRow,
+    OrganisationRow,
+)
+from consensus.state.settings import QUOTA
+from consensus.upload_quotas import QUOTA_NAMES, UploadQuotas, quotas_of
 from consensus.visible_text import one_entry
 
-MEMBERSHIP = b"membership\x00"
-PRODUCERS = b"producers\x00"
 ID_PREFIX_MIN_CHARS = 6
 _CONTRACT_NAMED = re.compile(r"^(In contract [a-z]+: )+")
 _ERROR_OF = {
@@ -37,64 +53,16 @@ _ERROR_OF = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class OrganisationRow:
-    """An organisation: its CA certificate (PEM), whether it is active, and since which height that holds."""
-
-    name: str
-    ca_certificate: str
-    status: str
-    since_height: int
-
-
-@dataclass(frozen=True, slots=True)
-class NodeRow:
-    """A node of the network as its organisation entered it. Keys are empty where it has no such role."""
-
-    name: str
-    organisation: str
-    host: str
-    p2p_port: int
-    api_url: str
-    producer_key: bytes
-    producer_possession: bytes
-    custodian_key: bytes
-    status: str
-    since_height: int
-
-
-@dataclass(frozen=True, slots=True)
-class ProposalRow:
-    """A proposal: its id (32 bytes), what it asks for, and which organisations stand behind it."""
+class ProposalRow(GovernanceProposalRow, frozen=True):
+    """A proposal with its id (32 bytes). Of the approvals those whose organisation has other keys now are left out."""
 
     id: bytes
-    contract: str
-    kind: str
-    arguments: Mapping[str, Any]
-    organisation: str
-    approvals: tuple[str, ...]
-    time: int
-    expires_ms: int
-    height: int
-    status: str
-    closed_height: int
 
 
-@dataclass(frozen=True, slots=True)
-class CandidateRow:
-    """A candidate, seated or not. `turn` is its place in the schedule; `evidence` is empty if it was never accused."""
+class CandidateRow(producers.CandidateRow, frozen=True):
+    """A candidate with its key. `turn` is its place in the schedule, None without a seat; `leads`: not a leaderless one."""
 
     key: bytes
-    name: str
-    organisation: str
-    votes: tuple[str, ...]
-    removals: tuple[str, ...]
-    status: str
-    since_ms: int
-    ready_height: int
-    ready_ms: int
-    suspended_height: int
-    evidence: Mapping[str, Any]
     turn: int | None
     leads: bool
 
@@ -141,50 +109,38 @@ async def _proved(
     return values, height, timestamp_ms
 
 
-def _epoch_of(value: Mapping[str, Any]) -> Epoch:
-    return Epoch(
-        number=value["number"],
-        producers=tuple(value["producers"]),
-        leaderless=tuple(value["leaderless"]),
-        settings=ChainSettings(**value["settings"]),
-    )
+def _epoch_of(row: producers.EpochRow) -> Epoch:
+    settings: dict[str, Any] = dict(row.settings)
+    return Epoch(row.number, tuple(row.producers), tuple(row.leaderless), ChainSettings(**settings))
 
 
-def _chosen(kind: type[Any], value: Mapping[str, Any], **more: Any) -> Any:
-    """Make a row of the fields that it knows; a later version of the contract may store more."""
-    fields = {name: value[name] for name in kind.__dataclass_fields__ if name in value} | more
-    return kind(**{name: tuple(item) if isinstance(item, list) else item for name, item in fields.items()})
-
-
-def _proposal(proposal_id: bytes, value: Mapping[str, Any], keys_numbers: Mapping[str, int]) -> ProposalRow:
+def _proposal(proposal_id: bytes, row: GovernanceProposalRow, keys_numbers: Mapping[str, int | None]) -> ProposalRow:
     """Make a row; of the approvals only those count whose organisation still has the keys that gave them."""
-    said = value["keys_numbers"]
-    good = [name for name in value["approvals"] if name in keys_numbers and said[name] == keys_numbers[name]]
-    row: ProposalRow = _chosen(ProposalRow, {**value, "approvals": good}, id=proposal_id)
-    return row
+    said = row.keys_numbers
+    good = [name for name in row.approvals if name in keys_numbers and said[name] == keys_numbers[name]]
+    return ProposalRow(**msgspec.structs.asdict(row) | {"approvals": good}, id=proposal_id)
 
 
 async def read_membership(client: NetworkClient, reader: PrivateKey) -> MembershipView:
     """Return organisations, nodes and open proposals, proved, in the session of `reader`. Raises PROOF_INVALID etc."""
     await client.catch_up(reader)
-    index = [MEMBERSHIP + name for name in (b"organisations", b"nodes", b"open")]
-    found, _, _ = await _proved(client, index, reader)
-    organisations, nodes, opened = (found[key] or [] for key in index)
-    org_keys = [MEMBERSHIP + b"org/" + name.encode() for name in organisations]
-    node_keys = [MEMBERSHIP + b"node/" + name.encode() for name in nodes]
-    proposals = {MEMBERSHIP + b"proposal/" + entry[0]: entry[0] for entry in opened}
-    number_keys = {MEMBERSHIP + b"keys-number/" + name.encode(): name for name in organisations}
-    values, height, timestamp_ms = await _proved(client, [*org_keys, *number_keys, *node_keys, *proposals], reader)
-    numbers = {name: values[key] for key, name in number_keys.items()}
+    found, _, _ = await _proved(client, [ORGANISATIONS.flat, NODES.flat, OPEN.flat], reader)
+    names, nodes = ORGANISATIONS.among(found) or [], NODES.among(found) or []
+    opened = [row.proposal_id for row in OPEN.among(found) or []]
+    of_names = [key for name in names for key in (ORGANISATION.key(name), KEYS_NUMBER.key(name))]
+    of_others = [*map(NODE.key, nodes), *map(PROPOSAL.key, opened)]
+    values, height, timestamp_ms = await _proved(client, [*of_names, *of_others], reader)
+    numbers = {name: KEYS_NUMBER.among(values, name) for name in names}
+    proposals = [(proposal_id, PROPOSAL.among(values, proposal_id)) for proposal_id in opened]
     return MembershipView(
         height=height,
         timestamp_ms=timestamp_ms,
-        organisations=tuple(_chosen(OrganisationRow, values[key]) for key in org_keys if values[key]),
-        nodes=tuple(_chosen(NodeRow, values[key]) for key in node_keys if values[key]),
+        organisations=tuple(row for name in names if (row := ORGANISATION.among(values, name)) is not None),
+        nodes=tuple(node for name in nodes if (node := NODE.among(values, name)) is not None),
         proposals=tuple(
-            _proposal(proposal_id, values[key], numbers)
-            for key, proposal_id in proposals.items()
-            if values[key] and values[key]["status"] == "open" and values[key]["expires_ms"] > timestamp_ms
+            _proposal(proposal_id, row, numbers)
+            for proposal_id, row in proposals
+            if row is not None and row.status == "open" and row.expires_ms > timestamp_ms
         ),
     )
 
@@ -192,35 +148,33 @@ async def read_membership(client: NetworkClient, reader: PrivateKey) -> Membersh
 async def read_producers(client: NetworkClient, reader: PrivateKey) -> ProducersView:
     """Return the epoch that is decided and every candidate, proved, in the session of `reader`."""
     await client.catch_up(reader)
-    index = [PRODUCERS + name for name in (b"epoch", b"max_producers", b"keys")]
-    quotas = {QUOTA_PREFIX + name.encode(): name for name in QUOTA_NAMES}
-    found, _, _ = await _proved(client, [*index, *quotas], reader)
-    decided, maximum, keys = (found[key] for key in index)
-    if decided is None:
+    index = [producers.EPOCH.flat, producers.MAX_PRODUCERS.flat, producers.KEYS.flat]
+    found, _, _ = await _proved(client, [*index, *map(QUOTA.key, QUOTA_NAMES)], reader)
+    decided, maximum = producers.EPOCH.among(found), producers.MAX_PRODUCERS.among(found)
+    if decided is None or maximum is None:
         raise BlockRobotError("NOT_FOUND", "This chain has no contract for its producers; it is older than governance.")
     epoch = _epoch_of(decided)
-    flat = {PRODUCERS + b"candidate/" + key: key for key in dict.fromkeys([*epoch.producers, *keys])}
-    values, height, timestamp_ms = await _proved(client, list(flat), reader)
+    keys = list(dict.fromkeys([*epoch.producers, *(producers.KEYS.among(found) or [])]))
+    values, height, timestamp_ms = await _proved(client, [producers.CANDIDATE.key(key) for key in keys], reader)
     turns = {key: turn for turn, key in enumerate(epoch.producers)}
     rows = [
-        _chosen(
-            CandidateRow,
-            values[place],
+        CandidateRow(
+            **msgspec.structs.asdict(row),
             key=key,
             turn=turns.get(key),
             leads=key in turns and turns[key] not in epoch.leaderless,
         )
-        for place, key in flat.items()
-        if values[place]
+        for key in keys
+        if (row := producers.CANDIDATE.among(values, key)) is not None
     ]
     return ProducersView(
         height=height,
         timestamp_ms=timestamp_ms,
         epoch=epoch,
-        since_height=decided["height"],
+        since_height=decided.height,
         max_producers=maximum,
         candidates=tuple(rows),
-        quotas=quotas_of({name: found[key] for key, name in quotas.items() if found[key] is not None}),
+        quotas=quotas_of({name: mib for name in QUOTA_NAMES if (mib := QUOTA.among(found, name)) is not None}),
     )
 
 
@@ -245,14 +199,13 @@ def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
 
 async def find_closed(client: NetworkClient, reader: PrivateKey, text: str) -> ProposalRow | None:
     """Return the proposal whose id begins with this text among those that were closed lately, or None."""
-    wanted, index = text.strip().lower(), MEMBERSHIP + b"closed"
-    closed = (await _proved(client, [index], reader))[0][index] or []
+    wanted = text.strip().lower()
+    closed = CLOSED.among((await _proved(client, [CLOSED.flat], reader))[0]) or []
     found = [one for one in closed if len(wanted) >= ID_PREFIX_MIN_CHARS and one.hex().startswith(wanted)]
     if len(found) != 1:
         return None
-    place = MEMBERSHIP + b"proposal/" + found[0]
-    value = (await _proved(client, [place], reader))[0][place]
-    return None if value is None else _proposal(found[0], value, {})
+    row = PROPOSAL.among((await _proved(client, [PROPOSAL.key(found[0])], reader))[0], found[0])
+    return None if row is None else _proposal(found[0], row, {})
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,7 @@ from clients.sdk.failover import BY_ITS_CLOCK, NOT_TAKING_PART, failure_of, may_
 from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeBook, read_known_nodes
 from clients.sdk.pin import open_pin, write_pin
 from clients.sdk.receipts import FinalReceipt, not_final_in_time
+from clients.sdk.rows import PROOF_KEYS_MAX_COUNT
 from clients.sdk.sessions import Sessions
 from clients.sdk.transactions import Clock, SystemClock, TransactionBuilder
 from clients.sdk.trust import ProvedState, Trust
@@ -53,7 +54,6 @@ WAIT_SLICE_MS = 5_000
 FROZEN_AFTER_MS = 4_000
 """A node that keeps a transaction, or the question for it, waiting for longer is passed over: asking twice is harmless."""
 WAIT_DEFAULT_MS = 30_000
-PROOF_KEYS_MAX_COUNT = 128
 ANNOUNCEMENTS_PAGE_MAX_COUNT = 200
 PASS_PAUSE_MS = 100
 CATCH_UP_TIMEOUT_MS = 3_000
@@ -98,7 +98,7 @@ class NetworkClient:
         self._first = first
         self._is_finding = False
         self.troubles: dict[str, BlockRobotError] = {}
-        self.custody = CustodyClient(lambda: self._book.custodians, self.ask_node, self.state_value)
+        self.custody = CustodyClient(lambda: self._book.custodians, self.ask_node, self.state_values)
 
     async def __aenter__(self) -> NetworkClient:
         return self

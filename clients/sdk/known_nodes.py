@@ -7,22 +7,20 @@ kept with the pin, so that a client finds the network even when none of the firs
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from clients.sdk.connections import NodeAddress, check_address
 from clients.sdk.trust import ProvedState
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import Wire
+from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow
 
 REFRESH_MS = 60_000
 RETRY_MS = 5_000
 NODES_MAX_COUNT = 64
 ORGANISATIONS_MAX_COUNT = 32
 STEPS_MAX_COUNT = 4
-_NAMES = b"membership\x00nodes"
-_NODE = b"membership\x00node/"
-_ORGANISATION = b"membership\x00org/"
 
 
 class KnownNode(Wire, frozen=True):
@@ -78,34 +76,36 @@ def _usable(node: KnownNode) -> bool:
     return True
 
 
+async def read_active_nodes(read: StateReading) -> tuple[int, list[NodeRow]]:
+    """Return the active nodes, proved, and as of which height; height 0 and none if the chain says nothing of its nodes."""
+    names = (NODES.among((await read([NODES.flat])).values) or [])[:NODES_MAX_COUNT]
+    if not names:
+        return 0, []
+    state = await read([NODE.key(name) for name in names])
+    rows = [NODE.among(state.values, name) for name in names]
+    return state.height, [row for row in rows if row is not None and row.status == "active"]
+
+
 async def read_known_nodes(read: StateReading, before: KnownNodes) -> KnownNodes:
     """Return the active nodes, proved; those that were known `before` keep their places, others follow by name.
 
     Returns `before` if the chain says nothing of its nodes or none of them could be asked. Raises what reading raises.
     """
-    names: list[str] = ((await read([_NAMES])).values[_NAMES] or [])[:NODES_MAX_COUNT]
-    if not names:
-        return before
-    keys = {name: _NODE + name.encode() for name in names}
-    state = await read(list(keys.values()))
-    entries: list[Mapping[str, Any]] = [state.values[key] for key in keys.values() if state.values[key]]
-    active = [entry for entry in entries if entry["status"] == "active"]
-    owners = sorted({entry["organisation"] for entry in active if entry["api_url"].startswith("https:")})
+    height, active = await read_active_nodes(read)
+    owners = sorted({row.organisation for row in active if row.api_url.startswith("https:")})[:ORGANISATIONS_MAX_COUNT]
     certificates: dict[str, str] = {}
     if owners:
-        places = {name: _ORGANISATION + name.encode() for name in owners[:ORGANISATIONS_MAX_COUNT]}
-        found = (await read(list(places.values()))).values
-        certificates = {name: found[key]["ca_certificate"] for name, key in places.items() if found[key]}
+        found = (await read([ORGANISATION.key(name) for name in owners])).values
+        rows = [ORGANISATION.among(found, name) for name in owners]
+        certificates = {row.name: row.ca_certificate for row in rows if row is not None}
     nodes = [
-        KnownNode(
-            entry["name"], entry["api_url"], bool(entry["custodian_key"]), certificates.get(entry["organisation"], "")
-        )
-        for entry in active
+        KnownNode(row.name, row.api_url, bool(row.custodian_key), certificates.get(row.organisation, ""))
+        for row in active
     ]
     places_before = {name: place for place, name in enumerate(before.names)}
     usable = [node for node in nodes if _usable(node)]
     usable.sort(key=lambda node: (places_before.get(node.name, len(places_before)), node.name))
-    return KnownNodes(state.height, tuple(usable)) if usable else before
+    return KnownNodes(height, tuple(usable)) if usable else before
 
 
 class NodeBook:

@@ -13,12 +13,12 @@ from consensus.errors import BlockRobotError
 from consensus.records.notices import (
     NoticeRow,
     PublishedNotice,
-    newest_key,
     read_published,
     read_row,
-    version_key,
 )
 from consensus.records.vouchers import Card, recover_registrar
+from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.identity import REGISTRAR
 
 
 async def public_values(client: NetworkClient, keys: Sequence[bytes]) -> ProvedState:
@@ -33,13 +33,13 @@ async def public_values(client: NetworkClient, keys: Sequence[bytes]) -> ProvedS
 
 async def read_newest(client: NetworkClient, organisation: str) -> NoticeRow | None:
     """Return which version is in force, or None if nothing was ever published."""
-    key = newest_key(organisation)
+    key = NOTICE.key(organisation)
     return read_row(organisation, (await public_values(client, [key])).values[key])
 
 
 async def read_version(client: NetworkClient, organisation: str, version: int) -> PublishedNotice:
     """Return one version with its words. Raises NOTICE_NOT_FOUND, NOTICE_INVALID."""
-    key = version_key(organisation, version)
+    key = NOTICE_TEXT.key(version, organisation)
     found = read_published(organisation, (await public_values(client, [key])).values[key])
     if found is None:
         raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} published no version {version}.")
@@ -54,7 +54,7 @@ async def read_notice(client: NetworkClient, organisation: str) -> PublishedNoti
 
 async def organisation_of_card(client: NetworkClient, card: Card) -> str:
     """Return the organisation whose registrar issued a card, proved. Raises VOUCHER_INVALID if nobody's did."""
-    key = b"identity\x00registrar/" + recover_registrar(card, client.genesis.chain_id)
+    key = REGISTRAR.key(recover_registrar(card, client.genesis.chain_id))
     name = (await public_values(client, [key])).values[key]
     if not isinstance(name, str):
         raise BlockRobotError("VOUCHER_INVALID", "The card was not issued by a registrar of this network.")

@@ -9,7 +9,7 @@ import asyncio
 from typing import Any, Protocol
 
 from clients.sdk.connections import NodeAddress
-from clients.sdk.known_nodes import NODES_MAX_COUNT
+from clients.sdk.known_nodes import read_active_nodes
 from clients.sdk.trust import ProvedState
 from consensus.block import Header
 from consensus.errors import BlockRobotError
@@ -18,8 +18,6 @@ from consensus.light_client import LightClient
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
 
-_NAMES = b"membership\x00nodes"
-_NODE = b"membership\x00node/"
 _TURNED_AWAY = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
 
 
@@ -103,9 +101,6 @@ async def is_turned_away(client: AskingClient, key: PrivateKey) -> bool:
 
 async def _seats(client: AskingClient, key: PrivateKey) -> dict[str, bytes]:
     """Return the producers' keys by the names of their nodes, as the state proves them, else as genesis has them."""
-    names: list[str] = ((await client.state_values([_NAMES], key)).values[_NAMES] or [])[:NODES_MAX_COUNT]
-    if not names:
-        return {node.name: node.producer_key for node in client.genesis.nodes if node.producer_key}
-    state = await client.state_values([_NODE + name.encode() for name in names], key)
-    entries = [entry for entry in state.values.values() if entry is not None and entry["status"] == "active"]
-    return {entry["name"]: entry["producer_key"] for entry in entries if entry["producer_key"]}
+    height, rows = await read_active_nodes(lambda keys: client.state_values(keys, key))
+    nodes = rows if height else client.genesis.nodes
+    return {node.name: node.producer_key for node in nodes if node.producer_key}

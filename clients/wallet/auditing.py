@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import msgspec
+
 from clients.wallet.keystore import KnownVisit
-from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey
+from consensus.state.audit import COUNT, ENTRY, entry_keys
 
 RECORDED_KIND = "recorded"
 VERDICT_KIND = "verdict"
@@ -70,11 +72,6 @@ def records_of(entry: AuditEntry) -> list[bytes]:
     return [finding[0] for finding in findings_of(entry)] or [entry.record_id][: len(entry.record_id)]
 
 
-def count_place(visit: KnownVisit) -> bytes:
-    """Return the flat key under which the chain holds how many events a visit has."""
-    return b"audit\x00count/" + visit.owner
-
-
 async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None = None) -> list[AuditEntry]:
     """Return all events of a visit in order. The count and each entry are proven, so none can be left out.
 
@@ -82,27 +79,14 @@ async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None 
     """
     key = wallet.owner_key(visit)
     if count is None:
-        count_key = count_place(visit)
-        count = (await wallet.values([count_key], key))[count_key] or 0
+        count = COUNT.among(await wallet.values([COUNT.key(visit.owner)], key), visit.owner) or 0
     trails = wallet.trails
     entries = [] if trails is None else trails.get(visit.owner, [])[:count]
     for start in range(len(entries), count, _PAGE_COUNT):
-        indexes = range(start, min(count, start + _PAGE_COUNT))
-        keys = [b"audit\x00entry/" + visit.owner + u32(index) for index in indexes]
+        keys = entry_keys(visit.owner, min(count, start + _PAGE_COUNT), start)
         values = await wallet.values(keys, key)
-        for index, state_key in zip(indexes, keys, strict=True):
-            value = values[state_key]
-            entries.append(
-                AuditEntry(
-                    owner=visit.owner,
-                    index=index,
-                    record_id=value["record_id"],
-                    kind=value["kind"],
-                    time_ms=value["time"],
-                    height=value["height"],
-                    data=value["data"],
-                )
-            )
+        for index, place in enumerate(keys, start):
+            entries.append(AuditEntry(visit.owner, index, *msgspec.structs.astuple(ENTRY.convert(values[place]))))
     if trails is not None:
         trails[visit.owner] = list(entries)
     return entries

@@ -58,7 +58,7 @@ def _run(ctx: click.Context, start: str, action: Callable[[Breaches, Breach], Aw
 
 def _clock(breach: Breach) -> str:
     hours = abs(breach.left_ms) / _HOUR_MS
-    if not breach.is_open or "authority" in breach.state["notified"] or breach.state["risk"] == "none":
+    if not breach.is_open or "authority" in breach.state.notified or breach.state.risk == "none":
         return ""
     if breach.left_ms < 0:
         return f"[red]{hours:.1f} hours over the 72[/red]"
@@ -75,24 +75,24 @@ def _next_step(breach: Breach, profile: str) -> str:
     if profile != "default":
         called += f" --profile {profile}"
     state = breach.state
-    if state["status"] == "closed":
+    if state.status == "closed":
         return ""
-    if state["assessed"] is None:
+    if state.assessed is None:
         return f"{called} assess {name} --risk RISK --reason CODE"
-    needed = {"none": (), "risk": ("authority",), "high": ("authority", "subjects")}[state["risk"]]
+    needed = {"none": (), "risk": ("authority",), "high": ("authority", "subjects")}[state.risk]
     for recipient in needed:
-        if recipient not in state["notified"]:
+        if recipient not in state.notified:
             return f"{called} notify {name} --whom {recipient}"
     return f"{called} close {name} --outcome OUTCOME --reason CODE"
 
 
 def _show(breach: Breach, profile: str) -> None:
     state = breach.state
-    risk = f", risk: {state['risk']}" if state["risk"] else ""
+    risk = f", risk: {state.risk}" if state.risk else ""
     clock = _clock(breach)
     console.print(
-        f"{breach.breach_id.hex()[:12]}  {state['status']}{risk}  denied {show_moment(state['opened_ms'])} at "
-        f"{state['org']}, robot {state['robot'].hex()[:10]}" + (f"  {clock}" if clock else "")
+        f"{breach.breach_id.hex()[:12]}  {state.status}{risk}  denied {show_moment(state.opened_ms)} at "
+        f"{state.org}, robot {state.robot.hex()[:10]}" + (f"  {clock}" if clock else "")
     )
     step = _next_step(breach, profile)
     if step:
@@ -197,14 +197,14 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
     Example: blockrobot officer correction correction.json
     """
     correction = read_correction(file.read_bytes())
-    row: dict[str, Any] = run_opened(ctx, lambda opened: Breaches(opened).find_correction(correction))
+    number, row = run_opened(ctx, lambda opened: Breaches(opened).find_correction(correction))
     if as_json:
-        place = {"number": row["number"], "txid": row["txid"].hex(), "height": row["height"], "time_ms": row["time"]}
+        place = {"number": number, "txid": row.txid.hex(), "height": row.height, "time_ms": row.time}
         print_json({"ok": True, **place, "correction": json.loads(write_correction(correction))})
         return
     of = counted(len(correction.record_ids), "record") if correction.record_ids else "all"
     console.print(
-        f"Said by the owner of visit {correction.visit[:12]} on {show_moment(row['time'])} (block {row['height']}), "
+        f"Said by the owner of visit {correction.visit[:12]} on {show_moment(row.time)} (block {row.height}), "
         f"of {of} of it, about its {correction.kind}:\n"
     )
     console.print(correction.text, markup=False)

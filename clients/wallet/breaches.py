@@ -11,19 +11,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.receipts import FinalReceipt
+from clients.sdk.rows import proved_list, proved_row, proved_rows
 from clients.wallet.lost_keys import active_records
 from clients.wallet.naming import BREACH, find_named
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u32, u64
 from consensus.records.rights import Correction, commit_correction
+from consensus.state import rights
+from consensus.state.keys import to_value
+from consensus.state.rights import AssessedRow, BreachRow, ClosedRow, CorrectionRow, NotifiedRow
 
 RECORDS_A_CALL_MAX_COUNT = 64
-_COUNT_KEY = b"rights\x00breach-count"
-_NUMBER = b"rights\x00breach-number/"
-_BREACH = b"rights\x00breach/"
-_CORRECTION_COUNT = b"rights\x00correction-count/"
-_CORRECTION = b"rights\x00correction/"
 Tell = Callable[[int, int], None]
 
 
@@ -32,23 +30,23 @@ class Breach:
     """One denied visit, proven as of a block whose time is `now_ms`. `state` is the contract's row."""
 
     breach_id: bytes
-    state: dict[str, Any]
+    state: BreachRow
     now_ms: int
 
     @property
     def is_open(self) -> bool:
         """Whether an officer still has something to do."""
-        return bool(self.state["status"] != "closed")
+        return self.state.status != "closed"
 
     @property
     def left_ms(self) -> int:
         """How much is left of the 72 hours by the chain's clock; negative once they are over."""
-        return int(self.state["due_ms"]) - self.now_ms
+        return self.state.due_ms - self.now_ms
 
     @property
     def is_overdue(self) -> bool:
         """Whether the authority should have been told, and was not."""
-        waits = self.state["risk"] != "none" and "authority" not in self.state["notified"]
+        waits = self.state.risk != "none" and "authority" not in self.state.notified
         return self.is_open and waits and self.left_ms < 0
 
 
@@ -58,16 +56,14 @@ class Breaches:
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
         self._key = wallet.keys.identity
+        self._read = wallet.reading(self._key)
 
     async def read_all(self) -> list[Breach]:
         """Return all breaches in the order in which they were opened. Raises SESSION_REFUSED for who is no member."""
-        count = (await self._wallet.values([_COUNT_KEY], self._key))[_COUNT_KEY] or 0
-        numbers = [_NUMBER + u64(number) for number in range(count)]
-        found = await self._wallet.values(numbers, self._key)
-        ids = [found[key] for key in numbers]
-        states = await self._wallet.values([_BREACH + breach_id for breach_id in ids], self._key)
+        ids = await proved_list(self._read, rights.BREACH_COUNT, rights.BREACH_NUMBER)
+        rows = await proved_rows(self._read, rights.BREACH, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
-        return [Breach(breach_id, states[_BREACH + breach_id], now_ms) for breach_id in ids]
+        return [Breach(breach_id, row, now_ms) for breach_id, row in zip(ids, rows, strict=True)]
 
     async def find(self, start: str) -> Breach:
         """Return the breach whose id (hexadecimal) begins so. Raises BREACH_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
@@ -93,7 +89,7 @@ class Breaches:
         if outcome == "erased":
             breach = await self.find(breach.breach_id.hex())
             require_told(breach)
-            ids = await active_records(self._wallet, breach.state["owner"])
+            ids = await active_records(self._wallet, breach.state.owner)
         for start in range(0, len(ids), RECORDS_A_CALL_MAX_COUNT):
             tell(start, len(ids))
             await self._call("order_erasure", [breach.breach_id, ids[start : start + RECORDS_A_CALL_MAX_COUNT]])
@@ -101,17 +97,19 @@ class Breaches:
             await self._call("close", [breach.breach_id, outcome, reason])
         return len(ids)
 
-    async def find_correction(self, correction: Correction) -> dict[str, Any]:
-        """Return what the chain holds of a correction that was handed over, proven. Raises CORRECTION_UNPROVEN."""
+    async def find_correction(self, correction: Correction) -> tuple[int, CorrectionRow]:
+        """Return what the chain holds of a correction that was handed over, proven, and its number.
+
+        Raises CORRECTION_UNPROVEN.
+        """
         owner = bytes.fromhex(correction.visit)
-        count_key = _CORRECTION_COUNT + owner
-        count = (await self._wallet.values([count_key], self._key))[count_key] or 0
-        keys = [_CORRECTION + owner + u32(number) for number in range(count)]
-        rows = await self._wallet.values(keys, self._key)
+        count = await proved_row(self._read, rights.CORRECTION_COUNT, owner) or 0
+        values = await self._read(rights.correction_keys(owner, count))
         commitment = commit_correction(correction)
-        for number, key in enumerate(keys):
-            if rows[key]["commitment"] == commitment and rows[key]["kind"] == correction.kind:
-                return {"number": number, **rows[key]}
+        for number, key in enumerate(rights.correction_keys(owner, count)):
+            row = rights.CORRECTION.convert(values[key])
+            if (row.commitment, row.kind) == (commitment, correction.kind):
+                return number, row
         raise BlockRobotError("CORRECTION_UNPROVEN")
 
     async def _call(self, entry: str, arguments: list[Any]) -> FinalReceipt:
@@ -121,13 +119,13 @@ class Breaches:
 def require_told(breach: Breach) -> None:
     """Raise CALL_REFUSED, as the contract would on closing, unless a breach was assessed and whom it concerns was told."""
     state = breach.state
-    if state["assessed"] is None:
+    if state.assessed is None:
         raise BlockRobotError("CALL_REFUSED", "BREACH_NOT_ASSESSED: The breach is assessed first.")
-    if state["risk"] != "none" and "authority" not in state["notified"]:
+    if state.risk != "none" and "authority" not in state.notified:
         raise BlockRobotError(
             "CALL_REFUSED", "BREACH_NOT_NOTIFIED: Where there is a risk, the authority is told before."
         )
-    if state["risk"] == "high" and "subjects" not in state["notified"]:
+    if state.risk == "high" and "subjects" not in state.notified:
         raise BlockRobotError("CALL_REFUSED", "BREACH_NOT_NOTIFIED: Where it is high, the subjects are told before.")
 
 
@@ -136,21 +134,21 @@ def breach_json(breach: Breach) -> dict[str, Any]:
     state = breach.state
     return {
         "breach_id": breach.breach_id.hex(),
-        "kind": state["kind"],
-        "organisation": state["org"],
-        "robot": state["robot"].hex(),
-        "visit": state["owner"].hex(),
-        "status": state["status"],
-        "risk": state["risk"] or None,
-        "opened_ms": state["opened_ms"],
-        "due_ms": state["due_ms"],
+        "kind": state.kind,
+        "organisation": state.org,
+        "robot": state.robot.hex(),
+        "visit": state.owner.hex(),
+        "status": state.status,
+        "risk": state.risk or None,
+        "opened_ms": state.opened_ms,
+        "due_ms": state.due_ms,
         "left_ms": breach.left_ms,
         "overdue": breach.is_overdue,
-        "assessed": _step(state["assessed"]),
-        "notified": {recipient: _step(step) for recipient, step in state["notified"].items()},
-        "closed": _step(state["closed"]),
+        "assessed": _step(state.assessed),
+        "notified": {recipient: _step(step) for recipient, step in state.notified.items()},
+        "closed": _step(state.closed),
     }
 
 
-def _step(step: dict[str, Any] | None) -> dict[str, Any] | None:
-    return None if step is None else {**step, "officer": step["officer"].hex()}
+def _step(step: AssessedRow | NotifiedRow | ClosedRow | None) -> dict[str, Any] | None:
+    return None if step is None else {**to_value(step), "officer": step.officer.hex()}

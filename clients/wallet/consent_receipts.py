@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import msgspec
 
-from clients.bundle import telling
 from clients.bundle.chain_proofs import ProvedChain
 from clients.bundle.consent_receipts import CheckedReceipt, check_entry, read_reference, state_keys
 from clients.bundle.documents import ReceiptEntry
 from clients.sdk.answers import Answer, read_answer, read_hex
 from clients.sdk.connections import NodeAddress
 from clients.sdk.contract_events import Place, read_events
+from clients.sdk.rows import proved_row
 from clients.wallet.kept_proofs import receipt_proof
 from clients.wallet.proof_collecting import StateCollector
 from clients.wallet.wallet import Wallet
@@ -27,6 +27,8 @@ from consensus.primitives.encoding import encode
 from consensus.records.consent_receipts import sign_as_person
 from consensus.records.consents import GIVEN
 from consensus.records.notices import require_told
+from consensus.state.consent import CONSENT
+from consensus.state.identity import MEMBER
 
 ASK_PAUSE_S = 0.25
 ASK_PASSES_COUNT = 12
@@ -101,8 +103,8 @@ class ConsentReceipts:
         word, member = checked.word, self._wallet.keys.identity
         if word.txid != txid or word.member != member.public_key:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another word, or of another person.")
-        row = await self._wallet.network.state_value("identity", b"member/" + member.public_key, member)
-        if row is None or word.handle != row["handle"] or checked.organisation != row["org"]:
+        row = await proved_row(self._wallet.reading(member), MEMBER, member.public_key)
+        if row is None or word.handle != row.handle or checked.organisation != row.org:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is not by the organisation that registered you.")
 
     async def _fetch(self, txid: bytes) -> ReceiptEntry:
@@ -210,7 +212,7 @@ class ConsentReceipts:
         """
         member = self._wallet.keys.identity
         found: dict[bytes, int] = {}
-        for contract, names in (("identity", ("registered",)), (telling.CONSENT, ("given", "refused", "withdrawn"))):
+        for contract, names in (("identity", ("registered",)), (CONSENT, ("given", "refused", "withdrawn"))):
             place: Place | None = None
             while True:
                 page = await read_events(self._wallet.network, member, place, contract=contract)

@@ -12,9 +12,10 @@ from typing import Any
 from clients.wallet.kept_proofs import keep_receipt
 from clients.wallet.wallet import Wallet
 from consensus.limits import TIME_BUCKET_MS
-from consensus.records.consents import GIVEN, Step, find_consent, read_choices, row_key
+from consensus.records.consents import GIVEN, Step, find_consent, read_choices
 from consensus.records.purposes import require_published
 from consensus.records.sensors import SENSORS, require_sensor
+from consensus.state.consent import CHOICES
 
 DEPTH = "depth"
 """By this sensor a robot tells people apart: without a yes to it, nothing of any other is kept."""
@@ -135,7 +136,7 @@ class Consenting:
     async def choices(self) -> Choices:
         """Return all choices, proven. Raises NOT_REGISTERED, PROOF_*."""
         await self._wallet.require_registered()
-        place = row_key(self._handle)
+        place = CHOICES.key(self._handle)
         state = await self._wallet.network.state_values([place], self._wallet.keys.identity)
         rows = [
             _choice(purpose, sensor, steps, state.height, state.timestamp_ms)

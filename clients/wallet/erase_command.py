@@ -118,10 +118,10 @@ def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
     told: list[int] = []
 
     def tell(reports: Sequence[ErasureReport]) -> None:
-        here = sum(len(report.receipts) for report in reports)
+        here = sum(len(report.state.receipts) for report in reports)
         if here and told[-1:] != [here]:
             told.append(here)
-            of_all = sum(len(report.custodians) for report in reports)
+            of_all = sum(len(report.state.custodians) for report in reports)
             click.echo(text("erase.receipts", here=here, count=of_all), err=True)
 
     return tell
@@ -172,7 +172,7 @@ def erase(
 async def _erase(wish: _Wish, opened: Wallet) -> _Done:
     """Erase what is wished for, asking before. Raises Abort for no, WrongUsage for a picture that is not there."""
     chosen = await choose_records(opened, wish.record_ids)
-    entries = [entry for entry in chosen if entry.state["status"] == "active"]
+    entries = [entry for entry in chosen if entry.state.status == "active"]
     erasing, done, frames, of = Erasing(opened), _Done(), wish.frames, 0
     if wish.frames and entries:
         frames, done.left_out, of = await _select_pictures(erasing, entries[0], wish)
@@ -198,9 +198,9 @@ def _print_json(done: _Done) -> None:
     rows = [
         {
             "erasure_id": report.erasure_id.hex(),
-            "status": report.status,
-            "custodians": [custodian.hex() for custodian in report.custodians],
-            "confirmed": list(report.receipts),
+            "status": report.state.status,
+            "custodians": [custodian.hex() for custodian in report.state.custodians],
+            "confirmed": [custodian.hex() for custodian in report.state.receipts],
         }
         for report in done.reports
     ]
@@ -222,7 +222,7 @@ def _print_done(done: _Done, *, is_told: bool) -> None:
         console.print(text("erase.nothing"))
     for report in done.reports:
         name, status = report.erasure_id.hex()[:16], text("erase.complete" if report.complete else "erase.requested")
-        confirmed, count = len(report.receipts), len(report.custodians)
+        confirmed, count = len(report.state.receipts), len(report.state.custodians)
         console.print(text("erase.report", name=name, status=status, confirmed=confirmed, count=count))
     if not is_told:
         tell_recipients(done.recipients)

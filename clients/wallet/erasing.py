@@ -5,11 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from clients.sdk.counting import counted
 from clients.wallet.auditing import AuditEntry, audit_visit
-from clients.wallet.kept_proofs import ERASURE_KEY, keep_erasure
+from clients.wallet.kept_proofs import keep_erasure
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
 from clients.wallet.viewing import Viewing
@@ -17,6 +16,7 @@ from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 from consensus.records.metadata import NOTICE_SENSOR
+from consensus.state.erasure import REQUEST, ErasureRow
 
 RECORDS_A_REQUEST_MAX_COUNT = 64
 _POLL_S = 0.1
@@ -25,19 +25,16 @@ _LOOK_PURPOSE = "own-access"
 
 @dataclass(frozen=True, slots=True)
 class ErasureReport:
-    """One erasure request and its receipts so far. `receipts` maps a custodian's key (hex) to what it said."""
+    """One erasure request, proven, with its receipts so far."""
 
     erasure_id: bytes
     visit: KnownVisit
-    records: tuple[bytes, ...]
-    status: str
-    custodians: tuple[bytes, ...]
-    receipts: dict[str, Any]
+    state: ErasureRow
 
     @property
     def complete(self) -> bool:
         """Whether every custodian has confirmed."""
-        return self.status == "complete"
+        return self.state.status == "complete"
 
 
 def missing_pictures(frames: Sequence[int], count: int) -> list[int]:
@@ -50,7 +47,7 @@ def split_erased(entry: RecordEntry, frames: Sequence[int], trail: Sequence[Audi
 
     The record names a picture only once every custodian has confirmed; that it was asked for stands in the visit's trail.
     """
-    gone = set(entry.state["erased_frames"])
+    gone = set(entry.state.erased_frames)
     for each in trail:
         if each.kind == "erasure_requested" and each.record_id == entry.record_id:
             gone.update(each.data.get("frames", ()))
@@ -108,21 +105,13 @@ class Erasing:
 
     async def report(self, visit: KnownVisit, erasure_id: bytes) -> ErasureReport:
         """Return one request's state, proven against a finalized header. Once it is complete the proof is kept."""
-        state_key = ERASURE_KEY + erasure_id
-        proved = await self._wallet.network.state_values([state_key], self._wallet.owner_key(visit))
-        state = proved.values[state_key]
+        proved = await self._wallet.network.state_values([REQUEST.key(erasure_id)], self._wallet.owner_key(visit))
+        state = REQUEST.among(proved.values, erasure_id)
         if state is None:
             raise refusal("NOT_FOUND", "erase_unknown")
-        if state["status"] == "complete":
+        if state.status == "complete":
             keep_erasure(self._wallet.store.content, erasure_id, proved)
-        return ErasureReport(
-            erasure_id=erasure_id,
-            visit=visit,
-            records=tuple(state["records"]),
-            status=state["status"],
-            custodians=tuple(state["custodians"]),
-            receipts={custodian.hex(): receipt for custodian, receipt in state["receipts"].items()},
-        )
+        return ErasureReport(erasure_id, visit, state)
 
     async def wait_complete(
         self,
@@ -143,7 +132,7 @@ class Erasing:
             if all(report.complete for report in reports):
                 return reports
             if loop.time() > deadline:
-                waiting = sum(len(report.custodians) - len(report.receipts) for report in reports)
+                waiting = sum(len(report.state.custodians) - len(report.state.receipts) for report in reports)
                 missing = counted(waiting, "receipt of a custodian is", "receipts of custodians are")
                 raise BlockRobotError("ERASURE_NOT_CONFIRMED", f"{missing} still missing.")
             await asyncio.sleep(_POLL_S)

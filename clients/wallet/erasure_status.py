@@ -87,16 +87,16 @@ def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes
     """Put a request and its receipts together. `names` are those of custodians, by key."""
     is_late = now_ms - asked.time_ms > ERASURE_OVERDUE_AFTER_MS
     words = []
-    for key in report.custodians:
-        told: dict[str, Any] | None = report.receipts.get(key.hex())
+    for key in report.state.custodians:
+        told = report.state.receipts.get(key)
         words.append(
             CustodianWord(
                 key=key,
                 name=names.get(key) or text("custodian.unnamed", language=DEFAULT_LANGUAGE, key=key.hex()[:12]),
-                confirmed_at_ms=None if told is None else told.get("time", 0),
-                destroyed_frames=0 if told is None else told.get("destroyed_frames", 0),
-                remains="" if told is None else told.get("remains", ""),
-                remains_until_ms=0 if told is None else told.get("remains_until_ms", 0),
+                confirmed_at_ms=None if told is None else told.time,
+                destroyed_frames=0 if told is None else told.destroyed_frames,
+                remains="" if told is None else told.remains,
+                remains_until_ms=0 if told is None else told.remains_until_ms,
                 overdue=told is None and is_late,
             )
         )
@@ -112,7 +112,7 @@ def erasure_json(erasure: AskedErasure) -> dict[str, Any]:
         "asked_at_ms": erasure.asked_at_ms,
         "records": erasure.records_count,
         "frames": list(erasure.frames),
-        "status": erasure.report.status,
+        "status": erasure.report.state.status,
         "custodians": [
             {
                 "name": word.name,

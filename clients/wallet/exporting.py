@@ -14,11 +14,11 @@ from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle.proving import Heard, Proofs, never_heard
-from clients.bundle.visits import CORRECTION_COUNT, QUARANTINE, RECORD, RECORDS_MAX_COUNT, VISIT, correction_keys
+from clients.bundle.visits import RECORDS_MAX_COUNT
 from clients.bundle.writing import Contents
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
-from clients.wallet.proof_collecting import PersonProofs, collect_person, collect_visit
+from clients.wallet.proof_collecting import PersonProofs, VisitProofs, collect_person, collect_visit
 from clients.wallet.receipt_collecting import collect_receipts
 from clients.wallet.viewing import STATUS_CORRUPTED, RecordView, Viewing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
@@ -29,6 +29,8 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.disclosure import derive_box_key
 from consensus.records.renditions import ENCODING_PNG16, encode_rendition
 from consensus.records.rights import commit_correction
+from consensus.state.records import RECORD, VISIT
+from consensus.state.rights import CORRECTION, CORRECTION_COUNT, QUARANTINE
 
 SPREAD_MAX_MS = 4_000
 HELD_MAX_BYTES = 1 << 30
@@ -161,7 +163,7 @@ class Exporting:
             visits.append((chosen, await collect_visit(wallet, chosen.visit, chosen.chosen_ids)))
             self._heard("proofs of visits", number, len(plan.visits))
         # A visit that was found by its new key alone has another number in the wallet than on the chain.
-        visits.sort(key=lambda pair: int(pair[1].values[VISIT + pair[0].visit.owner]["sequence"]))
+        visits.sort(key=lambda pair: _sequence(*pair))
         person, signed = PersonProofs(None, (), ()), None
         if plan.wanted.identity:
             held = await collect_receipts(wallet, self._heard)
@@ -218,7 +220,7 @@ class Exporting:
         for number, chosen in enumerate(visits):
             if number and not self._at_once:
                 await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
-            active = [entry for entry in chosen.entries if entry.state["status"] == "active"]
+            active = [entry for entry in chosen.entries if entry.state.status == "active"]
             for part in await self._viewing.split_requests(active):
                 for entry, access_id in await self._request(part, plan.wanted.purpose):
                     await self._fetch(entry, access_id)
@@ -277,31 +279,31 @@ class Exporting:
         self, entry: RecordEntry, values: dict[bytes, Any], sealing: tuple[bytes, ...]
     ) -> doc.RecordOpening | None:
         """Return what opens a record, as the ledger has it now; nothing of one that was erased meanwhile."""
-        state = values[RECORD + entry.record_id]
-        if values.get(QUARANTINE + entry.visit.owner) is not None:
+        state = RECORD.convert(values[RECORD.key(entry.record_id)])
+        if QUARANTINE.among(values, entry.visit.owner) is not None:
             self._note(entry.record_id, "NOT_PERMITTED", "The visit is quarantined: it may show somebody else.")
             return None
-        if state["status"] != "active":
-            if entry.state["status"] == "active":
+        if state.status != "active":
+            if entry.state.status == "active":
                 self._note(entry.record_id, "CLIP_ERASED", "Erased, or asked to be, while the export was made.")
             return None
         if not 0 <= entry.metadata.index_in_visit < RECORDS_MAX_COUNT:
             self._note(entry.record_id, "VALUE_INVALID", "The robot gave it an impossible place in the visit.")
             return None
         box_key = b""
-        sealed_to = self._wallet.open_metadata(state["sealed_metadata"])[1]
+        sealed_to = self._wallet.open_metadata(state.sealed_metadata)[1]
         # What was sealed to a key that is not proved to be hers is the exporter's word.
         if sealed_to.sealing_public in sealing:
-            box_key = derive_box_key(sealed_to.sealing, state["sealed_metadata"])
-        leaves, salts = self._open_frames(entry, state["erased_frames"])
+            box_key = derive_box_key(sealed_to.sealing, state.sealed_metadata)
+        leaves, salts = self._open_frames(entry, state.erased_frames)
         return doc.RecordOpening(entry.record_id.hex(), encode(entry.metadata).hex(), box_key.hex(), leaves, salts)
 
     def _open_corrections(self, owner: bytes, values: dict[bytes, Any]) -> list[doc.CorrectionOpening]:
         """Return what the person said in corrections of a visit, as far as this wallet kept it."""
         said = {commit_correction(each): each for each in self._wallet.store.content.corrections}
         rows = []
-        for number, key in enumerate(correction_keys(owner, values[CORRECTION_COUNT + owner] or 0)):
-            told = said.get(values[key]["commitment"])
+        for number in range(CORRECTION_COUNT.among(values, owner) or 0):
+            told = said.get(CORRECTION.convert(values[CORRECTION.key(owner, number)]).commitment)
             if told is not None:
                 rows.append(doc.CorrectionOpening(told.visit, number, told.kind, told.record_ids, told.text, told.salt))
         return rows
@@ -320,6 +322,10 @@ class Exporting:
             self._note(entry.record_id, "CLIP_ERASED", f"Erased while the export was made: pictures {late}.")
         leaves = view.commitment_leaves
         return [leaf.hex() for leaf in leaves], [salts.get(index, b"").hex() for index in range(len(leaves))]
+
+
+def _sequence(chosen: ChosenVisit, proofs: VisitProofs) -> int:
+    return VISIT.convert(proofs.values[VISIT.key(chosen.visit.owner)]).sequence
 
 
 def _all_ids(report: VisitReport) -> list[bytes]:

@@ -100,11 +100,11 @@ def receipt_json(receipt: Receipt) -> dict[str, Any]:
     grant = receipt.grant
     return {
         "grant_id": grant.grant_id.hex(),
-        "visit": grant.owner.hex(),
-        "records": [record_id.hex() for record_id in grant.records],
-        "purpose": grant.purpose,
-        "shared_at_ms": grant.time_ms,
-        "until_ms": grant.until_ms,
+        "visit": grant.row.owner.hex(),
+        "records": [record_id.hex() for record_id in grant.row.records],
+        "purpose": grant.row.purpose,
+        "shared_at_ms": grant.row.time,
+        "until_ms": grant.row.until_ms,
         "open": receipt.is_open,
         "looked": receipt.looked,
         "to_look": [record_id.hex() for record_id in receipt.to_look],
@@ -113,7 +113,7 @@ def receipt_json(receipt: Receipt) -> dict[str, Any]:
             for notice in receipt.notices
         ],
         "to_confirm": [record_id.hex() for record_id in receipt.to_confirm],
-        "copies": [str(place) for place in copies_left(receipt, grant.records)],
+        "copies": [str(place) for place in copies_left(receipt, grant.row.records)],
     }
 
 
@@ -121,10 +121,10 @@ def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
     """Say one grant and what became of it, in plain sentences (None: in the language of the command that runs)."""
     say = functools.partial(text, language=language)
     grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
-    records = say("count.records", count=len(grant.records))
-    end = say("received.open", until=show_moment(grant.until_ms)) if receipt.is_open else say("received.over")
-    meaning = say(f"purpose.{grant.purpose}") if grant.purpose in PURPOSES else grant.purpose
-    visit = grant.owner.hex()[:12]
+    records = say("count.records", count=len(grant.row.records))
+    end = say("received.open", until=show_moment(grant.row.until_ms)) if receipt.is_open else say("received.over")
+    meaning = say(f"purpose.{grant.row.purpose}") if grant.row.purpose in PURPOSES else grant.row.purpose
+    visit = grant.row.owner.hex()[:12]
     lines = [say("received.line", grant=name, records=records, visit=visit, end=end, purpose=meaning)]
     news = [notice for notice in receipt.notices if not notice.confirmed]
     # Who never looked has no copy.
@@ -133,7 +133,7 @@ def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
         told = [notice for notice in news if notice.kind == kind]
         what = say(f"{words}.{kind}", count=len(told))
         lines.append("  " + say("received.news", number=len(told), records=records, what=what))
-        if len(told) < len(grant.records):
+        if len(told) < len(grant.row.records):
             lines += [f"    {notice.record_id.hex()}" for notice in told]
     lines += ["  " + say("received.copy", place=place) for place in copies_left(receipt, receipt.to_confirm)]
     if receipt.to_confirm and not receipt.looked:
@@ -260,7 +260,7 @@ async def _find(opened: Wallet, start: str) -> tuple[Receiving, Receipt]:
 
 
 def _choose(receipt: Receipt, record_ids: Sequence[str], otherwise: Sequence[bytes]) -> list[bytes]:
-    known = [record_id.hex() for record_id in receipt.grant.records]
+    known = [record_id.hex() for record_id in receipt.grant.row.records]
     return [bytes.fromhex(find_record(known, start)) for start in record_ids] or list(otherwise)
 
 
@@ -286,10 +286,10 @@ async def look_at(
     if not receipt.is_open:
         raise BlockRobotError("GRANT_ENDED")
     gone = {notice.record_id for notice in receipt.notices if notice.kind in _GONE}
-    left = [record_id for record_id in receipt.grant.records if record_id not in gone]
+    left = [record_id for record_id in receipt.grant.row.records if record_id not in gone]
     barred = {notice.record_id for notice in receipt.notices if notice.kind == KIND_RESTRICTED}
     chosen = _choose(receipt, record_ids, [each for each in left if each not in barred] or left)
-    _require_shown(receipt, chosen or receipt.grant.records)
+    _require_shown(receipt, chosen or receipt.grant.row.records)
     left_out = [] if record_ids else [each for each in left if each not in chosen]
     access_id = await receiving.request_access(receipt, chosen)
     views, written = [], set[Path]()
@@ -299,7 +299,7 @@ async def look_at(
         fetch = functools.partial(receiving.background, receipt)
         written.update(await write_frames(fetch, record_id, view.frames, out))
         views.append(view)
-    earlier = find_earlier_of(out, written, chosen if record_ids else receipt.grant.records)
+    earlier = find_earlier_of(out, written, chosen if record_ids else receipt.grant.row.records)
     return views, left_out, earlier, receiving.missing_rooms
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import msgspec
 
@@ -21,11 +21,11 @@ from clients.sdk.trust import ProvedState
 from consensus.block import Receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
+from consensus.state.erasure import REQUEST, ErasureRow
 from consensus.transaction import Transaction, decode_transaction
 
 KEPT_PROOFS_MAX_BYTES = 16 * 1024 * 1024
 """All kept proofs together; beyond it the oldest go."""
-ERASURE_KEY = b"erasure\x00erasure/"
 _NAME = "the wallet"
 
 
@@ -50,7 +50,7 @@ class CheckedProof:
     index: int
     time_ms: int
     proved_height: int
-    erasure: dict[str, Any] | None
+    erasure: ErasureRow | None
 
 
 class ProofHolder(Protocol):
@@ -88,7 +88,7 @@ def keep_receipt(holder: ProofHolder, receipt: FinalReceipt) -> None:
 
 def keep_erasure(holder: ProofHolder, erasure_id: bytes, state: ProvedState) -> None:
     """Keep what proves that an erasure is complete beside the proof of its request, once."""
-    kept, key = read_kept(holder, erasure_id), ERASURE_KEY + erasure_id
+    kept, key = read_kept(holder, erasure_id), REQUEST.key(erasure_id)
     if kept is None or kept.state is not None or state.answer is None or state.answer.finality is None:
         return
     (part,) = [each for each in state.answer.proofs if read_hex(each.key) == key]
@@ -140,10 +140,11 @@ def _check(chain: ProvedChain, chain_id: bytes, txid: bytes, kept: KeptProof) ->
         raise BlockRobotError("KEPT_PROOF_DAMAGED", f"The proof kept of {txid.hex()[:12]} is another transaction's.")
     erasure, proved_height = None, proved.height
     if kept.state is not None:
-        row = chain.state(_NAME, kept.state).get(ERASURE_KEY + txid)
-        if row is None or row.value is None or row.value["status"] != "complete":
+        told = chain.state(_NAME, kept.state).get(REQUEST.key(txid))
+        erasure = None if told is None or told.value is None else REQUEST.convert(told.value)
+        if told is None or erasure is None or erasure.status != "complete":
             raise BlockRobotError("KEPT_PROOF_DAMAGED", f"The erasure {txid.hex()[:12]} is not proved complete.")
-        erasure, proved_height = row.value, row.height
+        proved_height = told.height
     return CheckedProof(
         transaction, proved.receipt, proved.height, proved.index, proved.time_ms, proved_height, erasure
     )

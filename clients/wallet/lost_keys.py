@@ -12,26 +12,24 @@ from typing import Any
 
 from clients.sdk.announcements import Announcement
 from clients.sdk.receipts import FinalReceipt
+from clients.sdk.rows import proved_list, proved_row, proved_rows
 from clients.wallet.auditing import RECORDED_KIND
 from clients.wallet.naming import PROPOSAL, find_named
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
-from consensus.primitives.encoding import u32, u64
 from consensus.records.lost_keys import SPAN_MAX_MS
+from consensus.state import officers
+from consensus.state.audit import COUNT, ENTRY, entry_keys
+from consensus.state.officers import ProposalRow
+from consensus.state.records import RECORD
+from consensus.state.rights import QUARANTINE, RESTRICTION
 
 ID_PREFIX_MIN_CHARS = 8
 _HALVING_PAGE_COUNT = 8
 RECORDS_A_CALL_MAX_COUNT = 64
 LATE_MAX_MS = 24 * 3600 * 1000 + 2 * TIME_BUCKET_MS
 """How much later than its bucket a visit may come to the chain: a robot's spool outlasts a day's cut of the network."""
-_COUNT_KEY = b"officers\x00proposal-count"
-_NUMBER = b"officers\x00proposal-number/"
-_PROPOSAL = b"officers\x00proposal/"
-_TOUCHED = b"officers\x00touched/"
-_RECORD = b"records\x00record/"
-_RESTRICTION = b"rights\x00restriction/"
-_QUARANTINE = b"rights\x00quarantine/"
 _KEPT_MEANWHILE = frozenset({"RECORD_RESTRICTED", "VISIT_QUARANTINED", "RECORD_ERASED"})
 Tell = Callable[[int, int], None]
 
@@ -79,7 +77,7 @@ class Proposal:
     """A proposal, proven as of a block whose time is `now_ms`. `state` is the contract's row."""
 
     proposal_id: bytes
-    state: dict[str, Any]
+    state: ProposalRow
     now_ms: int
     is_own: bool = False
     """Whether it is the proposal of the officer who reads it."""
@@ -87,13 +85,13 @@ class Proposal:
     @property
     def span(self) -> Span:
         """Which robot and time it is about."""
-        return Span(self.state["robot"], self.state["from_ms"], self.state["until_ms"])
+        return Span(self.state.robot, self.state.from_ms, self.state.until_ms)
 
     @property
     def status(self) -> str:
         """What it stands at: proposed, approved, stopped, or lapsed because its time is over."""
-        status = str(self.state["status"])
-        return "lapsed" if status != "stopped" and self.now_ms > self.state["ends_ms"] else status
+        is_over = self.state.status != "stopped" and self.now_ms > self.state.ends_ms
+        return "lapsed" if is_over else self.state.status
 
     @property
     def is_open(self) -> bool:
@@ -132,6 +130,7 @@ class LostKeys:
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
         self._key = wallet.keys.identity
+        self._read = wallet.reading(self._key)
 
     # Looking
 
@@ -203,28 +202,24 @@ class LostKeys:
     async def _judge(self, span: Span, opened: Sequence[tuple[bytes, int, bytes]]) -> Preview:
         """Look at each visit: its records by its proven audit, what its owner said, and what is gone already."""
         owners = [owner for owner, _, _ in opened]
-        places = (_RESTRICTION, _QUARANTINE)
-        rows = await self._wallet.values([place + owner for owner in owners for place in places], self._key)
+        keys = [key for owner in owners for key in (RESTRICTION.key(owner), QUARANTINE.key(owner))]
+        rows = await self._read(keys)
         visits = []
         for owner, bucket_ms, _ in opened:
             active = await active_records(self._wallet, owner)
-            row, denied = rows[_RESTRICTION + owner], rows[_QUARANTINE + owner] is not None
-            bound = [known for known in active if row is not None and (row["whole"] or known in row["records"])]
+            row, denied = RESTRICTION.among(rows, owner), QUARANTINE.among(rows, owner) is not None
+            bound = [known for known in active if row is not None and row.covers(known)]
             erasable = () if denied else tuple(known for known in active if known not in bound)
             visits.append(SpanVisit(owner, bucket_ms, erasable, len(bound), denied))
         return Preview(span, tuple(visits))
 
     async def read_all(self) -> list[Proposal]:
         """Return all proposals in the order in which they were made. Raises SESSION_REFUSED for who is no member."""
-        count = (await self._wallet.values([_COUNT_KEY], self._key))[_COUNT_KEY] or 0
-        numbers = [_NUMBER + u64(number) for number in range(count)]
-        found = await self._wallet.values(numbers, self._key)
-        ids = [found[key] for key in numbers]
-        states = await self._wallet.values([_PROPOSAL + proposal_id for proposal_id in ids], self._key)
+        ids = await proved_list(self._read, officers.PROPOSAL_COUNT, officers.PROPOSAL_NUMBER)
+        rows = await proved_rows(self._read, officers.PROPOSAL, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
-        rows = [(proposal_id, states[_PROPOSAL + proposal_id]) for proposal_id in ids]
         own = {keys.identity.public_key for keys in self._wallet.eras}
-        return [Proposal(proposal_id, row, now_ms, row["proposer"] in own) for proposal_id, row in rows]
+        return [Proposal(each, row, now_ms, row.proposer in own) for each, row in zip(ids, rows, strict=True)]
 
     async def find(self, start: str) -> Proposal:
         """Return the proposal whose id (hexadecimal) begins so. Raises PROPOSAL_NOT_FOUND, NAME_TOO_SHORT and the like."""
@@ -253,11 +248,11 @@ class LostKeys:
         meanwhile is passed over. Raises CALL_REFUSED with the contract's code for what concerns the whole.
         """
         preview = await self.preview_span(proposal.span)
-        keys = {visit.owner: _TOUCHED + proposal.proposal_id + visit.owner for visit in preview.touched}
-        touched = await self._wallet.values(list(keys.values()), self._key)
+        keys = {visit.owner: officers.TOUCHED.key(proposal.proposal_id, visit.owner) for visit in preview.touched}
+        touched = await self._read(list(keys.values()))
         known = [visit for visit in preview.touched if touched[keys[visit.owner]]]
         new = [visit for visit in preview.touched if not touched[keys[visit.owner]]]
-        room = max(0, proposal.state["visits_max"] - proposal.state["visits"])
+        room = max(0, proposal.state.visits_max - proposal.state.visits)
         chosen = known + new[:room]
         ids: list[bytes] = []
         records = kept = visits = 0
@@ -283,11 +278,10 @@ class LostKeys:
 
 async def active_records(wallet: Wallet, owner: bytes) -> list[bytes]:
     """Return a visit's records that nobody has had erased yet, by its proven audit: none can be left out."""
-    key = wallet.keys.identity
-    count_key = b"audit\x00count/" + owner
-    count = (await wallet.values([count_key], key))[count_key] or 0
-    entries = [b"audit\x00entry/" + owner + u32(number) for number in range(count)]
-    audit = await wallet.values(entries, key)
-    ids = [audit[place]["record_id"] for place in entries if audit[place]["kind"] == RECORDED_KIND]
-    states = await wallet.values([_RECORD + record_id for record_id in ids], key)
-    return [record_id for record_id in ids if states[_RECORD + record_id]["status"] == "active"]
+    read = wallet.reading(wallet.keys.identity)
+    keys = entry_keys(owner, await proved_row(read, COUNT, owner) or 0)
+    values = await read(keys)
+    trail = [ENTRY.convert(values[key]) for key in keys]
+    ids = [entry.record_id for entry in trail if entry.kind == RECORDED_KIND]
+    rows = await proved_rows(read, RECORD, ids)
+    return [record_id for record_id, row in zip(ids, rows, strict=True) if row.status == "active"]

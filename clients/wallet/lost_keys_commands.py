@@ -119,33 +119,33 @@ def _proposal_json(proposal: Proposal) -> dict[str, Any]:
     return {
         "proposal_id": proposal.proposal_id.hex(),
         "status": proposal.status,
-        "organisation": state["org"],
-        "robot": state["robot"].hex(),
-        "from_ms": state["from_ms"],
-        "until_ms": state["until_ms"],
-        "reason": state["reason"],
-        "visits_max": state["visits_max"],
-        "visits": state["visits"],
-        "records": state["records"],
-        "proposer": state["proposer"].hex(),
-        "approver": state["approver"].hex() or None,
-        "proposed_ms": state["proposed_ms"],
-        "approved_ms": state["approved_ms"] or None,
-        "ends_ms": state["ends_ms"],
+        "organisation": state.org,
+        "robot": state.robot.hex(),
+        "from_ms": state.from_ms,
+        "until_ms": state.until_ms,
+        "reason": state.reason,
+        "visits_max": state.visits_max,
+        "visits": state.visits,
+        "records": state.records,
+        "proposer": state.proposer.hex(),
+        "approver": state.approver.hex() or None,
+        "proposed_ms": state.proposed_ms,
+        "approved_ms": state.approved_ms or None,
+        "ends_ms": state.ends_ms,
     }
 
 
 def _print_proposal(ctx: click.Context, proposal: Proposal) -> None:
     state, name = proposal.state, proposal.proposal_id.hex()[:12]
     console.print(
-        f"{name}  {proposal.status}, {state['reason']}: robot {state['robot'].hex()[:10]} at {state['org']}, "
-        f"{show_moment(state['from_ms'])} to {show_moment(state['until_ms'])}, "
-        f"at most {counted(state['visits_max'], 'visit')}; "
-        f"{counted(state['visits'], 'visit')} and {counted(state['records'], 'record')} ordered so far"
+        f"{name}  {proposal.status}, {state.reason}: robot {state.robot.hex()[:10]} at {state.org}, "
+        f"{show_moment(state.from_ms)} to {show_moment(state.until_ms)}, "
+        f"at most {counted(state.visits_max, 'visit')}; "
+        f"{counted(state.visits, 'visit')} and {counted(state.records, 'record')} ordered so far"
     )
     steps = {
-        "proposed": f"{_second(ctx, proposal)}, until {show_moment(state['ends_ms'])}",
-        "approved": f"either of the two, until {show_moment(state['ends_ms'])}: {_officer(ctx)} erase {name}",
+        "proposed": f"{_second(ctx, proposal)}, until {show_moment(state.ends_ms)}",
+        "approved": f"either of the two, until {show_moment(state.ends_ms)}: {_officer(ctx)} erase {name}",
         "lapsed": f"its time is over; if it is still wanted: {_officer(ctx)} propose ...",
     }
     if proposal.status in steps:
@@ -284,7 +284,7 @@ def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None
         found = await handling.preview_span(before.span)
         if not as_json:
             _print_preview(found)
-            console.print(f"  Reason: {LOST_KEY_REASONS.get(before.state['reason'], before.state['reason'])}")
+            console.print(f"  Reason: {LOST_KEY_REASONS.get(before.state.reason, before.state.reason)}")
         _confirm("Do you agree, having checked it yourself?", yes=yes)
         await handling.approve(before)
         return found, await handling.find(before.proposal_id.hex())

@@ -9,11 +9,12 @@ import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.language import WrongUsage, code_text, purposes_text, text
-from clients.wallet.mandates import ACTIVE, APPROVED, OPEN, Act, Mandate, Mandates
+from clients.wallet.mandates import ACTIVE, APPROVED, OPEN, Mandate, Mandates
 from clients.wallet.officer_mandates_commands import mandate_json
 from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.wallet import Wallet
 from consensus.records.handles import encode_short
+from consensus.state.mandates import ActRow
 from pages.moments import show_moment
 
 
@@ -25,10 +26,10 @@ def mandates() -> None:
     """
 
 
-def _act_json(act: Act) -> dict[str, Any]:
+def _act_json(act: ActRow) -> dict[str, Any]:
     return {
         "kind": act.kind,
-        "time_ms": act.time_ms,
+        "time_ms": act.time,
         "height": act.height,
         "txid": act.txid.hex(),
         "purposes": act.data["purposes"],
@@ -37,15 +38,15 @@ def _act_json(act: Act) -> dict[str, Any]:
     }
 
 
-def _print_mandate(opened: Wallet, mandate: Mandate, trail: list[Act]) -> None:
+def _print_mandate(opened: Wallet, mandate: Mandate, trail: list[ActRow]) -> None:
     state, name = mandate.state, mandate.mandate_id.hex()[:12]
-    is_representative = state["representative"] == opened.store.content.handle
-    other = encode_short(state["handle"] if is_representative else state["representative"])
+    is_representative = state.representative == opened.store.content.handle
+    other = encode_short(state.handle if is_representative else state.representative)
     key = "mandates.you_act" if is_representative else "mandates.acts_for_you"
-    status, until = code_text("mandate", mandate.status), show_moment(state["until_ms"])
-    console.print(text(key, name=name, status=status, other=other, until=until, organisation=state["org"]))
+    status, until = code_text("mandate", mandate.status), show_moment(state.until_ms)
+    console.print(text(key, name=name, status=status, other=other, until=until, organisation=state.org))
     if is_representative and mandate.status == APPROVED:
-        console.print("  " + text("mandates.to_accept", name=name, until=show_moment(state["ends_ms"])))
+        console.print("  " + text("mandates.to_accept", name=name, until=show_moment(state.ends_ms)))
     if is_representative and mandate.status == ACTIVE:
         console.print("  " + text("mandates.to_act", other=other))
     if not is_representative and mandate.status in OPEN:
@@ -57,7 +58,7 @@ def _print_mandate(opened: Wallet, mandate: Mandate, trail: list[Act]) -> None:
             "  "
             + text(
                 "mandates.act",
-                moment=show_moment(act.time_ms),
+                moment=show_moment(act.time),
                 status=said,
                 purposes=purposes or text("receipts.everything"),
                 sensors=sensors or text("receipts.every_sensor"),
@@ -86,7 +87,7 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
             own = opened.store.content.handle
             rows = [
                 mandate_json(mandate)
-                | {"role": "representative" if mandate.state["representative"] == own else "represented"}
+                | {"role": "representative" if mandate.state.representative == own else "represented"}
                 | {"trail": [_act_json(act) for act in trail]}
                 for mandate, trail in zip(found, trails, strict=True)
             ]
@@ -115,7 +116,7 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
     async def action(opened: Wallet) -> Mandate:
         handling = Mandates(opened)
         before = await handling.find(mandate, own=True)
-        other, until = encode_short(before.state["handle"]), show_moment(before.state["until_ms"])
+        other, until = encode_short(before.state.handle), show_moment(before.state.until_ms)
         if not yes:
             if not sys.stdin.isatty():
                 raise WrongUsage("no_terminal_yes")
@@ -127,8 +128,8 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
     if as_json:
         print_json({"ok": True, **mandate_json(after)})
         return
-    console.print(text("mandates.accepted", until=show_moment(after.state["until_ms"])))
-    console.print("  " + text("mandates.to_act", other=encode_short(after.state["handle"])))
+    console.print(text("mandates.accepted", until=show_moment(after.state.until_ms)))
+    console.print("  " + text("mandates.to_act", other=encode_short(after.state.handle)))
 
 
 @mandates.command()

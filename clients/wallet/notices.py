@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.notices import organisation_of_card, public_values
+from clients.sdk.rows import proved_row
 from clients.sdk.trust import ProvedState
 from clients.wallet.language import language_in_use, refusal, section, text
 from clients.wallet.wallet import Wallet
@@ -18,16 +19,16 @@ from consensus.records.notices import (
     NoticeRow,
     PublishedNotice,
     askable_pairs,
-    newest_key,
     read_published,
     read_row,
     require_told,
     tell_changes,
     tell_notice,
-    version_key,
 )
 from consensus.records.sensors import SENSORS
 from consensus.records.vouchers import decode_card_code
+from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.identity import MEMBER
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,10 +166,10 @@ class Notices:
     async def _organisation(self) -> str:
         await self._wallet.require_registered()
         member = self._wallet.keys.identity
-        row = await self._wallet.network.state_value("identity", b"member/" + member.public_key, member)
+        row = await proved_row(self._wallet.reading(member), MEMBER, member.public_key)
         if row is None:
             raise BlockRobotError("NOT_REGISTERED")
-        return str(row["org"])
+        return row.org
 
     async def _read(self, organisation: str, *, registered: bool) -> Told:
         row, height = await self._newest(organisation, registered=registered)
@@ -178,12 +179,12 @@ class Notices:
 
     async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeRow | None, int]:
         """Return the version in force and the height as of which that is proved."""
-        key = newest_key(organisation)
+        key = NOTICE.key(organisation)
         state = await self._values([key], registered=registered)
         return read_row(organisation, state.values[key]), state.height
 
     async def _version(self, organisation: str, version: int, *, registered: bool) -> PublishedNotice:
-        key = version_key(organisation, version)
+        key = NOTICE_TEXT.key(version, organisation)
         found = read_published(organisation, (await self._values([key], registered=registered)).values[key])
         if found is None:
             raise refusal("NOTICE_NOT_FOUND", "notice_version", organisation=organisation, version=version)

@@ -51,20 +51,20 @@ def mandate_json(mandate: Mandate) -> dict[str, Any]:
     return {
         "mandate_id": mandate.mandate_id.hex(),
         "status": mandate.status,
-        "organisation": state["org"],
-        "represented": state["handle"].hex(),
-        "representative": state["representative"].hex(),
-        "acts": state["acts"],
-        "papers": state["papers"].hex(),
-        "until_ms": state["until_ms"],
-        "proposer": state["proposer"].hex(),
-        "approver": state["approver"].hex() or None,
-        "proposed_ms": state["proposed_ms"],
-        "approved_ms": state["approved_ms"] or None,
-        "accepted_ms": state["accepted_ms"] or None,
-        "ends_ms": state["ends_ms"],
-        "ended_ms": state["ended_ms"] or None,
-        "ended_by": state["ended_by"].hex() or None,
+        "organisation": state.org,
+        "represented": state.handle.hex(),
+        "representative": state.representative.hex(),
+        "acts": state.acts,
+        "papers": state.papers.hex(),
+        "until_ms": state.until_ms,
+        "proposer": state.proposer.hex(),
+        "approver": state.approver.hex() or None,
+        "proposed_ms": state.proposed_ms,
+        "approved_ms": state.approved_ms or None,
+        "accepted_ms": state.accepted_ms or None,
+        "ends_ms": state.ends_ms,
+        "ended_ms": state.ended_ms or None,
+        "ended_by": state.ended_by.hex() or None,
     }
 
 
@@ -86,10 +86,10 @@ def _officer(ctx: click.Context) -> str:
 def _print_mandate(ctx: click.Context, mandate: Mandate) -> None:
     state, name = mandate.state, mandate.mandate_id.hex()[:12]
     console.print(
-        f"{name}  {mandate.status}: {encode_short(state['representative'])} acts for {encode_short(state['handle'])} "
-        f"until {show_moment(state['until_ms'])}, for {', '.join(state['acts'])}; {state['org']}"
+        f"{name}  {mandate.status}: {encode_short(state.representative)} acts for {encode_short(state.handle)} "
+        f"until {show_moment(state.until_ms)}, for {', '.join(state.acts)}; {state.org}"
     )
-    until = show_moment(state["ends_ms"])
+    until = show_moment(state.ends_ms)
     steps = {
         PROPOSED: f"another officer who sees the papers, until {until}: "
         f"{_officer(ctx)} approve {name} --receipt FILE --papers FILE",
@@ -197,7 +197,7 @@ def approve(
 
     async def main(handling: Mandates) -> Mandate:
         before = await handling.find(mandate)
-        check_papers(seen, before.state["papers"], papers)
+        check_papers(seen, before.state.papers, papers)
         if not as_json:
             _print_mandate(ctx, before)
             console.print(f"  Reason: {MANDATE_REASONS[seen.reason]}")

@@ -19,7 +19,7 @@ from clients.bundle.signed_receipts import is_registering
 from clients.sdk.answers import read_hex
 from clients.sdk.blocks import read_transaction
 from clients.sdk.contract_events import Place, read_events
-from clients.sdk.http import PROOF_KEYS_MAX_COUNT
+from clients.sdk.rows import PROOF_KEYS_MAX_COUNT
 from clients.wallet.kept_proofs import KeptProof, finality_bytes, kept_of, receipt_proof
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.wallet import Wallet
@@ -27,6 +27,10 @@ from consensus.block import FinalityProof, Header
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
+from consensus.state.audit import COUNT, ENTRY, entry_keys
+from consensus.state.consent import CHOICES, CONSENT, SAID
+from consensus.state.identity import MEMBER
+from consensus.state.rights import CORRECTION_COUNT, correction_keys
 from consensus.transaction import Transaction, decode_transaction
 
 Signed = Sequence[tuple[CheckedReceipt, doc.ReceiptEntry]]
@@ -86,15 +90,14 @@ async def collect_visit(wallet: Wallet, visit: KnownVisit, chosen: frozenset[byt
     """Read everything that the ledger holds of a visit, or (`chosen`) of some of its records and of the visit itself."""
     collector = StateCollector(wallet, wallet.owner_key(visit))
     await collector.read(visits.trail_keys(visit.owner))
-    count = collector.values[visits.COUNT + visit.owner] or 0
-    corrections = collector.values[visits.CORRECTION_COUNT + visit.owner] or 0
-    await collector.read(visits.correction_keys(visit.owner, corrections))
-    entry_keys = [visits.entry_key(visit.owner, index) for index in range(count)]
-    await collector.read(entry_keys)
+    count = COUNT.among(collector.values, visit.owner) or 0
+    corrections = CORRECTION_COUNT.among(collector.values, visit.owner) or 0
+    await collector.read(correction_keys(visit.owner, corrections))
+    await collector.read(entry_keys(visit.owner, count))
     due: list[bytes] = []
-    for key in entry_keys:
-        entry = collector.values[key]
-        if chosen is not None and entry["record_id"] and entry["record_id"] not in chosen:
+    for key in entry_keys(visit.owner, count):
+        entry = ENTRY.convert(collector.values[key])
+        if chosen is not None and entry.record_id and entry.record_id not in chosen:
             collector.leave_out(key)
             continue
         due += visits.keys_of_entry(entry)
@@ -118,16 +121,15 @@ async def collect_person(wallet: Wallet, signed: Signed = ()) -> PersonProofs:
     await wallet.require_registered()
     member = wallet.keys.identity
     collector = StateCollector(wallet, member)
-    member_key = telling.MEMBER + member.public_key
-    await collector.read([member_key])
-    row = collector.values[member_key]
+    await collector.read([MEMBER.key(member.public_key)])
+    row = MEMBER.among(collector.values, member.public_key)
     if row is None:
         raise BlockRobotError("NOT_REGISTERED")
-    await collector.read([telling.CHOICES + row["handle"], telling.LAST_WORD + row["handle"]])
+    await collector.read([CHOICES.key(row.handle), SAID.key(row.handle)])
     receipts, problems = await _collect_words(wallet, member, signed)
-    sealing, keys = [row["sealing"]], None
+    sealing, keys = [row.sealing], None
     if len(wallet.eras) > 1:
-        sealing, keys, more = await _collect_keys(wallet, row["sealing"])
+        sealing, keys, more = await _collect_keys(wallet, row.sealing)
         problems += more
     return PersonProofs(collector.document(), tuple(receipts), tuple(problems), tuple(sealing), keys)
 
@@ -213,7 +215,7 @@ async def _collect_words(
     problems: list[doc.Problem] = []
     try:
         while True:
-            page = await read_events(wallet.network, member, place, contract=telling.CONSENT)
+            page = await read_events(wallet.network, member, place, contract=CONSENT)
             for event in page.events:
                 own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
                 own = own and not event.data.get("mandate")  # said for another person
@@ -228,7 +230,7 @@ async def _collect_words(
         (each.word.height, each.word.index, entry.proof) for each, entry in signed if not is_registering(entry)
     ]
     held = {each.word.txid for each, _ in signed}
-    for txid, kept in (await _kept_of(wallet, telling.CONSENT)).items():
+    for txid, kept in (await _kept_of(wallet, CONSENT)).items():
         if txid not in held and _transaction_of(kept).body.sender == member.public_key:
             held.add(txid)
             found.append((decode(bytes.fromhex(kept.proof.headers[0]), Header).height, kept.proof.index, kept.proof))

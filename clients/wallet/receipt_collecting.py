@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
 
 import msgspec
 
@@ -17,10 +16,12 @@ from clients.bundle.consent_receipts import RECEIPTS_MAX_COUNT, CheckedReceipt, 
 from clients.bundle.layout import SIGNED_RECEIPTS_MAX_BYTES
 from clients.bundle.proving import Heard
 from clients.bundle.signed_receipts import require_hers
+from clients.sdk.rows import proved_row
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.language import refusal
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.state.identity import MEMBER, MemberRow
 
 FAILING_MAX_S = 20.0
 """How long in all an export asks for receipts that do not come."""
@@ -47,7 +48,7 @@ async def collect_receipts(wallet: Wallet, heard: Heard) -> HeldReceipts:
     Nobody is asked who has no registration.
     """
     member = wallet.keys.identity
-    row = await wallet.network.state_value("identity", b"member/" + member.public_key, member)
+    row = await proved_row(wallet.reading(member), MEMBER, member.public_key)
     if row is None:
         return HeldReceipts()
     collecting = _Collecting(wallet, row)
@@ -60,7 +61,7 @@ class _Collecting:
     """One collection, of the person with this row of the ledger."""
 
     wallet: Wallet
-    row: dict[str, Any]
+    row: MemberRow
     failures: dict[bytes, BlockRobotError] = field(default_factory=dict)
     problems: list[doc.Problem] = field(default_factory=list)
 

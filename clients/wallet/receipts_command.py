@@ -43,12 +43,12 @@ def _line(proof: CheckedProof, names: dict[bytes, str]) -> str:
     )
     if proof.erasure is None:
         return line
-    told = ", ".join(names.get(key, key.hex()[:12]) for key in proof.erasure["receipts"])
+    told = ", ".join(names.get(key, key.hex()[:12]) for key in proof.erasure.receipts)
     return f"{line} {text('kept.confirmed', names=told, height=proof.proved_height)}"
 
 
 def _row(proof: CheckedProof) -> dict[str, Any]:
-    receipts = {} if proof.erasure is None else proof.erasure["receipts"]
+    receipts = {} if proof.erasure is None else proof.erasure.receipts
     return {
         "txid": proof.receipt.txid.hex(),
         "kind": _kind(proof),
@@ -56,7 +56,7 @@ def _row(proof: CheckedProof) -> dict[str, Any]:
         "time_ms": proof.time_ms,
         "proved_height": proof.proved_height,
         "confirmed": [
-            {"custodian": key.hex(), "destroyed_frames": each["destroyed_frames"], "time_ms": each["time"]}
+            {"custodian": key.hex(), "destroyed_frames": each.destroyed_frames, "time_ms": each.time}
             for key, each in receipts.items()
         ],
     }

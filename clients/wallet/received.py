@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.connections import NodeAddress
+from clients.sdk.rows import proved_row
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import (
     Grant,
@@ -28,7 +29,6 @@ from clients.wallet.sharing_memory import ReceivedGrant, SharedCopy
 from clients.wallet.viewing import STATUS_CORRUPTED, STATUS_ERASED, FrameView, judge_frame
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey
 from consensus.records.renditions import Rendition
 from consensus.records.sharing import (
@@ -41,15 +41,12 @@ from consensus.records.sharing import (
     join_parts,
     open_package,
 )
+from consensus.state.records import RECORD, RecordRow
+from consensus.state.rights import CORRECTION, CORRECTION_COUNT, QUARANTINE, RESTRICTION, correction_keys
 
 FOLLOW_MAX_MS = 15_000
 _FOLLOW_PAUSE_S = 0.25
 _NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED"})
-_RECORD = b"records\x00record/"
-_RESTRICTION = b"rights\x00restriction/"
-_QUARANTINE = b"rights\x00quarantine/"
-_CORRECTION_COUNT = b"rights\x00correction-count/"
-_CORRECTION = b"rights\x00correction/"
 KIND_ERASED = "erased"
 KIND_FRAMES_ERASED = "pictures-erased"
 KIND_CORRECTED = "corrected"
@@ -89,7 +86,7 @@ class Receipt:
     def to_look(self) -> list[bytes]:
         """The records that can still be looked at: not erased in part or whole, denied or restricted."""
         barred = {notice.record_id for notice in self.notices if notice.kind in _NOT_TO_SEE}
-        return [record_id for record_id in self.grant.records if record_id not in barred] if self.is_open else []
+        return [record_id for record_id in self.grant.row.records if record_id not in barred] if self.is_open else []
 
     @property
     def to_confirm(self) -> list[bytes]:
@@ -153,7 +150,7 @@ class Receiving:
                     raise
                 else:
                     self.unread.append(Unread(received, error))
-        return sorted(found, key=lambda receipt: (receipt.grant.time_ms, receipt.grant.grant_id))
+        return sorted(found, key=lambda receipt: (receipt.grant.row.time, receipt.grant.grant_id))
 
     async def read(self, received: ReceivedGrant) -> Receipt:
         """Return one grant as the chain has it now, with its notices. Raises PROOF_INVALID if it is gone.
@@ -166,11 +163,11 @@ class Receiving:
             raise BlockRobotError("PROOF_INVALID", "A grant that was there is proven not to be.")
         (grant,) = grants
         now_ms = (await self._wallet.network.newest_header(key)).timestamp_ms
-        is_open = grant.is_open(now_ms)
+        is_open = grant.row.is_open(now_ms)
         had = {copy.record_id for copy in received.copies}
-        trail = await audit_visit(_TrailReader(self._wallet, key), KnownVisit(grant.owner, b"", b"", 0, 0))
+        trail = await audit_visit(_TrailReader(self._wallet, key), KnownVisit(grant.row.owner, b"", b"", 0, 0))
         notices = [
-            Notice(record_id, kind, record_id in grant.noticed or _mark(record_id, kind) in received.confirmed)
+            Notice(record_id, kind, record_id in grant.row.noticed or _mark(record_id, kind) in received.confirmed)
             for record_id, kind in await self._find_notices(grant, key, trail, is_open=is_open)
             if kind != KIND_ENDED or record_id in had
         ]
@@ -181,19 +178,18 @@ class Receiving:
         self, grant: Grant, key: PrivateKey, trail: Sequence[AuditEntry], *, is_open: bool
     ) -> list[tuple[bytes, str]]:
         """Tell of each record what happened to it since it was shared, from the proven state."""
-        owner = grant.owner
-        places = [_RESTRICTION + owner, _QUARANTINE + owner, _CORRECTION_COUNT + owner]
-        states = [_RECORD + record_id for record_id in grant.records]
-        values = await self._wallet.values([*places, *states], key)
-        corrected = await self._corrected(grant, values[places[2]] or 0, key)
-        row, denied = values[places[0]], values[places[1]] is not None
+        owner = grant.row.owner
+        places = [RESTRICTION.key(owner), QUARANTINE.key(owner), CORRECTION_COUNT.key(owner)]
+        values = await self._wallet.values([*places, *map(RECORD.key, grant.row.records)], key)
+        corrected = await self._corrected(grant, CORRECTION_COUNT.among(values, owner) or 0, key)
+        row, denied = RESTRICTION.among(values, owner), QUARANTINE.among(values, owner) is not None
         cut = cut_since(grant, trail)
-        end = [] if is_open else [KIND_REVOKED if grant.status == "revoked" else KIND_ENDED]
+        end = [] if is_open else [KIND_REVOKED if grant.row.status == "revoked" else KIND_ENDED]
         notices = []
-        for record_id, place in zip(grant.records, states, strict=True):
-            state = values[place]
+        for record_id in grant.row.records:
+            state = RECORD.among(values, record_id)
             kinds = []
-            if state is None or state["status"] != "active":
+            if state is None or state.status != "active":
                 kinds.append(KIND_ERASED)
             elif record_id in cut:
                 kinds.append(KIND_FRAMES_ERASED)
@@ -202,25 +198,24 @@ class Receiving:
             kinds += end
             if record_id in corrected:
                 kinds.append(KIND_CORRECTED)
-            if row is not None and (row["whole"] or record_id in row["records"]):
+            if row is not None and row.covers(record_id):
                 kinds.append(KIND_RESTRICTED)
             notices += [(record_id, kind) for kind in kinds]
         return notices
 
     async def _corrected(self, grant: Grant, count: int, key: PrivateKey) -> set[bytes]:
         """Return the records of a grant that were corrected after it was made; a correction may be of the whole visit."""
-        keys = [_CORRECTION + grant.owner + u32(number) for number in range(count)]
-        rows: dict[bytes, Any] = await self._wallet.values(keys, key) if keys else {}
+        values = await self._wallet.values(correction_keys(grant.row.owner, count), key)
         found: set[bytes] = set()
-        for row in rows.values():
-            if row is not None and row["time"] >= grant.time_ms:
-                found.update(record_id for record_id in grant.records if record_id in (row["records"] or grant.records))
+        for row in map(CORRECTION.convert, values.values()):
+            if row.time >= grant.row.time:
+                found |= set(grant.row.records).intersection(row.records or grant.row.records)
         return found
 
     async def request_access(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
         """Put a request of the grant's key on the chain and wait until it is final. Raises CALL_REFUSED."""
         grant, key = receipt.grant, grantee_key(receipt.received, self._wallet)
-        arguments = [grant.grant_id, list(records), grant.purpose]
+        arguments = [grant.grant_id, list(records), grant.row.purpose]
         return (await self._wallet.network.call(key, "access", "request_granted", arguments)).txid
 
     async def look(self, receipt: Receipt, record_id: bytes, access_id: bytes) -> SharedView:
@@ -228,14 +223,14 @@ class Receiving:
 
         Raises GRANT_PARTS_MISSING if too few of them gave their parts, or what all refused with.
         """
-        key, place = grantee_key(receipt.received, self._wallet), _RECORD + record_id
-        state = (await self._wallet.values([place], key))[place]
-        if state is None or state["owner"] != receipt.grant.owner:
+        key = grantee_key(receipt.received, self._wallet)
+        state = await proved_row(self._wallet.reading(key), RECORD, record_id)
+        if state is None or state.owner != receipt.grant.row.owner:
             raise BlockRobotError("NOT_FOUND", "The chain has no such record of this visit.")
-        if state["status"] != "active":
+        if state.status != "active":
             raise BlockRobotError("CLIP_ERASED")
         sealing = self._wallet.eras[receipt.received.era].sealing
-        gathered = _Gathered(state, record_id, receipt.grant.grantee, sealing)
+        gathered = _Gathered(state, record_id, receipt.grant.row.grantee, sealing)
         refused_with: BlockRobotError | None = None
         proven = await self._custodians(key)
         for node in self._wallet.network.custody.custodians:
@@ -343,7 +338,7 @@ class _Gathered:
     So all keys that come out are kept, and a frame counts once any of them opens what the robot committed to.
     """
 
-    def __init__(self, state: dict[str, Any], record_id: bytes, grantee: bytes, sealing: bytes) -> None:
+    def __init__(self, state: RecordRow, record_id: bytes, grantee: bytes, sealing: bytes) -> None:
         self._state = state
         self._record_id = record_id
         self._grantee = grantee
@@ -387,14 +382,14 @@ class _Gathered:
     def _damaged(self, answer: SharedDownload) -> set[int] | None:
         """Return the frames that are damaged in an answer; None if its leaves lead to other roots than the chain's."""
         try:
-            damaged = set(check_shared_download(answer, self._state["commitment_root"], self._state["ciphertext_root"]))
+            damaged = set(check_shared_download(answer, self._state.commitment_root, self._state.ciphertext_root))
         except BlockRobotError:
             return None
         return damaged | {frame.index for frame in answer.frames if frame.erased and not self._is_erased(frame.index)}
 
     def _is_erased(self, index: int) -> bool:
         """A custodian's word is not enough: it would be an easy way to keep a picture back."""
-        return index in self._state["erased_frames"]
+        return index in self._state.erased_frames
 
     def view(self, refused_with: BlockRobotError | None) -> SharedView:
         """Return what there is to see. Raises why there is nothing."""

@@ -38,14 +38,14 @@ def _entry_json(entry: RecordEntry) -> dict[str, Any]:
     return {
         "record_id": entry.record_id.hex(),
         "visit": entry.visit.owner.hex(),
-        "status": entry.state["status"],
+        "status": entry.state.status,
         "sensor": meta.sensor,
         "started_at_ms": meta.started_at_ms,
         "ended_at_ms": meta.ended_at_ms,
         "frames": picture_count(entry),
-        "erased_numbers": [index + 1 for index in entry.state["erased_frames"]],
+        "erased_numbers": [index + 1 for index in entry.state.erased_frames],
         "index_in_visit": meta.index_in_visit,
-        "expires_at_ms": entry.state["expires_at_ms"],
+        "expires_at_ms": entry.state.expires_at_ms,
         "withheld": dict(meta.withheld),
     }
 
@@ -87,8 +87,8 @@ def _line(entry: RecordEntry) -> str:
     parts = [show_moment(meta.started_at_ms), text("records.note") if meta.sensor == NOTICE_SENSOR else held]
     if meta.withheld:
         parts.append(escape(withheld_text(meta.withheld)))
-    if entry.state["erased_frames"]:
-        parts.append(text("records.erased_frames", count=len(entry.state["erased_frames"])))
+    if entry.state.erased_frames:
+        parts.append(text("records.erased_frames", count=len(entry.state.erased_frames)))
     return f"  {name}  {', '.join(parts)}"
 
 

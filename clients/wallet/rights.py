@@ -30,10 +30,9 @@ from consensus.records.rights import (
     Correction,
     commit_correction,
 )
+from consensus.state.rights import OBJECTION, QUARANTINE
 
 SPREAD_MAX_MS = 4_000
-_OBJECTION = b"rights\x00objection/"
-_QUARANTINE = b"rights\x00quarantine/"
 Tell = Callable[[int, int], None]
 Sleep = Callable[[float], Awaitable[None]]
 
@@ -189,10 +188,10 @@ class Rights:
         return said, None
 
     async def _is_to_be_told(self, visit: KnownVisit, purposes: list[str]) -> bool:
-        keys = [_OBJECTION + visit.owner, _QUARANTINE + visit.owner]
+        keys = [OBJECTION.key(visit.owner), QUARANTINE.key(visit.owner)]
         found = await self._wallet.values(keys, self._wallet.owner_key(visit))
-        known = found[keys[0]] or {}
-        return found[keys[1]] is None and not all(code in known for code in purposes)
+        known = OBJECTION.among(found, visit.owner) or {}
+        return QUARANTINE.among(found, visit.owner) is None and not all(code in known for code in purposes)
 
     def _check(self, purposes: list[str]) -> None:
         require_published(purposes, self._wallet.genesis.purposes)

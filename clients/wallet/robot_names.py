@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.wallet import Wallet
-from consensus.records.robot_names import RobotName, read_robot_name, robot_name_key
+from consensus.records.robot_names import RobotName, read_robot_name
+from consensus.state.identity import ROBOT_NAME
 
 KEY_SHOWN_CHARS = 10
 RobotNames = Mapping[bytes, RobotName]
@@ -17,7 +18,7 @@ async def read_robot_names(wallet: Wallet, visits: Iterable[KnownVisit]) -> dict
     found = {}
     # Each robot in the session of a visit of its own: asked together, a node would learn that one person met them all.
     for robot, visit in {visit.robot: visit for visit in visits}.items():
-        key = robot_name_key(robot)
+        key = ROBOT_NAME.key(robot)
         named = read_robot_name((await wallet.values([key], wallet.owner_key(visit)))[key])
         if named is not None:
             found[robot] = named

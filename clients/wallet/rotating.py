@@ -84,7 +84,7 @@ class Rotating:
             if member is None:
                 raise BlockRobotError("MEMBER_NO_MORE")
             try:
-                await self._say_rotation(member["handle"], new)
+                await self._say_rotation(member.handle, new)
             except BlockRobotError as error:
                 # What was sent before a cut may have become final in between.
                 if error.code not in _KEY_REPLACED or await wallet.find_registration(new) is None:

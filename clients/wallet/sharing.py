@@ -16,6 +16,7 @@ from typing import Any
 from clients.sdk.connections import NodeAddress
 from clients.sdk.failover import SURE_REFUSALS
 from clients.sdk.quorum import require_quorum
+from clients.sdk.rows import proved_row, put_query
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import Grant, cut_since, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
@@ -27,7 +28,7 @@ from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.grant_keys import derive_grant_salt
-from consensus.records.handles import decode_short, encode_short, is_short, short_handle_key
+from consensus.records.handles import decode_short, encode_short, is_short
 from consensus.records.sharing import (
     GRANT_MAX_MS,
     GRANT_RECORDS_MAX_COUNT,
@@ -41,6 +42,9 @@ from consensus.records.sharing import (
     seal_package,
     split_share_key,
 )
+from consensus.state.access import REQUEST, AccessRow
+from consensus.state.identity import REMOVED, SHORT, MemberRow, member_with, role_now
+from consensus.state.records import RECORD
 
 HANDLE_BYTES = 32
 OWN_ACCESS = "own-access"
@@ -56,11 +60,6 @@ STEP_SIGNING = "signing"
 _NOT_YET = frozenset({"CLIP_NOT_CONFIRMED", "CUSTODY_CATCHING_UP", "RATE_LIMITED"})
 """What a custodian says that follows the chain a moment late, or has too much to do."""
 _NONCE_BYTES = 24
-_MEMBER = b"identity\x00member/"
-_HANDLE = b"identity\x00handle/"
-_REMOVED = b"identity\x00removed/"
-_ACCESS = b"access\x00access/"
-_RECORD = b"records\x00record/"
 _GONE = ("erasing", "erased")
 Tell = Callable[[str], None]
 Sleep = Callable[[float], Awaitable[None]]
@@ -70,13 +69,8 @@ Sleep = Callable[[float], Awaitable[None]]
 class Grantee:
     """With whom something is to be shared: what the chain proves of her, and what this wallet's owner calls her."""
 
-    handle: bytes
     label: str
-    role: str
-    organisation: str
-    spend: bytes
-    view: bytes
-    sealing: bytes
+    member: MemberRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +114,12 @@ class Share:
 
     def shows(self, record_id: bytes, now_ms: int) -> bool:
         """Tell whether a record can be looked at by this grant now."""
-        return self.grant.is_open(now_ms) and record_id in self.left
+        return self.grant.row.is_open(now_ms) and record_id in self.left
 
     @property
     def left(self) -> list[bytes]:
         """The records of which nothing was erased since."""
-        return [record_id for record_id in self.grant.records if record_id not in self.cut | self.erased]
+        return [record_id for record_id in self.grant.row.records if record_id not in self.cut | self.erased]
 
     @property
     def name(self) -> str:
@@ -171,7 +165,7 @@ def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], p
         raise refusal("SHARE_NOT_POSSIBLE", "share_one_visit")
     (report,) = [each for each in reports if each.visit.owner == chosen[0].visit.owner]
     standing = report.standing
-    entries = [entry for entry in chosen[0].records or report.records if entry.state["status"] == "active"]
+    entries = [entry for entry in chosen[0].records or report.records if entry.state.status == "active"]
     if standing.breach_id:
         raise BlockRobotError("CALL_REFUSED", "VISIT_QUARANTINED: You denied this visit: nobody sees it.")
     if purpose in standing.objections:
@@ -219,19 +213,16 @@ class Sharing:
         await require_quorum(wallet.network, session)
         if handle == wallet.store.content.handle:
             raise refusal("SHARE_NOT_POSSIBLE", "share_self")
-        member = (await wallet.values([_HANDLE + handle], session))[_HANDLE + handle]
-        entry = None if member is None else (await wallet.values([_MEMBER + member], session))[_MEMBER + member]
-        if entry is None or entry["status"] != "active" or entry["handle"] != handle:
+        read = wallet.reading(session)
+        member = await put_query(read, lambda state: member_with(state, handle))
+        if member is None or not member.is_active or member.handle != handle:
             raise refusal("SHARE_WITH_NON_MEMBER", "share_nobody")
-        if entry["role"] not in GRANTEE_ROLES:
-            raise refusal("SHARE_WITH_NON_MEMBER", "share_role", role=entry["role"])
-        gone = _REMOVED + entry["org"].encode()
-        removed_ms = (await wallet.values([gone], session))[gone]
-        if removed_ms is not None and entry["since"] <= removed_ms:
-            raise refusal("SHARE_WITH_NON_MEMBER", "share_left", organisation=entry["org"])
-        return Grantee(
-            handle, label or known, entry["role"], entry["org"], entry["spend"], entry["view"], entry["sealing"]
-        )
+        if member.role not in GRANTEE_ROLES:
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_role", role=member.role)
+        removed_ms = await proved_row(read, REMOVED, member.org)
+        if not role_now(member, removed_ms):
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_left", organisation=member.org)
+        return Grantee(label or known, member)
 
     async def _read_handle(self, wanted: str) -> tuple[bytes, str]:
         called = self._called(wanted)
@@ -257,10 +248,9 @@ class Sharing:
     async def _of_short(self, wanted: str) -> bytes:
         """Return the one handle that begins so, proven. Raises HANDLE_MISTYPED, SHARE_WITH_NON_MEMBER."""
         short = decode_short(wanted)
-        key, session = short_handle_key(short), self._wallet.keys.identity
         await self._wallet.require_registered()
-        handle = (await self._wallet.values([key], session))[key]
-        if not isinstance(handle, bytes) or not handle.startswith(short):
+        handle = await proved_row(self._wallet.reading(self._wallet.keys.identity), SHORT, short)
+        if handle is None or not handle.startswith(short):
             raise refusal("SHARE_WITH_NON_MEMBER", "share_nobody")
         return handle
 
@@ -287,9 +277,10 @@ class Sharing:
             raise refusal("NOTHING_TO_SHARE", "share_unopened")
         chain_id = self._wallet.genesis.chain_id
         ephemeral = PrivateKey(self._draw(32))
-        made = open_grant_keys(ephemeral.secret, grantee.view, grantee.spend, chain_id=chain_id, owner=visit.owner)
-        salt = derive_grant_salt(ephemeral, grantee.view, chain_id=chain_id, owner=visit.owner)
-        hidden = hash_grant_member(salt, grantee.handle)
+        to = grantee.member
+        made = open_grant_keys(ephemeral.secret, to.view, to.spend, chain_id=chain_id, owner=visit.owner)
+        salt = derive_grant_salt(ephemeral, to.view, chain_id=chain_id, owner=visit.owner)
+        hidden = hash_grant_member(salt, to.handle)
         key, network = self._wallet.owner_key(visit), self._wallet.network
         arguments = [records, made.owner, made.ephemeral, made.view_tag, hidden, purpose, until_ms]
         transaction = network.transactions.build(key, "access", "grant", arguments, lifetime_ms=GRANT_LIFETIME_MS)
@@ -298,7 +289,7 @@ class Sharing:
             for record_id in records
             for upload in self._make_uploads(
                 (transaction.txid, transaction.body.valid_until_ms, record_id),
-                grantee.sealing,
+                to.sealing,
                 made.owner,
                 data_keys[record_id],
                 list(custodians),
@@ -306,7 +297,7 @@ class Sharing:
         ]
         held, absent = await self._upload_all(uploads, custodians, key, tell)
         tell(STEP_SIGNING)
-        self._remember(GivenGrant(transaction.txid, visit.owner, grantee.handle, grantee.label, salt))
+        self._remember(GivenGrant(transaction.txid, visit.owner, to.handle, grantee.label, salt))
         try:
             (await network.submit_and_wait(transaction)).require_ok()
         except BlockRobotError as error:
@@ -409,7 +400,7 @@ class Sharing:
         found: list[Share] = []
         for visit in await self._wallet.scan():
             found += await self._shares_of(visit, known)
-        return sorted(found, key=lambda share: (share.grant.time_ms, share.grant.grant_id))
+        return sorted(found, key=lambda share: (share.grant.row.time, share.grant.grant_id))
 
     async def shares_of(self, visit: KnownVisit) -> list[Share]:
         """Return every grant of one visit."""
@@ -424,16 +415,18 @@ class Sharing:
             return []
         key = self._wallet.owner_key(visit)
         grants = await read_grants(self._wallet, ids, key)
-        places = [_ACCESS + entry.data["access_id"] for entry in trail if _is_look(entry)]
-        shared = {record_id for grant in grants for record_id in grant.records}
-        states = await self._wallet.values([*places, *(_RECORD + record_id for record_id in sorted(shared))], key)
-        gone = frozenset(record_id for record_id in shared if states[_RECORD + record_id]["status"] in _GONE)
+        looks = [entry.data["access_id"] for entry in trail if _is_look(entry)]
+        shared = sorted({record_id for grant in grants for record_id in grant.row.records})
+        values = await self._wallet.values([*map(REQUEST.key, looks), *map(RECORD.key, shared)], key)
+        asked = {access_id: REQUEST.convert(values[REQUEST.key(access_id)]) for access_id in looks}
+        rows = {record_id: RECORD.convert(values[RECORD.key(record_id)]) for record_id in shared}
+        gone = frozenset(record_id for record_id, row in rows.items() if row.status in _GONE)
         found = []
         for grant in grants:
-            erased = gone.intersection(grant.records)
-            cut = frozenset(cut_since(grant, trail)).intersection(grant.records) - erased
-            looks, confirmed = find_looks(trail, grant.grant_id), find_confirmed(trail, grant.grant_id, states)
-            found.append(Share(grant, visit, known.get(grant.grant_id), looks, confirmed, cut, erased))
+            erased = gone.intersection(grant.row.records)
+            cut = frozenset(cut_since(grant, trail)).intersection(grant.row.records) - erased
+            looked, confirmed = find_looks(trail, grant.grant_id), find_confirmed(trail, grant.grant_id, asked)
+            found.append(Share(grant, visit, known.get(grant.grant_id), looked, confirmed, cut, erased))
         return found
 
     async def recipients(self, entries: Sequence[RecordEntry]) -> list[Share]:
@@ -441,7 +434,7 @@ class Sharing:
         visits = {entry.visit.owner: entry.visit for entry in entries}
         ids = {entry.record_id for entry in entries}
         found = [share for visit in visits.values() for share in await self.shares_of(visit)]
-        return [share for share in found if ids.intersection(share.grant.records)]
+        return [share for share in found if ids.intersection(share.grant.row.records)]
 
     async def revoke(self, share: Share) -> bytes:
         """End a grant; custodians destroy their parts at once. Returns the txid. Raises CALL_REFUSED (GRANT_ENDED)."""
@@ -466,16 +459,15 @@ def _is_look(entry: AuditEntry) -> bool:
     return entry.kind == "access_requested" and isinstance(entry.data.get("grant"), bytes)
 
 
-def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[bytes, Any]) -> frozenset[bytes]:
+def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[bytes, AccessRow]) -> frozenset[bytes]:
     """Return the records of which a grantee said on the chain that her copies are deleted, and did not ask for since.
 
-    `asked` are the proven states of her requests: the trail has only how many records they are of.
+    `asked` are the proven rows of requests, by id: the trail has only how many records they are of.
     """
     gone: set[bytes] = set()
     for entry in trail:
         if entry.kind == "grant_noticed" and entry.data["grant_id"] == grant_id:
             gone.update(entry.data["records"])
         elif _is_look(entry) and entry.data["grant"] == grant_id:
-            state = asked.get(_ACCESS + entry.data["access_id"])
-            gone.difference_update(gone if state is None else state["records"])
+            gone.difference_update(asked[entry.data["access_id"]].records)
     return frozenset(gone)

@@ -73,9 +73,9 @@ def name_grantee(grantee: Grantee) -> str:
     return text(
         "share.grantee",
         name=grantee.label or text("share.nobody"),
-        role=say_role(grantee.role),
-        organisation=grantee.organisation,
-        handle=encode_short(grantee.handle),
+        role=say_role(grantee.member.role),
+        organisation=grantee.member.org,
+        handle=encode_short(grantee.member.handle),
     )
 
 
@@ -83,7 +83,7 @@ def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, unti
     """Say what the other will see, for how long, and what cannot be undone. Raises PURPOSE_UNKNOWN."""
     require_purpose(purpose)
     pictures = sum(entry.metadata.frame_count for entry in entries if entry.metadata.sensor != NOTICE_SENSOR)
-    gone = sum(entry.state["expires_at_ms"] < until_ms for entry in entries)
+    gone = sum(entry.state.expires_at_ms < until_ms for entry in entries)
     return text(
         "share.plan",
         records=text("count.records", count=len(entries)),
@@ -234,10 +234,8 @@ def share(
 
     grantee, done = run_opened(ctx, action)
     if as_json:
-        rows = [shared_json(shared) for shared in done]
-        print_json(
-            {"ok": True, "handle": grantee.handle.hex(), "role": grantee.role, "purpose": purpose, "shared": rows}
-        )
+        rows, who = [shared_json(shared) for shared in done], grantee.member
+        print_json({"ok": True, "handle": who.handle.hex(), "role": who.role, "purpose": purpose, "shared": rows})
         return
     for shared in done:
         _print_shared(shared, grantee)
@@ -249,32 +247,32 @@ def share_json(share_: Share, now_ms: int) -> dict[str, Any]:
     return {
         "grant_id": grant.grant_id.hex(),
         "visit": share_.visit.owner.hex(),
-        "records": [record_id.hex() for record_id in grant.records],
+        "records": [record_id.hex() for record_id in grant.row.records],
         "handle": None if given is None else given.handle.hex(),
         "name": None if given is None else given.label or None,
-        "purpose": grant.purpose,
-        "shared_at_ms": grant.time_ms,
-        "until_ms": grant.until_ms,
+        "purpose": grant.row.purpose,
+        "shared_at_ms": grant.row.time,
+        "until_ms": grant.row.until_ms,
         "status": _status(share_, now_ms),
         "looks": [
             {"time_ms": look.time_ms, "records": look.records_count, "custodians_released": look.released_count}
             for look in share_.looks
         ],
-        "confirmed_deleted": [record_id.hex() for record_id in grant.records if record_id in share_.confirmed],
-        "cut": [record_id.hex() for record_id in grant.records if record_id in share_.cut],
-        "erased": [record_id.hex() for record_id in grant.records if record_id in share_.erased],
+        "confirmed_deleted": [record_id.hex() for record_id in grant.row.records if record_id in share_.confirmed],
+        "cut": [record_id.hex() for record_id in grant.row.records if record_id in share_.cut],
+        "erased": [record_id.hex() for record_id in grant.row.records if record_id in share_.erased],
     }
 
 
 def _status(share_: Share, now_ms: int) -> str:
-    if share_.grant.is_open(now_ms):
+    if share_.grant.row.is_open(now_ms):
         return "open"
-    return "revoked" if share_.grant.status == "revoked" else "over"
+    return "revoked" if share_.grant.row.status == "revoked" else "over"
 
 
 def share_lines(share_: Share, now_ms: int) -> list[str]:
     """Say one grant in plain sentences."""
-    grant, until, status = share_.grant, show_moment(share_.grant.until_ms), _status(share_, now_ms)
+    grant, until, status = share_.grant, show_moment(share_.grant.row.until_ms), _status(share_, now_ms)
     ends = {
         "open": text("shares.open", until=until),
         "over": text("shares.over", until=until),
@@ -284,10 +282,10 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
         text(
             "shares.line",
             grant=grant.grant_id.hex()[:12],
-            records=text("count.records", count=len(grant.records)),
+            records=text("count.records", count=len(grant.row.records)),
             visit=share_.visit.owner.hex()[:12],
             name=share_.name,
-            purpose=code_text("purpose", grant.purpose),
+            purpose=code_text("purpose", grant.row.purpose),
             end=text("shares.nothing_left") if status == "open" and not share_.left else ends[status],
         )
     ]
@@ -328,7 +326,7 @@ def shares(ctx: click.Context, as_json: bool) -> None:
     for each in found:
         for line in share_lines(each, now_ms):
             console.print(line)
-        if each.grant.is_open(now_ms) and each.left:
+        if each.grant.row.is_open(now_ms) and each.left:
             console.print("  " + text("shares.to_end", grant=each.grant.grant_id.hex()[:12]))
 
 
@@ -364,7 +362,7 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
         found = await sharing.shares()
         chosen = find_by_prefix([each.grant.grant_id for each in found], grant)
         (one,) = [each for each in found if each.grant.grant_id == chosen]
-        return one, None if one.grant.status == "revoked" else await sharing.revoke(one)
+        return one, None if one.grant.row.status == "revoked" else await sharing.revoke(one)
 
     ended, txid = run_opened(ctx, action)
     if as_json:
@@ -374,7 +372,7 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
     if txid is None:
         console.print(text("revoke.already"))
     else:
-        console.print(text("revoke.done", count=len(ended.grant.records), name=ended.name))
+        console.print(text("revoke.done", count=len(ended.grant.row.records), name=ended.name))
     if ended.looks:
         console.print("  " + text("revoke.looked"))
 

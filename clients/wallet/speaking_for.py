@@ -22,7 +22,7 @@ class Represented:
     @property
     def until_ms(self) -> int:
         """When the mandate ends: no consent under it may last longer."""
-        return int(self.mandate.state["until_ms"])
+        return int(self.mandate.state.until_ms)
 
     def as_json(self) -> dict[str, Any]:
         """Return it for a program."""

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from clients.wallet.auditing import AuditEntry
+from consensus.state.keys import Values
+from consensus.state.rights import CORRECTION_COUNT, OBJECTION, QUARANTINE, RESTRICTION, RestrictionRow
 
 OFFICERS_KIND = "erased_by_officers"
 
@@ -41,7 +42,7 @@ class VisitRights:
     `breach_id` is there while the visit is in quarantine: until its breach is decided, and for ever if it ended as erased.
     """
 
-    restriction: dict[str, Any] | None = None
+    restriction: RestrictionRow | None = None
     objections: tuple[str, ...] = ()
     corrections_count: int = 0
     breach_id: bytes = b""
@@ -50,18 +51,16 @@ class VisitRights:
 
     def restricts(self, record_id: bytes) -> bool:
         """Whether a record is restricted."""
-        row = self.restriction
-        return row is not None and (row["whole"] or record_id in row["records"])
+        return self.restriction is not None and self.restriction.covers(record_id)
 
 
-def read_standing(rows: Sequence[Any], audit: Sequence[AuditEntry]) -> VisitRights:
-    """Return what stands of a visit: rows of restriction, objections, number of corrections and quarantine; its audit."""
-    restriction, objections, corrections_count, breach_id = rows
+def read_standing(values: Values, owner: bytes, audit: Sequence[AuditEntry]) -> VisitRights:
+    """Return what stands of a visit by its first key, from proved values and its audit."""
     return VisitRights(
-        restriction,
-        tuple(sorted(objections or {})),
-        corrections_count or 0,
-        breach_id or b"",
+        RESTRICTION.among(values, owner),
+        tuple(sorted(OBJECTION.among(values, owner) or {})),
+        CORRECTION_COUNT.among(values, owner) or 0,
+        QUARANTINE.among(values, owner) or b"",
         _read_end(audit),
         tuple(
             OfficersErasure(entry.data["proposal_id"], entry.data["reason"], entry.data["records"], entry.time_ms)

@@ -18,7 +18,7 @@ def standing_json(standing: VisitRights) -> dict[str, Any]:
     return {
         "restriction": None
         if row is None
-        else {"ground": row["ground"], "whole_visit": row["whole"], "kept_until_ms": row["until_ms"] or None},
+        else {"ground": row.ground, "whole_visit": row.whole, "kept_until_ms": row.until_ms or None},
         "objected_purposes": list(standing.objections),
         "corrections": standing.corrections_count,
         "breach_id": standing.breach_id.hex() or None,
@@ -59,9 +59,9 @@ def standing_lines(standing: VisitRights, language: str | None = None) -> list[s
         lines.append(say("standing.officers", count=one.records, moment=moment, reason=reason, why=why, name=name))
     row = standing.restriction
     if row is not None:
-        key, count = "standing.restricted_whole" if row["whole"] else "standing.restricted_some", len(row["records"])
-        kept = say("standing.kept", moment=show_moment(row["until_ms"])) if row["until_ms"] else ""
-        lines.append(say(key, count=count, ground=code_text("ground", row["ground"], language=language), kept=kept))
+        key, count = "standing.restricted_whole" if row.whole else "standing.restricted_some", len(row.records)
+        kept = say("standing.kept", moment=show_moment(row.until_ms)) if row.until_ms else ""
+        lines.append(say(key, count=count, ground=code_text("ground", row.ground, language=language), kept=kept))
     if standing.objections:
         lines.append(say("standing.objected", purposes=purposes_text(standing.objections, language=language)))
     if standing.corrections_count:

@@ -193,7 +193,7 @@ class Viewing:
 
     async def _is_whole_visit(self, entries: Sequence[RecordEntry]) -> bool:
         report = await self._wallet.visit_report(entries[0].visit)
-        there = {entry.record_id for entry in report.records if entry.state["status"] == "active"}
+        there = {entry.record_id for entry in report.records if entry.state.status == "active"}
         return there <= {entry.record_id for entry in entries}
 
     async def view_each(
@@ -260,7 +260,7 @@ class Viewing:
         """Return the frames as this custodian has them, and the leaves, which are the same whoever sends them."""
         clip = await self._download(custodian, entry, access_id)
         state = entry.state
-        damaged = set(check_clip_download(clip, state["commitment_root"], state["ciphertext_root"]))
+        damaged = set(check_clip_download(clip, state.commitment_root, state.ciphertext_root))
         frames = [self._open(entry, clip, index, damaged=index in damaged) for index in range(len(clip.frames))]
         return frames, clip.commitment_leaves
 
@@ -281,7 +281,7 @@ class Viewing:
         frame = clip.frames[index]
         if frame.erased:
             # A custodian's word is not enough: it would be an easy way to keep a picture back.
-            known = index in entry.state["erased_frames"] or entry.state["status"] != "active"
+            known = index in entry.state.erased_frames or entry.state.status != "active"
             return FrameView(index, STATUS_ERASED, None) if known else corrupted_frame(index, CHECK_RELEASED)
         if damaged:
             return corrupted_frame(index, CHECK_CIPHERTEXT)

@@ -12,8 +12,9 @@ from typing import Any, TypeVar
 
 from clients.sdk.announcements import AnnouncementPage
 from clients.sdk.enrolment import NewMember, Registration, find_registration, register_member
-from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
-from clients.wallet.auditing import RECORDED_KIND, AuditEntry, audit_visit, count_place
+from clients.sdk.http import NetworkClient
+from clients.sdk.rows import Read, in_session, proved_row
+from clients.wallet.auditing import RECORDED_KIND, AuditEntry, audit_visit
 from clients.wallet.kept_proofs import keep_receipt
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
@@ -26,7 +27,12 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_data_key, open_metadata
 from consensus.records.metadata import RecordMetadata, check_metadata, find_chain_gaps
 from consensus.records.purposes import require_published
-from consensus.records.vouchers import decode_card_code
+from consensus.records.vouchers import Card, decode_card_code
+from consensus.state.audit import COUNT
+from consensus.state.identity import MemberRow
+from consensus.state.keys import Prefix
+from consensus.state.records import CURRENT, RECORD, VISIT, RecordRow, deciding_key
+from consensus.state.rights import CORRECTION_COUNT, OBJECTION, QUARANTINE, RESTRICTION
 
 T = TypeVar("T")
 
@@ -37,13 +43,13 @@ class RecordEntry:
 
     record_id: bytes
     visit: KnownVisit
-    state: dict[str, Any]
+    state: RecordRow
     metadata: RecordMetadata
 
     @property
     def erased(self) -> bool:
         """Whether the whole record is erased."""
-        return bool(self.state["status"] == "erased")
+        return self.state.status == "erased"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +80,12 @@ _CHANGES_NO_RECORD = frozenset(
     {RECORDED_KIND, "visit_closed", "access_requested", "access_released", "access_refused", "verdict", "granted"}
 )
 """Kinds of events after which all records that were there before are as they were."""
-_RIGHTS = tuple(
-    b"rights\x00" + name + b"/" for name in (b"restriction", b"objection", b"correction-count", b"quarantine")
-)
+
+
+def _keys_of(visit: KnownVisit) -> list[bytes]:
+    """Return the keys of a visit's state, its trail's length, and the words about it."""
+    kinds: tuple[Prefix[Any], ...] = (VISIT, COUNT, RESTRICTION, OBJECTION, CORRECTION_COUNT, QUARANTINE)
+    return [kind.key(visit.owner) for kind in kinds]
 
 
 def _still_true(before: VisitReport | None, visit: KnownVisit, trail: Sequence[AuditEntry]) -> VisitReport | None:
@@ -156,26 +165,26 @@ class Wallet:
         registration = await register_member(self.network, card, member, purposes)
         if registration.receipt is not None:
             keep_receipt(self.store.content, registration.receipt)
-        self._remember_registration({"handle": card.handle, "role": card.role})
+        self._remember_registration(card)
         return registration
 
-    async def find_registration(self, keys: WalletKeys) -> dict[str, Any] | None:
+    async def find_registration(self, keys: WalletKeys) -> MemberRow | None:
         """Return what the chain holds of a member key of this person, proven, or None if it is no active member."""
         return await find_registration(self.network, keys.identity)
 
-    def _remember_registration(self, member: dict[str, Any]) -> None:
+    def _remember_registration(self, member: MemberRow | Card) -> None:
         content = self.store.content
-        content.handle, content.role = member["handle"], member["role"]
+        content.handle, content.role = member.handle, member.role
         content.left, content.leaving = False, []
         self.store.save()
 
     async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
         """Return proved values of any number of flat keys, in the session of one key; None for what is absent."""
-        found: dict[bytes, Any] = {}
-        for start in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
-            part = keys[start : start + PROOF_KEYS_MAX_COUNT]
-            found.update((await self.network.state_values(part, session)).values)
-        return found
+        return await in_session(self.network, session)(keys)
+
+    def reading(self, session: PrivateKey) -> Read:
+        """Return what reads rows and answers queries in the session of one key."""
+        return lambda keys: self.values(keys, session)
 
     async def sign_and_wait(self, visit: KnownVisit, contract: str, entry: str, arguments: list[Any]) -> bytes:
         """Sign a call with the visit's owner key and wait until it is final. Returns the txid.
@@ -244,12 +253,12 @@ class Wallet:
     async def _is_obeyed(self, visit: KnownVisit) -> bool:
         key = self.owner_key(visit)
         try:
-            current = await self.network.state_value("records", b"current/" + visit.owner, key)
+            current = await proved_row(self.reading(key), CURRENT, visit.owner)
         except BlockRobotError as error:
             if error.code != "SESSION_REFUSED":
                 raise
             return False
-        return bool((visit.owner if current is None else current["owner"]) == key.public_key)
+        return deciding_key(visit.owner, current) == key.public_key
 
     async def has_left(self) -> bool:
         """Tell whether she left by this wallet: by a proven receipt, which anybody may ask for, without a session."""
@@ -274,8 +283,7 @@ class Wallet:
 
     async def visit_mark(self, visit: KnownVisit) -> tuple[Any, ...]:
         """Return what changes whenever anything changes of a visit, by one question: its state, its words, its trail."""
-        keys = [b"records\x00visit/" + visit.owner, count_place(visit)]
-        keys += [place + visit.owner for place in _RIGHTS]
+        keys = _keys_of(visit)
         found = await self.values(keys, self.owner_key(visit))
         return tuple(found[key] for key in keys)
 
@@ -294,40 +302,36 @@ class Wallet:
         as a missing tail by the visit's closing.
         """
         key = self.owner_key(visit)
-        visit_key = b"records\x00visit/" + visit.owner
-        rights_keys = [place + visit.owner for place in _RIGHTS]
-        count_key = count_place(visit)
-        found = await self.values([visit_key, count_key, *rights_keys], key)
-        visit_state = found[visit_key]
+        found = await self.values(_keys_of(visit), key)
+        visit_state = VISIT.among(found, visit.owner)
         if visit_state is None:
             raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")
-        audit = await audit_visit(self, visit, found[count_key] or 0)
+        audit = await audit_visit(self, visit, COUNT.among(found, visit.owner) or 0)
         known = _still_true(before, visit, audit)
         entries = [] if known is None else list(known.records)
         erased = [] if known is None else list(known.erased_ids)
         unreadable = [] if known is None else list(known.unreadable_ids)
         have = {*(entry.record_id for entry in entries), *erased, *unreadable}
         ids = [entry.record_id for entry in audit if entry.kind == RECORDED_KIND and entry.record_id not in have]
-        state_keys = [b"records\x00record/" + record_id for record_id in ids]
-        values = await self.values(state_keys, key)
-        for record_id, state_key in zip(ids, state_keys, strict=True):
-            state = values[state_key]
-            if state is None or state["owner"] != visit.owner:
+        values = await self.values([RECORD.key(record_id) for record_id in ids], key)
+        for record_id in ids:
+            state = RECORD.among(values, record_id)
+            if state is None or state.owner != visit.owner:
                 continue
-            if not state["sealed_metadata"]:
+            if not state.sealed_metadata:
                 erased.append(record_id)
                 continue
             try:
-                metadata = decode(self.open_metadata(state["sealed_metadata"])[0], RecordMetadata)
+                metadata = decode(self.open_metadata(state.sealed_metadata)[0], RecordMetadata)
                 check_metadata(metadata)
             except BlockRobotError:
                 unreadable.append(record_id)
                 continue
             entries.append(RecordEntry(record_id=record_id, visit=visit, state=state, metadata=metadata))
         entries.sort(key=lambda entry: entry.metadata.index_in_visit)
-        closed = visit_state["status"] == "closed"
+        closed = visit_state.status == "closed"
         expected = (
-            visit_state["record_count"] if closed else max((e.metadata.index_in_visit + 1 for e in entries), default=0)
+            visit_state.record_count if closed else max((e.metadata.index_in_visit + 1 for e in entries), default=0)
         )
         gaps = find_chain_gaps([entry.metadata for entry in entries])
         return VisitReport(
@@ -337,7 +341,7 @@ class Wallet:
             closed=closed,
             missing_count=max(0, max(expected - len(entries), len(gaps)) - len(erased) - len(unreadable)),
             unreadable_ids=tuple(unreadable),
-            standing=read_standing([found[place] for place in rights_keys], audit),
+            standing=read_standing(found, visit.owner, audit),
             trail_count=len(audit),
         )
 

@@ -57,8 +57,3 @@ def decode_short(text: str) -> bytes:
     for value in values[:_DATA_CHARS]:
         bits = bits << 5 | value
     return bits.to_bytes(SHORT_HANDLE_BYTES)
-
-
-def short_handle_key(short: bytes) -> bytes:
-    """Return the flat key under which the chain holds the whole handle."""
-    return b"identity\x00short-handle/" + short

@@ -14,10 +14,10 @@ from typing import Any
 import msgspec
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u32
 from consensus.primitives.hashing import tagged_hash
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
+from consensus.state.consent import NOTICE, NOTICE_TEXT
 from consensus.visible_text import find_hidden, one_entry, split_lines
 
 NOTICE_TAG = "blockrobot/notice"
@@ -136,12 +136,12 @@ class PublishedNotice:
 
 def newest_key(organisation: str) -> bytes:
     """Return the flat key of the version in force."""
-    return b"consent\x00notice/" + organisation.encode()
+    return NOTICE.key(organisation)
 
 
 def version_key(organisation: str, version: int) -> bytes:
     """Return the flat key of one version with its document."""
-    return b"consent\x00notice-text/" + u32(version) + organisation.encode()
+    return NOTICE_TEXT.key(version, organisation)
 
 
 def notice_digest(document: bytes) -> bytes:

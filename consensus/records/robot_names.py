@@ -19,11 +19,6 @@ class RobotName:
     place: str
 
 
-def robot_name_key(robot: bytes) -> bytes:
-    """Return the flat key under which the chain holds a robot's name."""
-    return b"identity\x00robot-name/" + robot
-
-
 def read_robot_name(value: Any) -> RobotName | None:
     """Read what the chain holds; None where there is nothing that can be shown."""
     if not isinstance(value, dict):

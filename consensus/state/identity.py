@@ -111,6 +111,12 @@ def is_registered(state: Reader, member: bytes) -> bool:
     return row is not None and row.is_active
 
 
+def member_with(state: Reader, handle: bytes) -> MemberRow | None:
+    """Return the member who has, or had last, this handle; None for a handle of nobody."""
+    key = HANDLE.at(state, handle)
+    return None if key is None else MEMBER.at(state, key)
+
+
 def handle_of(state: Reader, key: bytes) -> bytes:
     """Return the handle under which this key is, or was, a member's; empty for a key of no member."""
     row = MEMBER.at(state, key)

@@ -7,6 +7,7 @@ type, is refused with ENCODING_INVALID.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
@@ -23,6 +24,8 @@ TEXT = 0
 """A part of a key that is text without a slash, of any length. The other parts are sizes in bytes."""
 
 T = TypeVar("T")
+Values = Mapping[bytes, Any]
+"""Decoded values by flat key, as proofs have them: None for what is proved absent, nothing for what was not asked for."""
 Form = tuple[int | bytes, ...]
 """The parts of a key after its prefix: sizes, `TEXT`, and bytes that are always the same, such as a slash."""
 
@@ -33,6 +36,18 @@ class Reader(Protocol):
     def get(self, key: bytes, /) -> bytes | None:
         """Return the encoded value, or None."""
         ...
+
+
+class DecodedReader:
+    """Reads decoded values, so that queries can be put to what was proved. A key not asked for is never taken as absent."""
+
+    def __init__(self, values: Values) -> None:
+        self._values = values
+
+    def get(self, key: bytes, /) -> bytes | None:
+        """Return the encoded value, or None. Raises KeyError for a key that was not asked for."""
+        value = self._values[key]
+        return None if value is None else encode_value(value)
 
 
 class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -79,13 +94,13 @@ class Rows(Generic[T]):
             raise self._invalid(error) from None
         return row
 
-    def convert_or_none(self, value: Any) -> T | None:
-        """Read a row from a decoded value, None for what is absent. Raises ENCODING_INVALID."""
-        return None if value is None else self.convert(value)
-
     def encode(self, row: T) -> bytes:
         """Return the value under which the contract stores a row."""
         return encode_value(to_value(row))
+
+    def _among(self, values: Values, key: bytes) -> T | None:
+        value = values[key]
+        return None if value is None else self.convert(value)
 
     def _read(self, state: Reader, key: bytes) -> T | None:
         data = state.get(key)
@@ -109,6 +124,10 @@ class StateKey(Rows[T]):
     def read(self, state: Reader) -> T | None:
         """Return the value, as `convert` reads it, or None. Raises ENCODING_INVALID."""
         return self._read(state, self.flat)
+
+    def among(self, values: Values) -> T | None:
+        """Return the value among decoded ones, as `read` does. Raises KeyError if it was not asked for."""
+        return self._among(values, self.flat)
 
 
 class Prefix(Rows[T]):
@@ -138,6 +157,10 @@ class Prefix(Rows[T]):
     def at(self, state: Reader, *parts: bytes | str | int) -> T | None:
         """Return the row under the key with these parts, as `convert` reads it, or None. Raises ENCODING_INVALID."""
         return self._read(state, self.key(*parts))
+
+    def among(self, values: Values, *parts: bytes | str | int) -> T | None:
+        """Return the row with these parts among decoded values, as `at` does. Raises KeyError if it was not asked for."""
+        return self._among(values, self.key(*parts))
 
     def has(self, state: Reader, *parts: bytes | str | int) -> bool:
         """Tell whether anything stands under the key with these parts."""

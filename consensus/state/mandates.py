@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from consensus.state.audit import DayRow
-from consensus.state.identity import HANDLE, REMOVED, active_role
+from consensus.state.identity import HANDLE, REMOVED, SUBJECT, active_role
 from consensus.state.keys import HASH, U32, U64, Prefix, Reader, Row, StateKey
 
 MANDATES = "mandates"
 REPRESENTATIVE_ROLES = frozenset({"officer", "staff", "subject"})
+
+Status = Literal["proposed", "approved", "active", "ended"]
+Standing = Literal["proposed", "approved", "active", "ended", "lapsed", "resting"]
 
 
 class MandateRow(Row, frozen=True):
@@ -22,7 +25,7 @@ class MandateRow(Row, frozen=True):
     papers: bytes
     acts: list[str]
     until_ms: int
-    status: Literal["proposed", "approved", "active", "ended"]
+    status: Status
     proposer: bytes
     approver: bytes
     proposed_ms: int
@@ -64,14 +67,25 @@ def is_represented(state: Reader, handle: bytes, now_ms: int) -> bool:
     return row is not None and row.status == "active" and now_ms < row.until_ms
 
 
-def holds(state: Reader, row: MandateRow, now_ms: int) -> bool:
-    """Tell whether a mandate is in force."""
-    if row.status != "active" or now_ms >= row.until_ms or is_represented(state, row.representative, now_ms):
-        return False
+def standing(state: Reader, row: MandateRow, now_ms: int) -> Standing:
+    """Return what a mandate stands at: its status, or that it is over or does not hold, though nobody ended it.
+
+    It has lapsed when its time is over, or one of the two or the organisation is gone; it is resting while somebody acts
+    for the representative.
+    """
+    last_ms = row.until_ms - 1
+    if row.status in ("proposed", "approved"):
+        last_ms = min(last_ms, row.ends_ms)
+    if row.status != "ended" and now_ms > last_ms:
+        return "lapsed"
+    if row.status != "active":
+        return row.status
     removed_ms = REMOVED.at(state, row.org)
     if removed_ms is not None and removed_ms >= row.proposed_ms:
-        return False
-    return _role_of(state, row.handle) == "subject" and _role_of(state, row.representative) in REPRESENTATIVE_ROLES
+        return "lapsed"
+    if _role_of(state, row.handle) != SUBJECT or _role_of(state, row.representative) not in REPRESENTATIVE_ROLES:
+        return "lapsed"
+    return "resting" if is_represented(state, row.representative, now_ms) else "active"
 
 
 def acting_for(state: Reader, handle: bytes, key: bytes, act: str, now_ms: int) -> bytes | None:
@@ -80,7 +94,7 @@ def acting_for(state: Reader, handle: bytes, key: bytes, act: str, now_ms: int) 
     row = None if mandate_id is None else MANDATE.at(state, mandate_id)
     if row is None or act not in row.acts or HANDLE.at(state, row.representative) != key:
         return None
-    return mandate_id if holds(state, row, now_ms) else None
+    return mandate_id if standing(state, row, now_ms) == "active" else None
 
 
 def _role_of(state: Reader, handle: bytes) -> str:

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import click
 from rich.markup import escape
 
-from clients.sdk.empty_frames import ApprovedFrame, approve_frames, read_approved, withdraw_frames
+from clients.sdk.empty_frames import approve_frames, read_approved, withdraw_frames
 from clients.sdk.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
 from clients.sdk.http import NetworkClient
 from clients.sdk.receipts import FinalReceipt
@@ -17,6 +17,7 @@ from clients.sdk.terminal import ask, console, json_option, plain_errors, print_
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.state.records import EmptyFrameRow
 from network.cli.governing import (
     governing_options,
     plain_table,
@@ -149,14 +150,12 @@ def list_frames(
     """
     member = _read_hex(robot, _KEY_BYTES, "A member key")
 
-    async def read(client: NetworkClient, key: PrivateKey) -> list[ApprovedFrame]:
+    async def read(client: NetworkClient, key: PrivateKey) -> list[EmptyFrameRow]:
         return await read_approved(client, member, key)
 
     rows = read_with_any(folder, organisation, key_file, read)
     if as_json:
-        told = [
-            {"sha256": row.sha256.hex(), "approver": row.approver.hex(), "approved_ms": row.approved_ms} for row in rows
-        ]
+        told = [{"sha256": row.digest.hex(), "approver": row.approver.hex(), "approved_ms": row.time} for row in rows]
         print_json({"ok": True, "frames": told})
         return
     if not rows:
@@ -164,7 +163,7 @@ def list_frames(
         return
     table = plain_table(f"Empty frames of robot {shown_id(member)}", ["sha256", "approved by", "at"])
     for row in rows:
-        table.add_row(row.sha256.hex(), escape(shown_id(row.approver)), show_moment(row.approved_ms))
+        table.add_row(row.digest.hex(), escape(shown_id(row.approver)), show_moment(row.time))
     console.print(table)
 
 
@@ -197,7 +196,7 @@ def withdraw(
 
     async def work(client: NetworkClient) -> FinalReceipt | None:
         if takes_all:
-            named.extend(row.sha256 for row in await read_approved(client, member, seat.key))
+            named.extend(row.digest for row in await read_approved(client, member, seat.key))
         return await withdraw_frames(client, seat.key, member, named)
 
     receipt = with_client(seat, work)

@@ -8,12 +8,13 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.sdk.governance import MembershipView, NodeRow, OrganisationRow, ProposalRow, read_membership
+from clients.sdk.governance import MembershipView, ProposalRow, read_membership
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.possession import prove_possession
 from consensus.primitives.keys import is_public_key
+from consensus.state.membership import NodeRow, OrganisationRow
 from network.authority_check import check_authority_change
 from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.governing import (

@@ -57,7 +57,7 @@ async def _open(session: PageSession, request: web.Request) -> web.Response:
     async def work(job: Job) -> dict[str, Any]:
         job.tell("asking on the ledger", 0, len(entries))
         now = await _as_of_now(session, entries)
-        wanted = [entry for entry in now.values() if entry.state["status"] == "active"]
+        wanted = [entry for entry in now.values() if entry.state.status == "active"]
         wanted = wanted if whole else [now[entry.record_id] for entry in entries]
         viewing = Viewing(session.wallet)
         access = await session.looks.request(viewing, look, purpose, wanted)

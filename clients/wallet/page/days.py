@@ -90,7 +90,7 @@ def kinds_json(entries: Iterable[RecordEntry]) -> dict[str, int]:
     """Return how much records still hold of each kind (`depth`, `picture`, `sound`, `label`), the most first."""
     counts: collections.Counter[str] = collections.Counter()
     for entry in recordings(entries):
-        counts[kind_of(entry)] += max(0, picture_count(entry) - len(entry.state["erased_frames"]))
+        counts[kind_of(entry)] += max(0, picture_count(entry) - len(entry.state.erased_frames))
     return {kind: count for kind, count in counts.most_common() if count}
 
 
@@ -114,22 +114,22 @@ def row_json(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNames
         "visit": entry.visit.owner.hex(),
         "robot": entry.visit.robot.hex(),
         "robot_called": tell_robot(entry.visit.robot, names),
-        "status": state["status"],
+        "status": state.status,
         "sensor": meta.sensor,
         "kind": kind_of(entry),
         "started_at_ms": meta.started_at_ms,
         "ended_at_ms": meta.ended_at_ms,
         "frames": picture_count(entry),
-        "erased_frames": list(state["erased_frames"]),
+        "erased_frames": list(state.erased_frames),
         "index_in_visit": meta.index_in_visit,
-        "expires_at_ms": state["expires_at_ms"],
+        "expires_at_ms": state.expires_at_ms,
         "withheld": dict(meta.withheld),
         "restricted": part.report.standing.restricts(entry.record_id),
         "denied": bool(part.report.standing.breach_id),
         "shared": sum(share.shows(entry.record_id, now_ms) for share in part.shares),
         "verdict": None if verdict is None else verdict.verdict,
         "verdict_at_ms": None if verdict is None else verdict.time_ms,
-        "height": state.get("height"),
+        "height": state.height,
     }
 
 
@@ -163,7 +163,7 @@ def _day_json(day: str, found: Sequence[tuple[VisitPart, RecordEntry]]) -> dict[
         "notices": len(entries) - len(recordings(entries)),
         "pictures": sum(map(picture_count, entries)),
         "withheld": withheld_count(entries),
-        "erased": sum(len(entry.state["erased_frames"]) for entry in entries),
+        "erased": sum(len(entry.state.erased_frames) for entry in entries),
         "unsure": sum(verdict is None for verdict in verdicts),
         "corrupted": sum(verdict is not None and verdict.verdict == "corrupted" for verdict in verdicts),
         "first_ms": min(entry.metadata.started_at_ms for entry in entries),

@@ -43,7 +43,7 @@ def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[l
     Raises NOT_FOUND if nothing is left, REQUEST_INVALID for pictures that no record has.
     """
     entries = [session.snapshot.entry(record_id) for record_id in ids]
-    active = [entry for entry in entries if entry.state["status"] == "active"]
+    active = [entry for entry in entries if entry.state.status == "active"]
     left = frames
     if frames:
         if len(entries) != 1:
@@ -76,7 +76,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     asked.end()
     entries, frames = _named(session, ids, frames)
     known = {entry.record_id for entry in entries}
-    recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.records)]
+    recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.row.records)]
     kinds = {kind_of(entries[0]): len(frames)} if frames else kinds_json(entries)
     visits = len({entry.visit.owner for entry in entries})
     now_ms, language = session.now_ms(), language_of(request)

@@ -141,7 +141,7 @@ def _counts(session: PageSession) -> dict[str, Any]:
         "notices": len(entries) - len(recordings(entries)),
         "kinds": kinds_json(entries),
         "withheld": withheld_count(entries),
-        "shares_open": sum(share.grant.is_open(now_ms) for share in snapshot.shares()),
+        "shares_open": sum(share.grant.row.is_open(now_ms) for share in snapshot.shares()),
         "erasures_open": sum(not erasure.report.complete for erasure in snapshot.erasures(session.wallet, now_ms)),
         "alarms": sum(part.is_alarming for part in snapshot.visits),
         "inbox_news": sum(len(share.looks) for share in snapshot.shares()),
@@ -247,9 +247,9 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
     return answer_json(
         row_json(part, entry, now_ms, snapshot.robot_names)
         | {
-            "txid": plain_hex(entry.state.get("txid")),
-            "commitment_root": plain_hex(entry.state["commitment_root"]),
-            "ciphertext_root": plain_hex(entry.state["ciphertext_root"]),
+            "txid": plain_hex(entry.state.txid),
+            "commitment_root": plain_hex(entry.state.commitment_root),
+            "ciphertext_root": plain_hex(entry.state.ciphertext_root),
             "width": meta.width,
             "height_px": meta.height,
             "withheld_reasons": [
@@ -282,11 +282,11 @@ def _is_about(part: VisitPart, entry: RecordEntry, event: AuditEntry) -> bool:
         return record_id in named
     if "erasure_id" in event.data:  # of several records, which the request names and the trail counts
         asked = (report for report, _ in part.erasures if report.erasure_id == event.data["erasure_id"])
-        return any(record_id in report.records for report in asked)
+        return any(record_id in report.state.records for report in asked)
     if event.kind == "access_requested" and event.data["records"] == 0:
-        return event.height >= int(entry.state["height"])
+        return event.height >= entry.state.height
     grant_id = event.data.get("grant_id", event.data.get("grant"))
-    return any(share.grant.grant_id == grant_id and record_id in share.grant.records for share in part.shares)
+    return any(share.grant.grant_id == grant_id and record_id in share.grant.row.records for share in part.shares)
 
 
 def plain_hex(value: bytes | None) -> str | None:
@@ -334,7 +334,7 @@ async def _story(session: PageSession, request: web.Request) -> web.Response:
 def told_share(share: Share, now_ms: int, language: str) -> dict[str, Any]:
     """Return one grant for the page."""
     grant = share.grant
-    more = {"who": share.name_in(language), "purpose_sentence": PURPOSES.get(grant.purpose, grant.purpose)}
+    more = {"who": share.name_in(language), "purpose_sentence": PURPOSES.get(grant.row.purpose, grant.row.purpose)}
     return share_json(share, now_ms) | more | {"lines": share_lines(share, now_ms)}
 
 

@@ -67,8 +67,8 @@ def seal_json(seal: Seal, language: str | None = None) -> dict[str, Any]:
             {"name": name, "code": code, "sentence": describe_error(BlockRobotError(code), language)[0]}
             for name, code in view.refused
         ],
-        "record_height": state.get("height"),
-        "record_txid": state["txid"].hex() if "txid" in state else None,
+        "record_height": state.height,
+        "record_txid": state.txid.hex(),
         "proved_height": seal.block.height,
         "proved_block_id": seal.block.block_id.hex(),
         "proved_time_ms": seal.block.time_ms,

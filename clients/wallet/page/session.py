@@ -241,7 +241,7 @@ class PageSession:
             self.snapshot, self.state, self.problem = snapshot, "ready", None
             self._note_new(before, snapshot)
             self.clips.keep_only(
-                {entry.record_id for entry in snapshot.entries.values() if entry.state["status"] == "active"}
+                {entry.record_id for entry in snapshot.entries.values() if entry.state.status == "active"}
             )
         is_new = self.state == "ready" and not self.snapshot.same_as(before)
         if was[0] == "not_registered" and self.state == "ready":

@@ -72,10 +72,10 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     return answer_json(
         {
             "grantee": {
-                "handle": grantee.handle.hex(),
+                "handle": grantee.member.handle.hex(),
                 "name": grantee.label or None,
-                "role": grantee.role,
-                "organisation": grantee.organisation,
+                "role": grantee.member.role,
+                "organisation": grantee.member.org,
             },
             "records": len(entries),
             "pictures": sum(entry.metadata.frame_count for entry in entries if entry.metadata.sensor != NOTICE_SENSOR),

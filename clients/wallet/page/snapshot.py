@@ -103,7 +103,7 @@ class Snapshot:
     def shares(self) -> list[Share]:
         """Return every grant of one's own, oldest first."""
         found = [share for part in self.visits for share in part.shares]
-        return sorted(found, key=lambda share: (share.grant.time_ms, share.grant.grant_id))
+        return sorted(found, key=lambda share: (share.grant.row.time, share.grant.grant_id))
 
 
 async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh: bool = False) -> Snapshot:

@@ -447,7 +447,7 @@ async def test_restrictions_and_corrections_go_along_with_what_they_say(ward: Wa
     await export(ward, tmp_path / "unnamed.zip", Wanted(records=(record_id,), identity=False))
     assert b"my sister" not in (tmp_path / "unnamed.zip").read_bytes()
     lie = msgspec.structs.replace(openings.corrections[0], text="That is my brother.")
-    facts = SimpleNamespace(owner=visit.owner, corrections=[{"commitment": said_commitment(rights)}])
+    facts = SimpleNamespace(owner=visit.owner, corrections=[SimpleNamespace(commitment=said_commitment(rights))])
     assert open_corrections([facts], openings.corrections)
     for rows in ([lie], openings.corrections * 2, [msgspec.structs.replace(lie, visit="00")]):
         with pytest.raises(BlockRobotError):

@@ -10,6 +10,7 @@ import dataclasses
 import random
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -17,11 +18,16 @@ import pytest
 from clients.bundle import documents as doc
 from clients.bundle import layout
 from clients.bundle.checking import Verdict, unproved
-from clients.bundle.visits import COUNT, ENTRY, ERASURE
 from clients.bundle.writing import Contents, write_bundle
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.records.metadata import RecordMetadata
+from consensus.state.access import VERDICT
+from consensus.state.audit import COUNT, ENTRY
+from consensus.state.erasure import REQUEST
+from consensus.state.keys import Rows
+from consensus.state.records import RECORD
+from consensus.state.rights import RESTRICTION
 from tests.effort import EFFORT, EFFORT_OF_ALL
 from tests.unit.clients.bundle.conftest import Made
 from tests.unit.clients.bundle.repacking import judge, list_anew, pack, sign_anew
@@ -182,17 +188,17 @@ def test_an_event_that_is_left_out_shows(made: Made, tmp_path: Path) -> None:
         bytes.fromhex(key.key)
         for each in made.contents.proofs.visits[0].snapshots
         for key in each.keys
-        if bytes.fromhex(key.key).startswith(ENTRY) and b"visit_closed" in bytes.fromhex(key.value or "")
+        if ENTRY.owns(bytes.fromhex(key.key)) and b"visit_closed" in bytes.fromhex(key.value or "")
     ]
     verdict = rewrite(tmp_path, with_visit(made.contents, lambda key: key != closing))
     assert [visit.is_whole for visit in verdict.visits] == [False, True]
     assert any("only a part" in line for line in unproved(verdict))
 
 
-@pytest.mark.parametrize("prefix", [COUNT, ERASURE, b"records\x00record/", b"rights\x00", b"access\x00verdict/"])
-def test_what_the_trail_leads_to_cannot_be_left_out(made: Made, tmp_path: Path, prefix: bytes) -> None:
+@pytest.mark.parametrize("rows", [COUNT, REQUEST, RECORD, RESTRICTION, VERDICT], ids=lambda rows: rows.name)
+def test_what_the_trail_leads_to_cannot_be_left_out(made: Made, tmp_path: Path, rows: Rows[Any]) -> None:
     with pytest.raises(BlockRobotError):
-        rewrite(tmp_path, with_visit(made.contents, lambda key: not key.startswith(prefix)))
+        rewrite(tmp_path, with_visit(made.contents, lambda key: not rows.owns(key)))
     assert not (tmp_path / "rewritten.zip").exists()
 
 

@@ -17,6 +17,7 @@ from clients.wallet.erasing import Erasing
 from clients.wallet.kept_proofs import CheckedProof, KeptProof, check_all, check_kept, keep_receipt, read_kept
 from clients.wallet.keystore import Keystore
 from consensus.errors import BlockRobotError
+from consensus.state.erasure import REQUEST
 from tests.unit.clients.bundle.test_key_history import NO_PICTURES, make, proved, rotate
 from tests.unit.clients.bundle.ward import Ward
 
@@ -47,7 +48,7 @@ async def test_an_erasures_receipts_hold_after_the_network_is_gone(tmp_path: Pat
     assert isinstance(checked, CheckedProof)
     assert (checked.receipt.txid, checked.receipt.ok) == (erasure_id, True)
     assert checked.erasure is not None
-    assert set(checked.erasure["receipts"]) == {key.public_key for key in ward.chain.custodians}
+    assert set(checked.erasure.receipts) == {key.public_key for key in ward.chain.custodians}
     assert checked.proved_height > checked.height
 
 
@@ -113,7 +114,7 @@ async def test_an_erasure_that_is_not_complete_is_never_kept_as_complete(tmp_pat
     (visit,) = await ward.wallet.scan()
     (report,) = await ward.wallet.records()
     (erasure_id,) = await Erasing(ward.wallet).request(visit, [report.records[0].record_id], [])
-    state = await ward.network.state_values([kept_proofs.ERASURE_KEY + erasure_id], ward.wallet.owner_key(visit))
+    state = await ward.network.state_values([REQUEST.key(erasure_id)], ward.wallet.owner_key(visit))
     kept_proofs.keep_erasure(ward.wallet.store.content, erasure_id, state)
     (found,) = check_all(ward.wallet.store.content, chain_of(ward), ward.genesis.chain_id)
     assert isinstance(found, BlockRobotError)

@@ -15,7 +15,6 @@ from click.testing import CliRunner
 from clients.bundle import documents as doc
 from clients.bundle.checking import unproved
 from clients.bundle.cli import verify
-from clients.bundle.visits import RESTRICTION
 from clients.bundle.writing import Contents, write_bundle
 from clients.robot.sealing import VisitChain
 from clients.wallet.exporting import Exporting, Wanted
@@ -26,6 +25,7 @@ from clients.wallet.viewing import Viewing
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from consensus.state.rights import RESTRICTION
 from tests.unit.clients.bundle.conftest import NOW_MS
 from tests.unit.clients.bundle.ward import Patient, Ward
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -176,7 +176,7 @@ async def test_one_visit_of_two_blocks_is_told_as_of_the_older(ward: Ward, visit
     now = await collect(ward)
     proved_before = {key.key: key for each in old for key in each.keys}
     (newer,) = now.proofs.visits[0].snapshots
-    stale = proved_before[(RESTRICTION + visit.owner).hex()]
+    stale = proved_before[RESTRICTION.key(visit.owner).hex()]
     kept = [key for key in newer.keys if key.key != stale.key]
     state = doc.StateProofs([doc.Snapshot(old[0].finality, [stale]), doc.Snapshot(newer.finality, kept)])
     contents = dataclasses.replace(now, proofs=dataclasses.replace(now.proofs, visits=(state,)))

@@ -24,6 +24,7 @@ from clients.bundle.writing import Contents, write_bundle
 from clients.wallet.exporting import Wanted
 from consensus.errors import BlockRobotError
 from consensus.records.consent_receipts import sign_as_controller, sign_as_person
+from consensus.state.identity import MemberRow
 from network.demo_notice import demo_notice
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.bundle.receipting import NoticeWard, entry_of
@@ -183,10 +184,10 @@ def test_the_receipt_of_another_person_is_refused(taken: Taken, tmp_path: Path) 
 
 def test_a_receipt_counts_only_by_who_registered_her(taken: Taken) -> None:
     checked = verify_bundle(taken.path).signed[1]
-    state = {"handle": checked.word.handle, "org": checked.organisation}
-    require_hers(checked, state)
+    row = MemberRow(checked.word.handle, "subject", checked.organisation, b"", b"", b"", "active", 0)
+    require_hers(checked, row)
     with pytest.raises(BlockRobotError, match="did not register her"):
-        require_hers(checked, state | {"org": "another"})
+        require_hers(checked, msgspec.structs.replace(row, org="another"))
 
 
 def test_a_receipt_whose_consent_is_not_in_the_bundle_is_refused(taken: Taken, tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from clients.wallet.rotating import Rotating
 from clients.wallet.visits import find_own_visits
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.state.audit import ENTRY
+from consensus.state.records import CURRENT
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.bundle.ward import Ward
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -81,7 +83,7 @@ async def test_the_new_key_signs_for_a_transferred_visit(ward: Ward, tmp_path: P
 
 
 def without_current(keys: Callable[[bytes], list[bytes]]) -> Callable[[bytes], list[bytes]]:
-    return lambda owner: [key for key in keys(owner) if not key.startswith(visits.CURRENT)]
+    return lambda owner: [key for key in keys(owner) if not CURRENT.owns(key)]
 
 
 async def test_old_words_sign_no_bundle_by_leaving_out_which_key_decides(
@@ -100,7 +102,7 @@ async def test_nor_by_leaving_out_the_entry_that_tells_of_it_as_well(
     document = StateCollector.document
 
     def shortened(collector: StateCollector) -> object:
-        for key in [key for key in collector.values if key.startswith(visits.ENTRY)]:
+        for key in [key for key in collector.values if ENTRY.owns(key)]:
             if collector.values[key]["kind"] == "transferred":
                 collector.leave_out(key)
         return document(collector)
@@ -118,7 +120,7 @@ async def test_nor_by_a_proof_from_before(ward: Ward, tmp_path: Path, monkeypatc
         await learn(thief)
         (visit,) = thief.wallet.store.content.visits
         before["it"] = StateCollector(thief.wallet, thief.wallet.owner_key(visit))
-        await before["it"].read([visits.CURRENT + visit.owner])
+        await before["it"].read([CURRENT.key(visit.owner)])
 
     monkeypatch.setattr(Thief, "learn", keep)
     thief = await steal(ward, tmp_path)

@@ -41,13 +41,15 @@ from consensus.block import (
 from consensus.errors import BlockRobotError
 from consensus.light_client import LightClient
 from consensus.messages import VOTE_TAG, vote_parts
-from consensus.primitives.encoding import encode, u64
+from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.commitments import ciphertext_leaves
 from consensus.records.owner_keys import open_visit_keys
 from consensus.records.renditions import Rendition
+from consensus.state.audit import ENTRY
+from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 from consensus.transaction import Transaction, decode_transaction
 from node.api.documents import finality_document
 from node.api.evidence import build_evidence
@@ -185,18 +187,13 @@ class ShortWire:
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         self.asked.extend((flat, key.public_key) for flat in keys)
-        if self.before_proofs and any(flat.startswith(b"audit\x00entry/") for flat in keys):
+        if self.before_proofs and any(map(ENTRY.owns, keys)):
             self.before_proofs()
         return self.trust.values(self._answer(keys), keys)
 
-    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
-        flat = contract.encode() + b"\x00" + state_key
-        return (await self.state_values([flat], key)).values[flat]
-
     async def announcements(self, first: int, key: PrivateKey) -> AnnouncementPage:
-        count = self.chain.value("records", b"announcement-count") or 0
-        prefix = b"records\x00announcement/"
-        keys = [b"records\x00announcement-count", *(prefix + u64(number) for number in range(first, count))]
+        count = ANNOUNCEMENT_COUNT.read(self.chain.state) or 0
+        keys = [ANNOUNCEMENT_COUNT.flat, *map(ANNOUNCEMENT.key, range(first, count))]
         return read_announcements(self.trust, self._answer(keys), first, max(1, count - first))
 
     async def call(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> FinalReceipt:

@@ -43,7 +43,7 @@ async def test_a_proposal_is_read_approved_and_told(client: Any) -> None:
     assert (opened.executed, opened.epoch, opened.height) == (False, None, 1)
     view = await read_membership(client, READER)
     (row,) = view.proposals
-    assert (row.id, row.kind, row.approvals) == (opened.proposal_id, "set", ("org-01",))
+    assert (row.id, row.kind, row.approvals) == (opened.proposal_id, "set", ["org-01"])
     assert view.majority == 2
     found = find_proposal(view.proposals, row.id.hex()[:8].upper())
     decided = await governor(client, "org-02").approve(found)
@@ -86,7 +86,7 @@ async def test_seats_votes_readiness_and_evidence_are_read(client: Any) -> None:
         ("node-05", None),
     ]
     assert (rows["node-02"].status, rows["node-02"].leads, rows["node-02"].evidence["round"]) == ("suspended", False, 7)
-    assert (rows["node-05"].votes, rows["node-05"].ready_height) == (("org-01",), 3)
+    assert (rows["node-05"].votes, rows["node-05"].ready_height) == (["org-01"], 3)
     assert rows["node-01"].evidence == {}
 
 

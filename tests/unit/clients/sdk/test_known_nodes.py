@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -14,6 +14,7 @@ from clients.sdk.pin import open_pin, write_pin
 from consensus.errors import BlockRobotError
 from consensus.light_client import LightClient
 from consensus.primitives.encoding import encode_value
+from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow, OrganisationRow
 from node.api.routes import proofs
 from tests.unit.clients.sdk.conftest import DEAD_URL
 from tests.unit.node.api.small_network import CUSTODIAN, STRANGER, SUBJECT, ManualClock, flat
@@ -21,19 +22,9 @@ from tests.unit.node.api.small_network import CUSTODIAN, STRANGER, SUBJECT, Manu
 ACTIVE = ("n0", "n1", "n2")
 
 
-def entry(name: str, url: str, *, status: str = "active", custodian: bool = False) -> dict[str, Any]:
-    return {
-        "name": name,
-        "organisation": "ward",
-        "host": "127.0.0.1",
-        "p2p_port": 1,
-        "api_url": url,
-        "producer_key": b"",
-        "producer_possession": b"",
-        "custodian_key": CUSTODIAN.public_key if custodian else b"",
-        "status": status,
-        "since_height": 1,
-    }
+def entry(name: str, url: str, *, status: Literal["active", "removed"] = "active", custodian: bool = False) -> NodeRow:
+    key = CUSTODIAN.public_key if custodian else b""
+    return NodeRow(name, "ward", "127.0.0.1", 1, url, b"", b"", key, status, 1)
 
 
 class Town:
@@ -49,15 +40,12 @@ class Town:
         """Let the state name these nodes; n2 is a custodian, n0 is none any more."""
         names = list(active)
         urls = self.addresses | addresses
-        values: dict[bytes, Any] = {flat("membership", b"nodes"): sorted(names)}
+        values = {NODES.flat: NODES.encode(sorted(names))}
         for name in urls:
-            status = "active" if name in names else "removed"
-            values[flat("membership", b"node/" + name.encode())] = entry(
-                name, urls[name], status=status, custodian=name == "n2"
-            )
-        organisation = {"name": "ward", "ca_certificate": "THE AUTHORITY", "status": "active", "since_height": 0}
-        values[flat("membership", b"org/ward")] = organisation
-        await self.ledger.extend(writes={key: encode_value(value) for key, value in values.items()})
+            status: Literal["active", "removed"] = "active" if name in names else "removed"
+            values[NODE.key(name)] = NODE.encode(entry(name, urls[name], status=status, custodian=name == "n2"))
+        values[ORGANISATION.key("ward")] = ORGANISATION.encode(OrganisationRow("ward", "THE AUTHORITY", "active", 0))
+        await self.ledger.extend(writes=values)
 
     def pin(self, **urls: str) -> bytes:
         """What a client keeps that knows these addresses from the beginning."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -13,6 +13,8 @@ from clients.sdk.trust import ProvedState
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.settings import ChainSettings, Epoch
+from consensus.state.keys import to_value
+from consensus.state.membership import NODE, NODES, NodeRow
 from tests.unit.node.api.small_network import SUBJECT
 
 KEYS = [PrivateKey(bytes([number]) * 32).public_key for number in range(1, 6)]
@@ -61,14 +63,18 @@ async def test_three_of_four_producers_are_a_quorum(codes: tuple[str, ...], expe
     assert await hear_quorum(Nodes(*codes), SUBJECT) is expected  # type: ignore[arg-type]
 
 
+def put_node(nodes: Nodes, number: int, key: bytes, status: Literal["active", "removed"]) -> None:
+    row = NodeRow(f"n{number}", "ward", "127.0.0.1", 1, "http://127.0.0.1:2", key, b"", b"", status, 1)
+    nodes.state[NODE.key(row.name)] = to_value(row)
+
+
 async def test_who_produces_is_told_by_the_state_and_counts_once() -> None:
     nodes = Nodes("", "", "", "", "")
-    nodes.state[b"membership\x00nodes"] = ["n0", "n1", "n2", "n3"]
+    nodes.state[NODES.flat] = ["n0", "n1", "n2", "n3"]
     for number, seat in enumerate((0, 0, 1, 2)):
-        row = {"name": f"n{number}", "producer_key": KEYS[seat], "status": "active" if number < 3 else "removed"}
-        nodes.state[b"membership\x00node/n%d" % number] = row
+        put_node(nodes, number, KEYS[seat], "active" if number < 3 else "removed")
     assert await hear_quorum(nodes, SUBJECT) is False  # type: ignore[arg-type]
-    nodes.state[b"membership\x00node/n3"]["status"] = "active"
+    put_node(nodes, 3, KEYS[2], "active")
     assert await hear_quorum(nodes, SUBJECT) is True  # type: ignore[arg-type]
 
 

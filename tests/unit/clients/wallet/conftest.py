@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar
 
 import click
 import msgspec
@@ -26,14 +26,17 @@ from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
-from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.commitments import ciphertext_leaves
 from consensus.records.owner_keys import open_visit_keys
 from consensus.records.renditions import Rendition
+from consensus.state.audit import COUNT, ENTRY, EntryRow
+from consensus.state.keys import Prefix, to_value
+from consensus.state.records import RECORD, VISIT, RecordRow, VisitRow
 
 NOW_MS = 1_800_000_000_000
+T = TypeVar("T")
 ROBOT = PrivateKey(bytes([6] * 32)).public_key
 CHEAP = PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN)
 
@@ -106,7 +109,7 @@ class FakeNetwork:
     def __init__(self) -> None:
         self.state: dict[bytes, Any] = {}
         self.announced: list[Announcement] = []
-        self.trails: dict[bytes, list[dict[str, Any]]] = {}
+        self.trails: dict[bytes, list[EntryRow]] = {}
         self.custody = FakeCustody({"node-1": {}, "node-2": {}})
         self.calls: list[tuple[bytes, str, str, list[Any]]] = []
         self.asked: list[tuple[str, bytes]] = []
@@ -120,10 +123,6 @@ class FakeNetwork:
         self.asked.extend((flat.decode("latin-1"), key.public_key) for flat in keys)
         assert len(keys) <= 128
         return ProvedState(height=9, timestamp_ms=NOW_MS, values={flat: self.state.get(flat) for flat in keys})
-
-    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
-        flat = contract.encode() + b"\x00" + state_key
-        return (await self.state_values([flat], key)).values[flat]
 
     async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:
         raise AssertionError(f"the wallet asked for {contract}.{view}, which no node can prove")
@@ -169,8 +168,7 @@ class World:
         self.network.announced.append(
             Announcement(number, visit.owner, visit.ephemeral, visit.view_tag, NOW_MS - NOW_MS % 300_000, ROBOT)
         )
-        self.network.state[b"records\x00visit/" + visit.owner] = {"status": "open", "record_count": 0}
-        self.network.trails[visit.owner] = []
+        self.put_visit(visit.owner, "open")
         return VisitChain(
             owner=visit.owner,
             ephemeral=visit.ephemeral,
@@ -195,17 +193,15 @@ class World:
             self.network.announced.append(
                 Announcement(number, clip.owner, clip.ephemeral, clip.view_tag, clip.visit_bucket_ms, robot)
             )
-            self.network.state[b"records\x00visit/" + clip.owner] = {"status": "open", "record_count": 0}
-            self.network.trails[clip.owner] = []
-        self.network.state[b"records\x00record/" + upload.record_id] = {
-            "owner": clip.owner,
-            "status": "active",
-            "sealed_metadata": clip.sealed_metadata,
-            "commitment_root": clip.commitment_root,
-            "ciphertext_root": clip.ciphertext_root,
-            "expires_at_ms": clip.expires_at_ms,
-            "erased_frames": [],
-        }
+            self.put_visit(clip.owner, "open")
+        self.put_record(
+            upload.record_id,
+            clip.owner,
+            commitment_root=clip.commitment_root,
+            ciphertext_root=clip.ciphertext_root,
+            sealed_metadata=clip.sealed_metadata,
+            expires_at_ms=clip.expires_at_ms,
+        )
         self.append_audit(clip.owner, "recorded", upload.record_id)
         pairs = zip(upload.ciphertexts, upload.sealed_keys, strict=True)
         download = ClipDownload(
@@ -226,37 +222,48 @@ class World:
         clips[record_id] = msgspec.structs.replace(clips[record_id], frames=frames)
 
     def close_visit(self, visit: VisitChain) -> None:
-        self.network.state[b"records\x00visit/" + visit.owner] = {
-            "status": "closed",
-            "record_count": visit.record_count,
-        }
+        self.put_visit(visit.owner, "closed", visit.record_count)
+
+    def put(self, rows: Prefix[T], row: T, *parts: bytes | int) -> None:
+        """Let a row stand on the chain."""
+        self.network.state[rows.key(*parts)] = to_value(row)
+
+    def change(self, rows: Prefix[Any], *parts: bytes | int, **changes: Any) -> None:
+        """Let a row that stands there have other fields."""
+        row = rows.convert(self.network.state[rows.key(*parts)])
+        self.put(rows, msgspec.structs.replace(row, **changes), *parts)
+
+    def put_visit(self, owner: bytes, status: Literal["open", "closed"], record_count: int = 0) -> None:
+        """Let a visit stand on the chain."""
+        row = VisitRow(ROBOT, ROBOT, 0, 0, "demo", status, record_count, 1, 0)
+        self.put(VISIT, row, owner)
+        self.network.trails.setdefault(owner, [])
+
+    def put_record(self, record_id: bytes, owner: bytes, **fields: Any) -> None:
+        """Let a record stand on the chain."""
+        row = RecordRow(owner, ROBOT, b"", b"", b"", NOW_MS, NOW_MS, 1, bytes(32), "active", [], [])
+        self.put(RECORD, msgspec.structs.replace(row, **fields), record_id)
 
     def write_audit(self, visit: VisitChain, kinds: list[str], height: int = 1) -> None:
         for kind in kinds:
             self.append_audit(visit.owner, kind, height=height)
 
-    def append_audit(self, owner: bytes, kind: str, record_id: bytes = b"", *, height: int = 1) -> None:
+    def append_audit(
+        self, owner: bytes, kind: str, record_id: bytes = b"", *, height: int = 1, data: dict[str, Any] | None = None
+    ) -> None:
         trail = self.network.trails[owner]
         index = len(trail)
-        trail.append(
-            {
-                "record_id": record_id,
-                "kind": kind,
-                "time": NOW_MS + index,
-                "height": height + 2 * index,
-                "data": {},
-            }
-        )
-        self.network.state[b"audit\x00count/" + owner] = len(trail)
-        self.network.state[b"audit\x00entry/" + owner + u32(index)] = trail[-1]
+        trail.append(EntryRow(record_id, kind, NOW_MS + index, height + 2 * index, data or {}))
+        self.put(COUNT, len(trail), owner)
+        self.put(ENTRY, trail[-1], owner, index)
 
     def withhold(self, owner: bytes, record_id: bytes) -> None:
         """Let the robot never have brought this record to the chain."""
-        del self.network.state[b"records\x00record/" + record_id]
-        kept = [entry for entry in self.network.trails[owner] if entry["record_id"] != record_id]
+        del self.network.state[RECORD.key(record_id)]
+        kept = [entry for entry in self.network.trails[owner] if entry.record_id != record_id]
         self.network.trails[owner] = []
         for entry in kept:
-            self.append_audit(owner, entry["kind"], entry["record_id"])
+            self.append_audit(owner, entry.kind, entry.record_id)
 
 
 @pytest.fixture

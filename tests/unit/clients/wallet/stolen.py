@@ -111,10 +111,6 @@ class Chain:
         values = {flat: None if data is None else decode_value(data) for flat, data in found.items()}
         return ProvedState(height=self.hospital.height, timestamp_ms=self.hospital.time_ms, values=values)
 
-    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
-        flat = contract.encode() + b"\x00" + state_key
-        return (await self.state_values([flat], key)).values[flat]
-
     async def announcements(self, first: int, key: PrivateKey) -> AnnouncementPage:
         self._open_session(key, member=True)
         count = self.hospital.value("records", b"announcement-count") or 0

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
@@ -16,8 +17,22 @@ from clients.wallet import cli as wallet_cli
 from clients.wallet.breaches import Breaches, breach_json
 from clients.wallet.rights import Rights, write_correction
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u64
 from consensus.records.rights import BREACH_NOTIFY_MS, Correction, commit_correction
+from consensus.state.rights import (
+    BREACH,
+    BREACH_COUNT,
+    BREACH_NUMBER,
+    CORRECTION,
+    CORRECTION_COUNT,
+    QUARANTINE,
+    RESTRICTION,
+    AssessedRow,
+    BreachRow,
+    ClosedRow,
+    CorrectionRow,
+    NotifiedRow,
+    RestrictionRow,
+)
 from tests.unit.clients.wallet.conftest import NOW_MS, ROBOT, World
 from tests.unit.clients.wallet.test_rights import Saying
 
@@ -31,23 +46,24 @@ class Header:
 
 
 def put_breach(world: World, breach_id: bytes, number: int, owner: bytes, **changes: Any) -> None:
-    state = {
-        "number": number,
-        "owner": owner,
-        "robot": ROBOT,
-        "org": "hospital",
-        "kind": "wrong-person",
-        "status": "opened",
-        "risk": "",
-        "opened_ms": NOW_MS,
-        "due_ms": NOW_MS + BREACH_NOTIFY_MS,
-        "assessed": None,
-        "notified": {},
-        "closed": None,
-    }
-    world.network.state[b"rights\x00breach/" + breach_id] = state | changes
-    world.network.state[b"rights\x00breach-number/" + u64(number)] = breach_id
-    world.network.state[b"rights\x00breach-count"] = number + 1
+    due_ms = NOW_MS + BREACH_NOTIFY_MS
+    row = BreachRow(
+        number,
+        owner,
+        ROBOT,
+        "hospital",
+        "wrong-person",
+        "opened",
+        "",
+        NOW_MS,
+        due_ms,
+        assessed=None,
+        notified={},
+        closed=None,
+    )
+    world.put(BREACH, msgspec.structs.replace(row, **changes), breach_id)
+    world.put(BREACH_NUMBER, breach_id, number)
+    world.network.state[BREACH_COUNT.flat] = number + 1
 
 
 @pytest.fixture
@@ -70,7 +86,8 @@ def saying(world: World, monkeypatch: pytest.MonkeyPatch) -> Saying:
     return saying
 
 
-ASSESSED = {"time": NOW_MS, "officer": OFFICER, "reason": "matched-wrongly"}
+ASSESSED = AssessedRow(NOW_MS, OFFICER, "matched-wrongly")
+TOLD = NotifiedRow(NOW_MS, OFFICER, "", late=False)
 
 
 async def test_the_clock_is_the_chains_and_says_who_is_overdue(world: World, clock: list[int]) -> None:
@@ -103,7 +120,7 @@ async def test_closing_as_erased_orders_every_record_in_parts(world: World, cloc
     ids = [number.to_bytes(16, "big") for number in range(130)]
     for number, record_id in enumerate(ids):
         status = "erased" if number == 3 else "active"
-        world.network.state[b"records\x00record/" + record_id] = {"status": status, "owner": visit.owner}
+        world.put_record(record_id, visit.owner, status=status)
         world.append_audit(visit.owner, "recorded", record_id)
     world.append_audit(visit.owner, "denied")
     put_breach(world, FIRST, 0, visit.owner, status="assessed", risk="none", assessed=ASSESSED)
@@ -130,7 +147,7 @@ async def test_what_comes_after_an_end_as_erased_is_erased_by_saying_it_again(
     assert clock
     visit = world.open_visit()
     late = b"l" * 16
-    world.network.state[b"records\x00record/" + late] = {"status": "active", "owner": visit.owner}
+    world.put_record(late, visit.owner)
     world.append_audit(visit.owner, "recorded", late)
     put_breach(world, FIRST, 0, visit.owner, status="closed", risk="none", assessed=ASSESSED)
     handling = Breaches(world.wallet)
@@ -143,14 +160,14 @@ async def test_what_comes_after_an_end_as_erased_is_erased_by_saying_it_again(
 
 @pytest.mark.parametrize(
     ("risk", "notified", "assessed"),
-    [("", {}, None), ("risk", {}, ASSESSED), ("high", {"authority": ASSESSED}, ASSESSED)],
+    [("", {}, None), ("risk", {}, ASSESSED), ("high", {"authority": TOLD}, ASSESSED)],
 )
 async def test_nothing_is_erased_of_a_breach_that_cannot_be_closed_yet(
-    world: World, clock: list[int], saying: Saying, risk: str, notified: dict[str, Any], assessed: dict[str, Any] | None
+    world: World, clock: list[int], saying: Saying, risk: str, notified: dict[str, Any], assessed: AssessedRow | None
 ) -> None:
     assert clock
     visit = world.open_visit()
-    world.network.state[b"records\x00record/" + b"r" * 16] = {"status": "active", "owner": visit.owner}
+    world.put_record(b"r" * 16, visit.owner)
     world.append_audit(visit.owner, "recorded", b"r" * 16)
     put_breach(world, FIRST, 0, visit.owner, status="assessed", risk=risk, notified=notified, assessed=assessed)
     handling = Breaches(world.wallet)
@@ -270,9 +287,8 @@ def test_what_is_not_hers_is_named_with_the_next_step(world: World, run: Any) ->
 def test_records_and_audit_say_what_stands(world: World, run: Any) -> None:
     visit = world.open_visit()
     world.record(visit)
-    row = {"ground": "accuracy", "whole": True, "until_ms": 0, "records": []}
-    world.network.state[b"rights\x00restriction/" + visit.owner] = row
-    world.network.state[b"rights\x00quarantine/" + visit.owner] = FIRST
+    world.put(RESTRICTION, RestrictionRow("accuracy", True, 0, 0, [], NOW_MS), visit.owner)
+    world.put(QUARANTINE, FIRST, visit.owner)
     spoken = run("wallet", "records").output
     assert "All of this visit is restricted (accuracy): only you see it." in spoken
     assert "nobody sees it until breach b1b1b1b1b1b1 is decided" in spoken
@@ -285,7 +301,7 @@ def test_records_and_audit_say_what_stands(world: World, run: Any) -> None:
 def test_an_officer_sees_the_clock_and_the_next_step(world: World, clock: list[int], run: Any) -> None:
     assert "There is no open breach." in run("officer", "breaches").output
     put_breach(world, FIRST, 0, b"o" * 33)
-    closed = {**ASSESSED, "outcome": "erased"}
+    closed = ClosedRow(NOW_MS, OFFICER, "erased", "matched-wrongly")
     put_breach(world, SECOND, 1, b"p" * 33, status="closed", risk="none", assessed=ASSESSED, closed=closed)
     clock[0] += BREACH_NOTIFY_MS // 2
     spoken = run("officer", "breaches").output
@@ -299,15 +315,9 @@ def test_an_officer_sees_the_clock_and_the_next_step(world: World, clock: list[i
 def test_a_correction_that_was_handed_over_is_checked(world: World, run: Any, tmp_path: Path) -> None:
     visit = world.open_visit()
     correction = Correction("attribution", "That is [red]my sister.", "ab" * 32, visit.owner.hex(), ["01" * 16])
-    row = {
-        "kind": "attribution",
-        "commitment": commit_correction(correction),
-        "txid": FIRST,
-        "height": 5,
-        "time": NOW_MS,
-    }
-    world.network.state[b"rights\x00correction-count/" + visit.owner] = 1
-    world.network.state[b"rights\x00correction/" + visit.owner + bytes(4)] = row
+    row = CorrectionRow([b"\x01" * 16], "attribution", commit_correction(correction), b"", FIRST, NOW_MS, 5)
+    world.put(CORRECTION_COUNT, 1, visit.owner)
+    world.put(CORRECTION, row, visit.owner, 0)
     file = tmp_path / "correction.json"
     file.write_bytes(write_correction(correction))
     spoken = run("officer", "correction", str(file))
@@ -323,7 +333,7 @@ def test_a_correction_that_was_handed_over_is_checked(world: World, run: Any, tm
     ("state", "step"),
     [
         ({"risk": "risk"}, "notify b1b1b1b1b1b1 --whom authority"),
-        ({"risk": "high", "notified": {"authority": ASSESSED}}, "notify b1b1b1b1b1b1 --whom subjects"),
+        ({"risk": "high", "notified": {"authority": TOLD}}, "notify b1b1b1b1b1b1 --whom subjects"),
         ({"risk": "none"}, "close b1b1b1b1b1b1"),
     ],
 )

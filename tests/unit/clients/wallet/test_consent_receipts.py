@@ -28,6 +28,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.consent_receipts import sign_as_controller, sign_as_person
 from consensus.records.notices import Notice
+from consensus.state.identity import MEMBER
 from network.demo_notice import demo_notice
 from node.api.services import SignedReceipt
 from tests.unit.clients.bundle.receipting import NoticeWard
@@ -340,7 +341,7 @@ async def test_a_receipt_proves_that_who_signed_it_had_registered_her(ward: Noti
     kept = ConsentReceipts(ward.wallet)
     word = (await kept.obtain(await say(ward))).word
     (entry,) = (await kept.all()).entries
-    place = b"identity\x00member/" + word.member
+    place = MEMBER.key(word.member)
     (snapshot,) = entry.state.snapshots
     less = [part for part in snapshot.keys if bytes.fromhex(part.key) != place]
     assert len(less) == len(snapshot.keys) - 1

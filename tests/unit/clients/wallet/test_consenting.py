@@ -60,10 +60,6 @@ class HospitalNetwork:
         values = {flat: None if data is None else decode_value(data) for flat, data in found.items()}
         return ProvedState(self.hospital.height, self.hospital.time_ms, values)
 
-    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
-        flat = contract.encode() + b"\x00" + state_key
-        return (await self.state_values([flat], key)).values[flat]
-
 
 class WalletOf(Person):
     """A person whose keys are a wallet's."""

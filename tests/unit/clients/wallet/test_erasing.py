@@ -29,6 +29,7 @@ from clients.wallet.language import LANGUAGE_VARIABLE
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
+from consensus.state.erasure import REQUEST, ErasureReceiptRow, ErasureRow
 from tests.unit.clients.wallet.conftest import World
 from tests.virtual_time import run_virtual
 
@@ -38,13 +39,16 @@ async def own_visit(world: World) -> KnownVisit:
     return (await world.wallet.scan())[-1]
 
 
-def put_erasure(world: World, erasure_id: bytes, status: str, receipts: dict[bytes, Any]) -> None:
-    world.network.state[b"erasure\x00erasure/" + erasure_id] = {
-        "status": status,
-        "records": [bytes(16)],
-        "custodians": [b"a" * 33, b"b" * 33],
-        "receipts": receipts,
-    }
+Receipts = dict[bytes, ErasureReceiptRow]
+
+
+def said(frames: int = 0, remains: str = "nothing", until_ms: int = 0, time_ms: int = 0) -> ErasureReceiptRow:
+    return ErasureReceiptRow(frames, remains, until_ms, bytes(32), time_ms)
+
+
+def put_erasure(world: World, erasure_id: bytes, status: Any, receipts: Receipts) -> None:
+    row = ErasureRow(b"o" * 33, [bytes(16)], [], [b"a" * 33, b"b" * 33], receipts, status, 0)
+    world.put(REQUEST, row, erasure_id)
 
 
 async def test_whole_records_are_asked_for_by_the_owner_key(world: World) -> None:
@@ -84,11 +88,11 @@ async def test_a_request_that_the_chain_refuses_is_not_noted_as_asked(world: Wor
 
 async def test_a_report_is_complete_only_when_the_chain_says_so(world: World) -> None:
     visit = await own_visit(world)
-    put_erasure(world, b"e" * 32, "requested", {b"a" * 33: {"remains": "nothing"}})
+    put_erasure(world, b"e" * 32, "requested", {b"a" * 33: said()})
     report = await Erasing(world.wallet).report(visit, b"e" * 32)
     assert not report.complete
-    assert list(report.receipts) == [(b"a" * 33).hex()]
-    put_erasure(world, b"e" * 32, "complete", {b"a" * 33: {}, b"b" * 33: {}})
+    assert list(report.state.receipts) == [b"a" * 33]
+    put_erasure(world, b"e" * 32, "complete", {b"a" * 33: said(), b"b" * 33: said()})
     assert (await Erasing(world.wallet).report(visit, b"e" * 32)).complete
 
 
@@ -105,7 +109,7 @@ def test_waiting_ends_with_the_last_receipt(tmp_path: Path) -> None:
     first = world.network.state_values
 
     async def changing(keys: Any, key: Any) -> Any:
-        if any(b"erasure\x00" in flat for flat in keys):
+        if any(map(REQUEST.owns, keys)):
             put_erasure(world, b"e" * 32, next(answers), {})
         return await first(keys, key)
 
@@ -123,7 +127,7 @@ def test_waiting_in_vain_says_how_many_receipts_are_missing(tmp_path: Path) -> N
 
     async def main() -> None:
         visit = await own_visit(world)
-        put_erasure(world, b"e" * 32, "requested", {b"a" * 33: {}})
+        put_erasure(world, b"e" * 32, "requested", {b"a" * 33: said()})
         with pytest.raises(BlockRobotError) as caught:
             await Erasing(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
         assert caught.value.code == "ERASURE_NOT_CONFIRMED"
@@ -141,7 +145,7 @@ def _asked(visit: KnownVisit, frames: list[int]) -> AuditEntry:
     return AuditEntry(visit.owner, 3, b"", "erasure_requested", ASKED_MS, 9, data)
 
 
-async def _described(world: World, receipts: dict[bytes, Any], *, age_ms: int, frames: list[int]) -> AskedErasure:
+async def _described(world: World, receipts: Receipts, *, age_ms: int, frames: list[int]) -> AskedErasure:
     visit = await own_visit(world)
     put_erasure(world, b"e" * 32, "complete" if len(receipts) == 2 else "requested", receipts)
     report = await Erasing(world.wallet).report(visit, b"e" * 32)
@@ -149,7 +153,7 @@ async def _described(world: World, receipts: dict[bytes, Any], *, age_ms: int, f
 
 
 async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World) -> None:
-    told = {"time": ASKED_MS + 400, "destroyed_frames": 12, "remains": "nothing", "remains_until_ms": 0}
+    told = said(12, time_ms=ASKED_MS + 400)
     for age_ms, overdue in ((ERASURE_OVERDUE_AFTER_MS, False), (ERASURE_OVERDUE_AFTER_MS + 1, True)):
         erasure = await _described(world, {b"a" * 33: told}, age_ms=age_ms, frames=[])
         assert [word.overdue for word in erasure.custodians] == [False, overdue]
@@ -162,7 +166,7 @@ async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World
 
 
 async def test_what_remains_of_erased_pictures_is_said_until_when(world: World) -> None:
-    told = {"time": ASKED_MS, "destroyed_frames": 2, "remains": "commitment-leaves", "remains_until_ms": ASKED_MS + 1}
+    told = said(2, "commitment-leaves", ASKED_MS + 1, ASKED_MS)
     erasure = await _described(world, {b"a" * 33: told, b"b" * 33: told}, age_ms=10**9, frames=[0, 1])
     lines = erasure_lines(erasure)
     assert "2 pictures of a record: erased everywhere." in lines[0]
@@ -182,8 +186,8 @@ async def test_a_custodian_without_a_name_is_told_by_its_key(world: World) -> No
 
 
 async def test_in_portuguese_the_same_is_said_with_what_remains_and_who_is_late(world: World) -> None:
-    nothing = {"time": ASKED_MS, "destroyed_frames": 1, "remains": "nothing", "remains_until_ms": 0}
-    leaves = {"time": ASKED_MS, "destroyed_frames": 2, "remains": "commitment-leaves", "remains_until_ms": ASKED_MS + 1}
+    nothing = said(1, time_ms=ASKED_MS)
+    leaves = said(2, "commitment-leaves", ASKED_MS + 1, ASKED_MS)
     names = {b"a" * 33: "node-1 de ward"}
     erasure = await _described(world, {b"a" * 33: nothing}, age_ms=10**9, frames=[])
     head, first, second = erasure_lines(erasure, names, "pt")

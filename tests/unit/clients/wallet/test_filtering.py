@@ -23,6 +23,7 @@ from clients.wallet.language import LANGUAGES, load
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR, RecordMetadata
+from consensus.state.records import RecordRow
 from tests.json_answers import differences
 from tests.unit.clients.wallet.conftest import NOW_MS, World, rendition
 
@@ -38,7 +39,7 @@ def entry(moment: str, number: int = 0, *, robot: bytes = b"\x0a" * 33, sensor: 
     return RecordEntry(
         record_id=number.to_bytes(16, "big"),
         visit=KnownVisit(owner=bytes(33), ephemeral=bytes(33), robot=robot, sequence=0, bucket_ms=0),
-        state={"status": "active", "erased_frames": [], "expires_at_ms": began},
+        state=RecordRow(bytes(33), robot, b"", b"", b"", began, began, 1, bytes(32), "active", [], []),
         metadata=RecordMetadata(sensor, began, began, 1, number, bytes(32), (), 64, 48),
     )
 

@@ -37,6 +37,7 @@ from consensus.records import rights as codes
 from consensus.records.lost_keys import LOST_KEY_REASONS
 from consensus.records.notices import NOTICE_LINES, NoticeRow, PublishedNotice, tell_notice
 from consensus.records.purposes import PURPOSES
+from consensus.state.rights import RestrictionRow
 from network.cli.main import main
 from network.demo_notice import demo_notice
 from tests.unit.clients.wallet.conftest import NOW_MS, World
@@ -87,7 +88,7 @@ def test_rights_are_used_in_portuguese(world: World, saying: Saying, run: Any, t
 
 
 STANDING = VisitRights(
-    {"ground": "accuracy", "whole": False, "until_ms": NOW_MS, "records": [b"1", b"2"]},
+    RestrictionRow("accuracy", False, 0, NOW_MS, [b"1", b"2"], NOW_MS),
     ("research",),
     2,
     BREACH,
@@ -116,8 +117,7 @@ def test_what_stands_of_a_visit_is_said_in_the_language_that_is_asked_for() -> N
 
 def test_the_audit_names_what_happened_in_portuguese_and_tells_a_program_the_codes(world: World, run: Any) -> None:
     visit = world.open_visit()
-    world.append_audit(visit.owner, "restricted")
-    world.network.trails[visit.owner][-1]["data"] = {"ground": "legal-claim", "until_ms": 5}
+    world.append_audit(visit.owner, "restricted", data={"ground": "legal-claim", "until_ms": 5})
     told = run("audit").output
     assert "Limitou o seu uso: só você a vê." in told
     assert "motivo: direito a defender, guardado para além do prazo" in told

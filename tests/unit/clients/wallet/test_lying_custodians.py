@@ -56,7 +56,7 @@ def a_package_of_its_own(answer: SharedDownload, receipt: Receipt, doctor: Walle
         FORGED,
         bytes(24),
         doctor.keys.sealing_public,
-        grantee=receipt.grant.grantee,
+        grantee=receipt.grant.row.grantee,
         record_id=answer.record_id,
         keys={0: FORGED, 1: FORGED},
     )

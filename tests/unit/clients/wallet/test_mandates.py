@@ -34,6 +34,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.consent_receipts import read_word
 from consensus.records.handles import encode_short
+from consensus.state.identity import REMOVED
 from consensus.transaction import decode_transaction
 from tests.json_answers import differences
 from tests.unit.clients.bundle.ward import Patient, Ward
@@ -383,7 +384,7 @@ def test_a_mandate_of_who_is_gone_is_called_active_by_no_wallet(house: House, ru
 def test_nor_is_one_of_an_organisation_that_was_removed_since(
     house: House, run: Run, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    proven, removed = Wallet.values, b"identity\x00removed/ward"
+    proven, removed = Wallet.values, REMOVED.key("ward")
 
     async def values(wallet: Wallet, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
         found = await proven(wallet, keys, session)

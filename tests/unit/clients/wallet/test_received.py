@@ -52,10 +52,10 @@ async def only(receiving: Receiving) -> Receipt:
 
 async def grant_again(ward: SharedWard, receipt: Receipt, records: list[bytes]) -> bytes:
     """Grant records to the very key of a grant before, as no honest wallet does; return the new grant's id."""
-    grant, (visit,) = receipt.grant, await ward.wallet.scan()
-    arguments = [records, grant.grantee, grant.ephemeral, grant.view_tag, grant.member_hash, grant.purpose]
+    row, (visit,) = receipt.grant.row, await ward.wallet.scan()
+    arguments = [records, row.grantee, row.ephemeral, row.view_tag, row.member_hash, row.purpose]
     owner = ward.wallet.owner_key(visit)
-    return ward.chain.must(owner, "access", "grant", *arguments, grant.until_ms).txid
+    return ward.chain.must(owner, "access", "grant", *arguments, row.until_ms).txid
 
 
 def kinds(receipt: Receipt) -> set[str]:
@@ -68,7 +68,7 @@ async def test_the_doctor_sees_what_the_robot_took_and_nothing_else(
     _, ids = ward.record_visit()
     await ward.share(doctor)
     receipt = await only(receiving)
-    assert (receipt.grant.records, receipt.is_open, receipt.notices) == (tuple(ids), True, ())
+    assert (receipt.grant.row.records, receipt.is_open, receipt.notices) == (ids, True, ())
     access_id = await receiving.request_access(receipt, ids)
     for record_id in ids:
         view = await receiving.look(receipt, record_id, access_id)
@@ -145,7 +145,7 @@ async def test_a_grant_whose_key_reads_nothing_any_more_hides_no_other(
     honest = doctor.values
 
     async def refuse_old(keys: Any, session: Any) -> dict[bytes, Any]:
-        if session.public_key == old.grant.grantee:
+        if session.public_key == old.grant.row.grantee:
             raise BlockRobotError("SESSION_REFUSED")
         return await honest(keys, session)
 
@@ -165,7 +165,7 @@ async def test_what_concerns_a_grant_is_asked_in_its_own_session(
     own = key.public_key
     member = doctor.keys.identity.public_key
     about_records = {key for flat, key in wire.asked if flat.startswith((b"records\x00", b"rights\x00"))}
-    assert (about_records, own == receipt.grant.grantee) == ({own}, True)
+    assert (about_records, own == receipt.grant.row.grantee) == ({own}, True)
     assert {key for flat, key in wire.asked if b"grant-number/" in flat} == {member}
     assert len(ids) == 1
     assert key.grant_id == receipt.grant.grant_id, "or no node would open a session"
@@ -181,7 +181,7 @@ async def test_two_grants_of_one_owner_to_one_key_are_both_read_and_looked_at(
     receipts = await receiving.inbox()
     assert [receipt.grant.grant_id for receipt in receipts] == [first.grant.grant_id, twin]
     assert receiving.unread == []
-    assert [receipt.grant.grantee for receipt in receipts] == [first.grant.grantee] * 2
+    assert [receipt.grant.row.grantee for receipt in receipts] == [first.grant.row.grantee] * 2
     access_id = await receiving.request_access(receipts[0], ids)
     view = await receiving.look(receipts[0], ids[0], access_id)
     assert [frame.status for frame in view.frames] == ["ok", "ok"], "the one that was there before is as it was"
@@ -201,7 +201,7 @@ async def test_a_grant_that_cannot_be_read_is_told_with_why_and_hides_no_other(
     code = "NOT_PERMITTED"
 
     async def refuse_bad(keys: Any, session: Any) -> dict[bytes, Any]:
-        if session.public_key == bad.grant.grantee:
+        if session.public_key == bad.grant.row.grantee:
             raise BlockRobotError(code)
         return await honest(keys, session)
 
@@ -288,9 +288,9 @@ async def test_its_time_over_it_is_over(ward: SharedWard, doctor: Wallet, receiv
     ward.record_visit(1)  # a block passes
     receipt = await only(receiving)
     assert (receipt.is_open, receipt.notices) == (False, ()), "who has nothing has nothing to delete"
-    receiving.remember_copy(receipt, receipt.grant.records[0], "/somewhere")
+    receiving.remember_copy(receipt, receipt.grant.row.records[0], "/somewhere")
     receipt = await only(receiving)
-    assert (kinds(receipt), receipt.to_confirm) == ({KIND_ENDED}, list(receipt.grant.records))
+    assert (kinds(receipt), receipt.to_confirm) == ({KIND_ENDED}, list(receipt.grant.row.records))
 
 
 async def test_the_inbox_tells_what_was_erased_since_and_the_owner_sees_it_confirmed(

@@ -74,7 +74,7 @@ def test_without_a_network_it_is_made_all_the_same_and_found_out_later(
         raise BlockRobotError("NODE_UNREACHABLE")
 
     with monkeypatch.context() as cut:
-        cut.setattr(desk.story.chain, "state_value", away)
+        cut.setattr(desk.story.chain, "state_values", away)
         assert restore(desk, "swapped", "old.txt", "new.txt") == (0, "False")
     assert Keystore.open(desk.folder / "swapped.wallet", "tea and lemon cake").content.words == OLD_WORDS
     refused = desk.run("records", "--json", profile="swapped")

@@ -21,6 +21,7 @@ from clients.wallet.rights import (
 )
 from consensus.errors import BlockRobotError
 from consensus.records.rights import commit_correction
+from consensus.state.rights import CORRECTION_COUNT, OBJECTION, QUARANTINE, RESTRICTION, RestrictionRow
 from tests.unit.clients.wallet.conftest import NOW_MS, World
 
 
@@ -92,8 +93,8 @@ async def test_an_objection_speaks_as_the_member_of_recording_and_as_each_owner_
 ) -> None:
     visits = [world.open_visit() for _ in range(5)]
     world.open_visit(world.stranger())
-    world.network.state[b"rights\x00objection/" + visits[0].owner] = {"demo": NOW_MS}
-    world.network.state[b"rights\x00quarantine/" + visits[1].owner] = b"b" * 32
+    world.put(OBJECTION, {"demo": NOW_MS}, visits[0].owner)
+    world.put(QUARANTINE, b"b" * 32, visits[1].owner)
     slept: list[float] = []
 
     async def sleep(seconds: float) -> None:
@@ -243,10 +244,9 @@ async def test_a_visit_is_named_by_a_beginning_that_is_its_own(world: World) -> 
 async def test_records_show_what_stands_of_a_visit(world: World) -> None:
     visit = world.open_visit()
     first, second = world.record(visit), world.record(visit)
-    row = {"ground": "accuracy", "whole": False, "until_ms": 0, "records": [first.upload.record_id]}
-    world.network.state[b"rights\x00restriction/" + visit.owner] = row
-    world.network.state[b"rights\x00objection/" + visit.owner] = {"research": 1, "care": 1}
-    world.network.state[b"rights\x00correction-count/" + visit.owner] = 2
+    world.put(RESTRICTION, RestrictionRow("accuracy", False, 0, 0, [first.upload.record_id], NOW_MS), visit.owner)
+    world.put(OBJECTION, {"research": 1, "care": 1}, visit.owner)
+    world.put(CORRECTION_COUNT, 2, visit.owner)
     (report,) = await world.wallet.records()
     standing = report.standing
     assert (standing.objections, standing.corrections_count, standing.breach_id) == (("care", "research"), 2, b"")
@@ -265,8 +265,7 @@ async def test_the_audit_says_each_right_in_words(world: World, tmp_path: Path) 
     }
     visit = world.open_visit()
     for kind, data in told.items():
-        world.append_audit(visit.owner, kind)
-        world.network.trails[visit.owner][-1]["data"] = data
+        world.append_audit(visit.owner, kind, data=data)
     words = [describe_event(entry.kind, entry.data) for entry in await audit_all(world.wallet)]
     assert words == [
         "ground: legal-claim, kept beyond its time",

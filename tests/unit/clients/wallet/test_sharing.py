@@ -100,11 +100,11 @@ async def test_the_wallet_remembers_with_whom_and_shows_who_looked_by_the_chain(
     assert (share.grant.grant_id, share.looks) == (shared.grant_id, ())
     assert share.name.startswith("Dr Weber (handle ")
     assert share.given is not None
-    assert hash_grant_member(share.given.salt, share.given.handle) == share.grant.member_hash
+    assert hash_grant_member(share.given.salt, share.given.handle) == share.grant.row.member_hash
     receiving = ward.receiving(doctor)
     (receipt,) = await receiving.inbox()
-    access_id = await receiving.request_access(receipt, receipt.grant.records[:1])
-    await receiving.look(receipt, receipt.grant.records[0], access_id)
+    access_id = await receiving.request_access(receipt, receipt.grant.row.records[:1])
+    await receiving.look(receipt, receipt.grant.row.records[0], access_id)
     (share,) = await ward.sharing.shares()
     assert [(look.records_count, look.released_count) for look in share.looks] == [(1, 2)]
 
@@ -126,10 +126,10 @@ async def test_a_name_that_was_given_once_finds_the_same_member_again(ward: Shar
     ward.record_visit()
     await ward.share(doctor)
     again = await ward.sharing.find_grantee("dr weber")
-    assert (again.handle, again.label, again.role) == (doctor.store.content.handle, "Dr Weber", "staff")
+    assert (again.member.handle, again.label, again.member.role) == (doctor.store.content.handle, "Dr Weber", "staff")
     text = doctor.store.content.handle.hex()
     spaced = " ".join(text[start : start + 8] for start in range(0, 64, 8))
-    assert (await ward.sharing.find_grantee(spaced)).handle == again.handle
+    assert (await ward.sharing.find_grantee(spaced)).member == again.member
 
 
 async def test_a_name_never_moves_to_another_person(ward: SharedWard, doctor: Wallet) -> None:
@@ -161,7 +161,7 @@ async def test_nothing_is_shared_with_who_is_neither_staff_nor_officer(ward: Sha
 
 
 async def test_an_officer_may_be_shared_with_and_a_stranger_or_oneself_not(ward: SharedWard) -> None:
-    assert (await ward.grantee(ward.come_in("officer", "officer"))).role == "officer"
+    assert (await ward.grantee(ward.come_in("officer", "officer"))).member.role == "officer"
     with pytest.raises(BlockRobotError, match="SHARE_WITH_NON_MEMBER"):
         await ward.sharing.find_grantee("ab" * 32)
     with pytest.raises(BlockRobotError, match="SHARE_NOT_POSSIBLE"):
@@ -219,7 +219,7 @@ async def test_what_was_ended_is_ended_and_not_twice(ward: SharedWard, doctor: W
     (share,) = await ward.sharing.shares()
     await ward.sharing.revoke(share)
     (share,) = await ward.sharing.shares()
-    assert not share.grant.is_open(ward.chain.time_ms)
+    assert not share.grant.row.is_open(ward.chain.time_ms)
     with pytest.raises(BlockRobotError, match="GRANT_ENDED"):
         await ward.sharing.revoke(share)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import msgspec
 import pytest
@@ -106,7 +107,7 @@ async def test_erased_frames_keep_their_place(world: World) -> None:
     entry = await one_record(world)
     for name in world.network.custody.clips:
         world.change_frame(name, entry.record_id, 0, erased=True, ciphertext=b"", sealed_key=b"")
-    entry.state["erased_frames"] = [0]
+    entry = replace(entry, state=msgspec.structs.replace(entry.state, erased_frames=[0]))
     view = await look(world, entry)
     assert statuses(view) == ["erased", "ok", "ok"]
     assert view.verdict == "verified"
@@ -123,7 +124,7 @@ async def test_a_custodian_cannot_pass_off_as_erased_what_the_chain_does_not_cal
 
 async def test_leaves_that_do_not_lead_to_the_chains_roots_are_no_clip(world: World) -> None:
     entry = await one_record(world)
-    entry.state["ciphertext_root"] = bytes(32)
+    entry = replace(entry, state=msgspec.structs.replace(entry.state, ciphertext_root=bytes(32)))
     with pytest.raises(BlockRobotError) as caught:
         await look(world, entry)
     assert caught.value.code == "PROOF_INVALID"

@@ -14,6 +14,9 @@ from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import seal_metadata
 from consensus.records.metadata import RecordMetadata
+from consensus.state.audit import COUNT
+from consensus.state.identity import MEMBER, MemberRow
+from consensus.state.records import RECORD, VISIT
 from tests.unit.clients.wallet.conftest import World
 
 
@@ -68,8 +71,8 @@ async def test_an_unregistered_wallet_is_told_to_register(world: World) -> None:
 
 async def test_a_restored_wallet_finds_its_registration_on_the_chain(world: World) -> None:
     world.store.content.handle = b""
-    member = b"identity\x00member/" + world.wallet.keys.identity.public_key
-    world.network.state[member] = {"handle": b"h" * 32, "role": "subject", "status": "active"}
+    row = MemberRow(b"h" * 32, "subject", "hospital", b"", b"", b"", "active", 0)
+    world.put(MEMBER, row, world.wallet.keys.identity.public_key)
     assert await world.wallet.records() == []
     assert (world.store.content.handle, world.store.content.role) == (b"h" * 32, "subject")
 
@@ -77,10 +80,10 @@ async def test_a_restored_wallet_finds_its_registration_on_the_chain(world: Worl
 async def test_records_come_in_the_order_in_which_they_were_taken(world: World) -> None:
     visit = world.open_visit()
     ids = [world.record(visit).upload.record_id for _ in range(5)]
-    by_id = sorted(world.network.trails[visit.owner], key=lambda entry: bytes(entry["record_id"]))
+    by_id = sorted(world.network.trails[visit.owner], key=lambda entry: entry.record_id)
     world.network.trails[visit.owner] = []
     for entry in by_id:
-        world.append_audit(visit.owner, entry["kind"], entry["record_id"])
+        world.append_audit(visit.owner, entry.kind, entry.record_id)
     (report,) = await world.wallet.records()
     assert [entry.record_id for entry in report.records] == ids
     assert [entry.metadata.index_in_visit for entry in report.records] == [0, 1, 2, 3, 4]
@@ -113,7 +116,7 @@ async def test_no_node_is_asked_for_a_list_that_it_could_shorten(world: World) -
     world.append_audit(visit.owner, "access_requested", ids[0])
     (report,) = await world.wallet.records()
     assert [entry.record_id for entry in report.records] == ids
-    assert f"audit\x00count/{visit.owner.decode('latin-1')}" in [what for what, _ in world.network.asked]
+    assert COUNT.key(visit.owner).decode("latin-1") in [what for what, _ in world.network.asked]
 
 
 async def test_a_record_exchanged_for_one_outside_the_chain_is_noticed(world: World) -> None:
@@ -144,7 +147,7 @@ async def test_erased_records_are_named_and_not_called_missing(world: World) -> 
     ids = [world.record(visit).upload.record_id for _ in range(4)]
     world.close_visit(visit)
     for record_id in ids[1:3]:
-        world.network.state[b"records\x00record/" + record_id].update(status="erased", sealed_metadata=b"")
+        world.change(RECORD, record_id, status="erased", sealed_metadata=b"")
     (report,) = await world.wallet.records()
     assert set(report.erased_ids) == set(ids[1:3])
     assert (len(report.records), report.missing_count) == (2, 0)
@@ -154,7 +157,7 @@ async def test_a_record_that_a_robot_sealed_wrongly_hides_no_other(world: World)
     visit = world.open_visit()
     ids = [world.record(visit).upload.record_id for _ in range(3)]
     world.close_visit(visit)
-    world.network.state[b"records\x00record/" + ids[1]]["sealed_metadata"] = bytes(560)
+    world.change(RECORD, ids[1], sealed_metadata=bytes(560))
     (report,) = await world.wallet.records()
     assert [entry.record_id for entry in report.records] == [ids[0], ids[2]]
     assert (report.unreadable_ids, report.missing_count) == ((ids[1],), 0)
@@ -175,9 +178,10 @@ async def test_what_a_robot_says_that_no_terminal_and_no_calendar_takes_is_unrea
     visit = world.open_visit()
     ids = [world.record(visit).upload.record_id for _ in range(2)]
     world.close_visit(visit)
-    state = world.network.state[b"records\x00record/" + ids[1]]
-    said = decode(world.wallet.open_metadata(state["sealed_metadata"])[0], RecordMetadata)
-    state["sealed_metadata"] = seal_metadata(visit.sealing, encode(msgspec.structs.replace(said, **change)))
+    row = RECORD.convert(world.network.state[RECORD.key(ids[1])])
+    said = decode(world.wallet.open_metadata(row.sealed_metadata)[0], RecordMetadata)
+    sealed = seal_metadata(visit.sealing, encode(msgspec.structs.replace(said, **change)))
+    world.change(RECORD, ids[1], sealed_metadata=sealed)
     (report,) = await world.wallet.records()
     assert [entry.record_id for entry in report.records] == [ids[0]]
     assert (report.unreadable_ids, report.missing_count) == ((ids[1],), 0)
@@ -185,7 +189,7 @@ async def test_what_a_robot_says_that_no_terminal_and_no_calendar_takes_is_unrea
 
 async def test_a_visit_that_is_proven_absent_is_no_visit(world: World) -> None:
     visit = world.open_visit()
-    del world.network.state[b"records\x00visit/" + visit.owner]
+    del world.network.state[VISIT.key(visit.owner)]
     with pytest.raises(BlockRobotError) as caught:
         await world.wallet.records()
     assert caught.value.code == "PROOF_INVALID"

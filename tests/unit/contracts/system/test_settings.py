@@ -10,7 +10,8 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from consensus.settings import ChainSettings, check_settings
-from consensus.upload_quotas import QUOTA_NAMES, QUOTA_PREFIX, UploadQuotas, read_quotas
+from consensus.state.settings import QUOTA
+from consensus.upload_quotas import QUOTA_NAMES, UploadQuotas, read_quotas
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
 
@@ -47,7 +48,7 @@ def test_quotas_of_uploads_have_the_defaults_that_custodians_take_and_make_no_ne
         consortium.agree_setting(name, 7 + number)
         assert consortium.view("settings", "in_force")[name] == 7 + number
     assert consortium.boundaries == []
-    read = {QUOTA_PREFIX + name.encode(): encode_value(7 + number) for number, name in enumerate(QUOTA_NAMES)}
+    read = {QUOTA.key(name): encode_value(7 + number) for number, name in enumerate(QUOTA_NAMES)}
     assert read_quotas(read.get) == UploadQuotas(*range(7, 7 + len(QUOTA_NAMES)))
     assert read_quotas({}.get) == UploadQuotas()
 

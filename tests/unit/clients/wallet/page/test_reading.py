@@ -15,9 +15,8 @@ from clients.wallet.page import snapshot as snapshots
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR
+from consensus.state.records import RECORD
 from tests.unit.clients.wallet.page.conftest import Desk
-
-RECORD_KEY = b"records\x00record/"
 
 
 async def test_a_recording_that_comes_in_is_news_and_shows(desk: Desk) -> None:
@@ -75,7 +74,7 @@ async def test_of_a_visit_that_goes_on_only_the_record_that_came_in_is_read(
     monkeypatch.setattr(wallet, "values", note)
     ids.append(desk.ward.record(visit))
     await desk.read()
-    records = [key.removeprefix(RECORD_KEY) for key in asked if key.startswith(RECORD_KEY)]
+    records = [RECORD.split(key)[0] for key in asked if RECORD.owns(key)]
     assert records == ids[-1:]
     assert list(desk.session.snapshot.entries) == ids
 
@@ -87,7 +86,7 @@ async def test_of_a_visit_in_which_something_was_erased_every_record_is_read_aga
     await Erasing(desk.session.wallet).request_each([desk.session.snapshot.entry(ids[0])], [])
     ids.append(desk.ward.record(visit))
     await desk.read()
-    statuses = [desk.session.snapshot.entry(record_id).state["status"] for record_id in ids]
+    statuses = [desk.session.snapshot.entry(record_id).state.status for record_id in ids]
     assert statuses == ["erasing", "active", "active"]
 
 
