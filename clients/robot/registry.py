@@ -6,25 +6,23 @@ Two numbers on the chain tell whether anything changed; while they stay, one sma
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from clients.sdk.rows import PROOF_KEYS_MAX_COUNT
 from clients.sdk.quorum import AskingClient, hear_quorum, is_turned_away
-from clients.sdk.trust import ProvedState
+from clients.sdk.rows import ProvingClient, in_session
 from consensus.primitives.keys import PrivateKey
-from consensus.records.consents import CHANGES_KEY, IDENTITY_CHANGES_KEY, Choices, read_choices, row_key
+from consensus.records.consents import Choices, read_choices
 from consensus.records.roster import RosterRow
+from consensus.state import consent, identity
+from consensus.state.consent import CHOICES
+from consensus.state.identity import HANDLE, MEMBER, MemberRow
 
-_COUNTS = (IDENTITY_CHANGES_KEY, CHANGES_KEY)
+_COUNTS = (identity.CHANGES.flat, consent.CHANGES.flat)
 
 
-class ProvingClient(Protocol):
-    """What proves values of the state: `clients.sdk.http.NetworkClient`."""
-
-    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
-        """Return proved values of up to 128 flat keys, all from one finalized state."""
+class RegistryClient(ProvingClient, Protocol):
+    """What the registry is read with: `clients.sdk.http.NetworkClient`."""
 
     async def catch_up(self, key: PrivateKey) -> object:
         """Ask every node for the newest final header, and go on with the node that has it."""
@@ -69,7 +67,7 @@ class Reading:
 class RegistryReader:
     """Reads the registry for the people of one roster, in the robot's own session."""
 
-    def __init__(self, client: ProvingClient, key: PrivateKey, rows: tuple[RosterRow, ...]) -> None:
+    def __init__(self, client: RegistryClient, key: PrivateKey, rows: tuple[RosterRow, ...]) -> None:
         self._client = client
         self._key = key
         self._rows = rows
@@ -91,26 +89,21 @@ class RegistryReader:
         return Reading(state.height, state.timestamp_ms, counts, people)
 
     async def _read_whole(self) -> dict[bytes, Choices]:
-        handles = [b"identity\x00handle/" + row.handle for row in self._rows]
-        owners = await self._proved(handles)
-        members = await self._proved([b"identity\x00member/" + owner for owner in owners.values() if owner is not None])
-        choices = await self._proved([row_key(row.handle) for row in self._rows])
+        read = in_session(self._client, self._key)
+        handles = [row.handle for row in self._rows]
+        values = await read([HANDLE.key(handle) for handle in handles])
+        owners = {handle: HANDLE.among(values, handle) for handle in handles}
+        members = await read([MEMBER.key(owner) for owner in owners.values() if owner is not None])
+        choices = await read([CHOICES.key(handle) for handle in handles])
         found = {}
-        for row, place in zip(self._rows, handles, strict=True):
-            owner = owners[place]
-            member = members[b"identity\x00member/" + owner] if owner is not None else None
+        for row in self._rows:
+            owner = owners[row.handle]
+            member = None if owner is None else MEMBER.among(members, owner)
             if member is not None and _agrees(row, member):
-                found[row.handle] = read_choices(choices[row_key(row.handle)])
-        return found
-
-    async def _proved(self, flat_keys: list[bytes]) -> dict[bytes, Any]:
-        found: dict[bytes, Any] = {}
-        for start in range(0, len(flat_keys), PROOF_KEYS_MAX_COUNT):
-            part = flat_keys[start : start + PROOF_KEYS_MAX_COUNT]
-            found.update((await self._client.state_values(part, self._key)).values)
+                found[row.handle] = read_choices(choices[CHOICES.key(row.handle)])
         return found
 
 
-def _agrees(row: RosterRow, state: dict[str, Any]) -> bool:
-    told = (row.handle, row.spend, row.view, row.sealing, "active")
-    return told == tuple(state[name] for name in ("handle", "spend", "view", "sealing", "status"))
+def _agrees(row: RosterRow, member: MemberRow) -> bool:
+    keys = (member.handle, member.spend, member.view, member.sealing)
+    return member.is_active and keys == (row.handle, row.spend, row.view, row.sealing)

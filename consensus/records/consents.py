@@ -12,8 +12,6 @@ from typing import Any
 GIVEN = "given"
 STEPS_MAX_COUNT = 2
 _STEP_TYPES = [int, str, int, int, int, bytes]
-CHANGES_KEY = b"consent\x00changes"
-IDENTITY_CHANGES_KEY = b"identity\x00changes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +31,6 @@ class Step:
 
 
 Choices = dict[tuple[str, str], tuple[Step, ...]]
-
-
-def row_key(handle: bytes) -> bytes:
-    """Return the flat key of a person's choices, by her handle (32 bytes)."""
-    return b"consent\x00of/" + handle
 
 
 def read_choices(value: Any) -> Choices:

@@ -12,8 +12,11 @@ from clients.robot.rosters import RosterBook
 from clients.sdk.trust import ProvedState
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from consensus.records.consents import CHANGES_KEY, IDENTITY_CHANGES_KEY, row_key
 from consensus.records.roster import Roster
+from consensus.state import consent, identity
+from consensus.state.consent import CHOICES
+from consensus.state.identity import HANDLE, MEMBER, MemberRow
+from consensus.state.keys import to_value
 
 ROBOT = PrivateKey(bytes([5] * 32))
 PERSON_KEY = bytes(range(32))
@@ -33,17 +36,12 @@ class RegistryStandIn:
         self.cut_off = False
         self.others_serve = False
         self.quorums_asked = 0
-        self.state: dict[bytes, Any] = {IDENTITY_CHANGES_KEY: 1, CHANGES_KEY: 1}
+        self.state: dict[bytes, Any] = {identity.CHANGES.flat: 1, consent.CHANGES.flat: 1}
         for number, row in enumerate(roster.rows):
             member = b"M%32d" % number
-            self.state[b"identity\x00handle/" + row.handle] = member
-            self.state[b"identity\x00member/" + member] = {
-                "handle": row.handle,
-                "spend": row.spend,
-                "view": row.view,
-                "sealing": row.sealing,
-                "status": "active",
-            }
+            self.state[HANDLE.key(row.handle)] = member
+            known = MemberRow(row.handle, "subject", "ward", row.spend, row.view, row.sealing, "active", 0)
+            self.state[MEMBER.key(member)] = to_value(known)
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         await asyncio.sleep(0.002)
@@ -88,19 +86,17 @@ class RegistryStandIn:
     ) -> None:
         """Write what holds from the next block on, or from `height`."""
         self.block()
-        row = self.state.setdefault(row_key(handle), {})
+        row = self.state.setdefault(CHOICES.key(handle), {})
         since = self.time_ms if since_ms is None else since_ms
         step = [self.height + 1 if height is None else height, status, since, from_ms, until_ms, b""]
         steps = row.setdefault(purpose, {}).get(sensor, [])
         row[purpose][sensor] = [*[one for one in steps if one[0] <= self.height][-1:], step]
-        self.state[CHANGES_KEY] += 1
+        self.state[consent.CHANGES.flat] += 1
 
     def leave(self, handle: bytes) -> None:
-        member = self.state[b"identity\x00handle/" + handle]
-        self.state[b"identity\x00member/" + member] = {
-            "handle": handle, "spend": b"", "view": b"", "sealing": b"", "status": "left",
-        }  # fmt: skip
-        self.state[IDENTITY_CHANGES_KEY] += 1
+        gone = MemberRow(handle, "subject", "ward", b"", b"", b"", "left", 0)
+        self.state[MEMBER.key(self.state[HANDLE.key(handle)])] = to_value(gone)
+        self.state[identity.CHANGES.flat] += 1
 
 
 def consents_on(registry: RegistryStandIn, roster: Roster, stale_after_ms: int = STALE_AFTER_MS) -> Consents:

@@ -21,8 +21,10 @@ from clients.robot.consents import (
 )
 from clients.robot.spool import SpooledClip
 from consensus.errors import BlockRobotError
-from consensus.records.consents import CHANGES_KEY, IDENTITY_CHANGES_KEY, row_key
 from consensus.records.roster import ROSTER_VERSION, Roster, RosterRow
+from consensus.state import consent, identity
+from consensus.state.consent import CHOICES
+from consensus.state.identity import HANDLE, MEMBER
 from tests.unit.clients.robot.registry_stand_in import PERSON_KEY, ROBOT, RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_spool import clip
 from tests.virtual_time import run_virtual, virtual_now_ms
@@ -30,7 +32,7 @@ from tests.virtual_time import run_virtual, virtual_now_ms
 ANN, BEN = b"a" * 32, b"b" * 32
 DAY_MS = 24 * 3600 * 1000
 STEP_MS = 300_000
-COUNTS = [IDENTITY_CHANGES_KEY, CHANGES_KEY]
+COUNTS = [identity.CHANGES.flat, consent.CHANGES.flat]
 
 
 def row(handle: bytes) -> RosterRow:
@@ -107,7 +109,7 @@ async def test_a_person_of_whom_the_chain_says_otherwise_than_the_roster_is_not_
     for handle in (ANN, BEN):
         ward.registry.say(handle)
     member = ward.registry.state[b"identity\x00handle/" + ANN]
-    ward.registry.state[b"identity\x00member/" + member]["sealing"] = b"?" * 32
+    ward.registry.state[MEMBER.key(member)]["sealing"] = b"?" * 32
     await ward.consents.refresh()
     assert (len(ward.consents), ward.refusal(ANN), ward.refusal(BEN)) == (1, Refusal.NO_CONSENT, None)
 
@@ -224,12 +226,12 @@ async def test_the_registry_is_asked_for_whole_and_only_when_it_changed(ward: Wa
     """What is asked for never depends on who stands before the robot."""
     ward.registry.say(ANN)
     await ward.consents.refresh()
-    members = [ward.registry.state[b"identity\x00handle/" + handle] for handle in (ANN, BEN)]
+    members = [ward.registry.state[HANDLE.key(handle)] for handle in (ANN, BEN)]
     whole = [
         *COUNTS,
-        *(b"identity\x00handle/" + handle for handle in (ANN, BEN)),
-        *(b"identity\x00member/" + member for member in members),
-        *(row_key(handle) for handle in (ANN, BEN)),
+        *(HANDLE.key(handle) for handle in (ANN, BEN)),
+        *(MEMBER.key(member) for member in members),
+        *(CHOICES.key(handle) for handle in (ANN, BEN)),
     ]
     assert ward.registry.asked == whole
     ward.registry.asked.clear()
@@ -246,7 +248,7 @@ async def test_now_and_then_everything_is_read_though_no_number_says_so(ward: Wa
     """The numbers are kept by a contract that may one day have a fault."""
     ward.registry.say(ANN)
     await ward.consents.refresh()
-    ward.registry.state[row_key(ANN)]["demo"]["depth"][-1][1] = "withdrawn"
+    ward.registry.state[CHOICES.key(ANN)]["demo"]["depth"][-1][1] = "withdrawn"
     await ward.consents.refresh()
     assert ward.refusal() is None
     await asyncio.sleep(READ_WHOLE_EVERY_MS / 1000)
