@@ -10,13 +10,14 @@ import json
 import os
 import secrets
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from clients.sdk.http import NetworkClient
 from clients.sdk.pin_file import PIN_FILE, open_pinned_client
+from clients.sdk.rows import Read, in_session, proved_row, put_query
 from clients.sdk.transactions import Clock, SystemClock
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -31,6 +32,7 @@ from consensus.records.roster import (
     seal_roster,
 )
 from consensus.records.vouchers import encode_card_code, issue_card
+from consensus.state.identity import HANDLE, MEMBER, MemberRow, member_with
 
 CARD_LIFETIME_DEFAULT_MS = 14 * 24 * 3600 * 1000
 _CARDS_FILE = "cards.json"
@@ -126,13 +128,11 @@ class Desk:
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             return self._keep(await self._states(client))
 
-    def _keep(self, states: list[tuple[CardEntry, dict[str, Any] | None]]) -> int:
+    def _keep(self, states: list[tuple[CardEntry, MemberRow | None]]) -> int:
         """Keep cards of active members, and those whose code can still register; return how many went."""
         now = self._clock.now_ms()
         gone = {
-            card.handle
-            for card, state in states
-            if (card.not_after_ms < now if state is None else state["status"] != "active")
+            card.handle for card, state in states if (card.not_after_ms < now if state is None else not state.is_active)
         }
         if gone:
             self._save([card for card in self.cards() if card.handle not in gone])
@@ -143,15 +143,16 @@ class Desk:
         normal = uid.strip().upper()
         handle = next((card.handle for card in self.cards() if card.uid == normal), None)
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
-            found = handle and await client.state_value("identity", b"handle/" + bytes.fromhex(handle), self.key)
-        if not found:
-            raise BlockRobotError("NOT_FOUND", "No card of this tag registered anybody.")
-        return bytes(found)
+            if handle is not None:
+                found = await proved_row(self._read(client), HANDLE, bytes.fromhex(handle))
+                if found is not None:
+                    return found
+        raise BlockRobotError("NOT_FOUND", "No card of this tag registered anybody.")
 
     async def find_role(self, member: bytes) -> str:
         """Return the role of an active member, as the chain proves it. Raises NOT_FOUND."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
-            return str((await self._active(client, member))["role"])
+            return (await self._active(client, member)).role
 
     async def revoke(self, member: bytes) -> Revoked:
         """End a membership of this organisation: a stolen robot, a lost key. Its card is taken off the list.
@@ -160,9 +161,9 @@ class Desk:
         """
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             state = await self._active(client, member)
-            receipt = await client.call(self.key, "identity", "revoke", [state["handle"]])
-        self._save([card for card in self.cards() if card.handle != state["handle"].hex()])
-        return Revoked(receipt.txid, str(state["role"]))
+            receipt = await client.call(self.key, "identity", "revoke", [state.handle])
+        self._save([card for card in self.cards() if card.handle != state.handle.hex()])
+        return Revoked(receipt.txid, state.role)
 
     async def name_robot(self, robot: bytes, name: str, place: str) -> bytes:
         """Put a robot's name and place on the chain, for everybody to read; return the txid.
@@ -171,14 +172,17 @@ class Desk:
         """
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             state = await self._active(client, robot)
-            receipt = await client.call(self.key, "identity", "name_robot", [state["handle"], name, place])
+            receipt = await client.call(self.key, "identity", "name_robot", [state.handle, name, place])
         return receipt.txid
 
-    async def _active(self, client: NetworkClient, member: bytes) -> dict[str, Any]:
-        state = await client.state_value("identity", b"member/" + member, self.key)
-        if state is None or state["status"] != "active":
+    def _read(self, client: NetworkClient) -> Read:
+        return in_session(client, self.key)
+
+    async def _active(self, client: NetworkClient, member: bytes) -> MemberRow:
+        state = await proved_row(self._read(client), MEMBER, member)
+        if state is None or not state.is_active:
             raise BlockRobotError("NOT_FOUND", "There is no active member with this key.")
-        return dict(state)
+        return state
 
     def _save(self, cards: list[CardEntry]) -> None:
         temporary = self._folder / f".{_CARDS_FILE}.tmp"
@@ -198,14 +202,14 @@ class Desk:
         """
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             states = await self._states(client)
-            robot_state = await client.state_value("identity", b"member/" + robot, self.key)
-        if robot_state is None or robot_state["role"] != "robot" or robot_state["status"] != "active":
+            robot_state = await proved_row(self._read(client), MEMBER, robot)
+        if robot_state is None or robot_state.role != "robot" or not robot_state.is_active:
             raise BlockRobotError("NOT_FOUND", "There is no active robot with this key.")
         self._keep(states)
         members = [
             (card, state)
             for card, state in states
-            if state is not None and state["status"] == "active" and card.role in _RECORDED_ROLES
+            if state is not None and state.is_active and card.role in _RECORDED_ROLES
         ]
         key = secrets.token_bytes(ROSTER_KEY_BYTES)
         now = self._clock.now_ms()
@@ -218,24 +222,21 @@ class Desk:
             not_after_ms=now + ROSTER_LIFETIME_MAX_MS,
             rows=tuple(self._row(key, card, state) for card, state in members),
         )
-        return seal_roster(roster, self.key, robot_state["sealing"]), len(roster.rows)
+        return seal_roster(roster, self.key, robot_state.sealing), len(roster.rows)
 
-    async def _states(self, client: NetworkClient) -> list[tuple[CardEntry, dict[str, Any] | None]]:
+    async def _states(self, client: NetworkClient) -> list[tuple[CardEntry, MemberRow | None]]:
         """Return each card with its member's proved state; None if its code was not used yet."""
-        found = []
-        for card in self.cards():
-            member = await client.state_value("identity", b"handle/" + bytes.fromhex(card.handle), self.key)
-            state = None if member is None else await client.state_value("identity", b"member/" + member, self.key)
-            found.append((card, state))
-        return found
+        read = self._read(client)
+        handles = [(card, bytes.fromhex(card.handle)) for card in self.cards()]
+        return [(card, await put_query(read, partial(member_with, handle=handle))) for card, handle in handles]
 
     @staticmethod
-    def _row(key: bytes, card: CardEntry, state: dict[str, Any]) -> RosterRow:
+    def _row(key: bytes, card: CardEntry, state: MemberRow) -> RosterRow:
         return RosterRow(
             tag=roster_tag(key, card.uid),
             handle=bytes.fromhex(card.handle),
-            spend=state["spend"],
-            view=state["view"],
-            sealing=state["sealing"],
+            spend=state.spend,
+            view=state.view,
+            sealing=state.sealing,
             proof=b"",
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 import stat
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,10 +18,13 @@ from rich.console import Console
 from clients.registrar.cli import card
 from clients.registrar.desk import CARD_LIFETIME_DEFAULT_MS, Desk
 from clients.sdk.pin_file import PIN_FILE
+from clients.sdk.trust import ProvedState
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.roster import Roster, open_roster, roster_tag
 from consensus.records.vouchers import decode_card_code, recover_registrar
+from consensus.state.identity import HANDLE, MEMBER, MemberRow
+from consensus.state.keys import to_value
 from tests.unit.clients.wallet.conftest import NOW_MS, make_genesis
 
 REGISTRAR = PrivateKey(bytes([2] * 32))
@@ -118,7 +122,7 @@ def test_an_empty_uid_and_an_unknown_role_make_no_card(desk: Desk) -> None:
 class FakeClient:
     """A network's proven state, asked in the registrar's session."""
 
-    state: dict[tuple[str, bytes], Any] = {}  # noqa: RUF012 - set anew by each test
+    state: dict[bytes, Any] = {}  # noqa: RUF012 - set anew by each test
     calls: list[tuple[str, list[Any]]] = []  # noqa: RUF012 - set anew by each test
 
     def __init__(self, genesis: object, path: Path) -> None:
@@ -137,42 +141,36 @@ class FakeClient:
         if entry != "revoke":
             return SimpleNamespace(txid=b"n" * 32)
         (handle,) = arguments
-        self.state[("identity", b"member/" + self.state[("identity", b"handle/" + handle)])]["status"] = "revoked"
+        self.state[MEMBER.key(self.state[HANDLE.key(handle)])]["status"] = "revoked"
         return SimpleNamespace(txid=b"t" * 32)
 
-    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         assert key.public_key == REGISTRAR.public_key
-        return self.state.get((contract, state_key))
+        return ProvedState(1, NOW_MS, {flat: self.state.get(flat) for flat in keys})
 
 
 def member_state(
-    role: str, status: str = "active", sealing: bytes = bytes(32), handle: bytes = bytes(32)
+    role: str, status: Any = "active", sealing: bytes = bytes(32), handle: bytes = bytes(32)
 ) -> dict[str, Any]:
-    keys = [PrivateKey(secrets.token_bytes(32)).public_key for _ in range(2)]
-    return {
-        "handle": handle,
-        "role": role,
-        "status": status,
-        "spend": keys[0],
-        "view": keys[1],
-        "sealing": sealing,
-    }
+    spend, view = (PrivateKey(secrets.token_bytes(32)).public_key for _ in range(2))
+    row: dict[str, Any] = to_value(MemberRow(handle, role, "hospital", spend, view, sealing, status, 0))
+    return row
 
 
 @pytest.fixture
-def chain(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, bytes], Any]:
+def chain(monkeypatch: pytest.MonkeyPatch) -> dict[bytes, Any]:
     robot = member_state("robot", sealing=bytes(ROBOT_SEALING.public_key))
     FakeClient.calls = []
-    FakeClient.state = {("identity", b"member/" + ROBOT): robot}
+    FakeClient.state = {MEMBER.key(ROBOT): robot}
     monkeypatch.setattr("clients.registrar.desk.open_pinned_client", FakeClient)
     return FakeClient.state
 
 
-def register(desk: Desk, chain: dict[tuple[str, bytes], Any], uid: str, role: str, **state: Any) -> bytes:
+def register(desk: Desk, chain: dict[bytes, Any], uid: str, role: str, **state: Any) -> bytes:
     handle = decode_card_code(desk.issue(uid, role)).handle
     member = secrets.token_bytes(33)
-    chain[("identity", b"handle/" + handle)] = member
-    chain[("identity", b"member/" + member)] = member_state(role, handle=handle, **state)
+    chain[HANDLE.key(handle)] = member
+    chain[MEMBER.key(member)] = member_state(role, handle=handle, **state)
     return handle
 
 
@@ -215,7 +213,7 @@ async def test_two_rosters_cannot_be_joined_by_their_tags(desk: Desk, chain: dic
 
 @pytest.mark.parametrize("change", [{"role": "subject"}, {"status": "revoked"}])
 async def test_only_an_active_robot_gets_a_roster(desk: Desk, chain: dict[Any, Any], change: dict[str, str]) -> None:
-    chain[("identity", b"member/" + ROBOT)].update(change)
+    chain[MEMBER.key(ROBOT)].update(change)
     with pytest.raises(BlockRobotError) as caught:
         await desk.make_roster(ROBOT)
     assert code_of(caught) == "NOT_FOUND"
