@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from consensus.records.envelopes import open_data_key, open_frame
+from consensus.state.access import GRANT
 from network.attack.custody import CustodyStory
 from network.attack.evidence import Evidence
-from network.attack.grants import GRANT_PREFIX, link_grants, name_grantees, read_grants
+from network.attack.grants import link_grants, name_grantees, read_grants
 from network.attack.insiders import (
     Opened,
     StoredFrame,
@@ -108,7 +109,7 @@ def _attack_grants(evidence: Evidence, custody: CustodyStory) -> Rate:
     keys = [played.holders[number].keys for number in numbers]
     people = [(each.identity.public_key, each.spend.public_key, each.view.public_key) for each in keys]
     handles = [played.holders[number].handle for number in numbers]
-    grants = read_grants(dict(played.chain.state.scan(GRANT_PREFIX, len(custody.grantees) + 1)))
+    grants = read_grants(dict(played.chain.state.scan(GRANT.flat, len(custody.grantees) + 1)))
     named = name_grantees(grants, people, handles, played.chain.chain_id)
     right = {grant_id for grant_id, place in named.items() if custody.grantees[grant_id] == numbers[place]}
     right.update(grant_id for pair in link_grants(grants) for grant_id in pair)

@@ -13,7 +13,6 @@ from typing import Any
 from consensus.block import Receipt
 from consensus.genesis import ChainSettings, Genesis, NodeEntry, Organisation
 from consensus.limits import TIME_BUCKET_MS, TRANSACTION_LIFETIME_MAX_MS
-from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import PrivateKey
 from consensus.records.purposes import PURPOSES
@@ -116,11 +115,6 @@ class Chain:
         block = Block(height, now_ms, kept, result.receipts)
         self.blocks.append(block)
         return block
-
-    def value(self, contract: str, key: bytes) -> Any:
-        """Return a decoded value of the state as it is now, or None."""
-        data = self.state.get(contract.encode() + b"\x00" + key)
-        return None if data is None else decode_value(data)
 
 
 def _build_genesis(registrar: bytes, custodian: bytes) -> Genesis:

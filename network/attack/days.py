@@ -14,10 +14,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from clients.sdk.announcements import Announcement
 from clients.wallet.rights import SPREAD_MAX_MS
 from clients.wallet.visits import find_own_visits, owner_key
 from consensus.records.clips import ClipUpload
+from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 from network.attack.chain import START_MS, Chain
 from network.attack.household import PURPOSE, Holder, Unit, make_holder, make_roster, make_unit, publics_of, register
 from network.attack.population import DAY_MS, HOUR_MS, ROUND_WINDOW_MS, ROUNDS_AT_HOUR, Population, Stay
@@ -185,8 +188,9 @@ class _Days:
     async def open_wallet(self, holder: Holder, day: int) -> None:
         await self.until((day + 1) * DAY_MS + EVENING_HOUR * HOUR_MS + self.dice.randrange(HOUR_MS))
         address = f"10.0.{holder.person.number // 250}.{holder.person.number % 250 + 1}"
-        announced = [self.chain.value("records", b"announcement/" + n.to_bytes(8, "big")) for n in range(self.count())]
-        items = [Announcement(number, *fields) for number, fields in enumerate(announced)]
+        announced = [self.chain.state.get(ANNOUNCEMENT.key(number)) or b"" for number in range(self.count())]
+        rows = enumerate(map(ANNOUNCEMENT.decode, announced))
+        items = [Announcement(number, *msgspec.structs.astuple(row)) for number, row in rows]
         keys = holder.keys
         self.sessions.append(SessionSeen(self.chain.now_ms(), address, keys.identity.public_key))
         found = find_own_visits(items, keys, self.chain.chain_id)
@@ -211,7 +215,7 @@ class _Days:
 
     def count(self) -> int:
         """How many visits were announced."""
-        return int(self.chain.value("records", b"announcement-count") or 0)
+        return ANNOUNCEMENT_COUNT.read(self.chain.state) or 0
 
 
 def finish(loop: SimLoop, work: Coroutine[Any, Any, None]) -> None:

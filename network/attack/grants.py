@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from consensus.primitives.encoding import decode_value, u64
+from consensus.primitives.encoding import u64
 from consensus.primitives.hashing import sha256
 from consensus.records.sharing import hash_grant_member
+from consensus.state.access import GRANT, GrantRow
 from network.attack.ledger_view import VisitSeen
 from network.attack.naming import PublicKeys, name_visits
-
-GRANT_PREFIX = b"access\x00grant/"
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,13 +22,13 @@ class GrantSeen:
     """A grant as every reader of the chain's state has it."""
 
     grant_id: bytes
-    entry: Mapping[str, Any]
+    entry: GrantRow
 
 
 def read_grants(state: Mapping[bytes, bytes]) -> list[GrantSeen]:
     """Return the grants among flat rows of a state, by id."""
-    rows = sorted((key, value) for key, value in state.items() if key.startswith(GRANT_PREFIX))
-    return [GrantSeen(key[len(GRANT_PREFIX) :], decode_value(value)) for key, value in rows]
+    keys = sorted(filter(GRANT.owns, state))
+    return [GrantSeen(GRANT.split(key)[0], GRANT.decode(state[key])) for key in keys]
 
 
 def name_grantees(
@@ -38,14 +36,14 @@ def name_grantees(
 ) -> dict[bytes, int]:
     """Return with whom each grant is (place in `people` and `handles`, by grant id), of those that a guess names."""
     named: dict[bytes, int] = {}
-    seen = {grant.entry["grantee"]: grant.grant_id for grant in grants}
+    seen = {grant.entry.grantee: grant.grant_id for grant in grants}
     visits = [_as_visit(grant.entry) for grant in grants]
     for grantee, place in name_visits(visits, people, chain_id).items():
         named[seen[grantee]] = place
     for grant in grants:
         hashes = {hash_grant_member(salt, handle): handle for salt in _salts(grant) for handle in handles}
-        if grant.entry["member_hash"] in hashes:
-            named[grant.grant_id] = handles.index(hashes[grant.entry["member_hash"]])
+        if grant.entry.member_hash in hashes:
+            named[grant.grant_id] = handles.index(hashes[grant.entry.member_hash])
     return named
 
 
@@ -55,22 +53,22 @@ def link_grants(grants: Sequence[GrantSeen]) -> set[frozenset[bytes]]:
     for field in ("grantee", "ephemeral", "member_hash"):
         by_value: dict[bytes, list[bytes]] = {}
         for grant in grants:
-            by_value.setdefault(grant.entry[field], []).append(grant.grant_id)
+            by_value.setdefault(getattr(grant.entry, field), []).append(grant.grant_id)
         for ids in by_value.values():
             linked.update(frozenset((ids[0], other)) for other in ids[1:])
     return linked
 
 
-def _as_visit(entry: Mapping[str, Any]) -> VisitSeen:
+def _as_visit(entry: GrantRow) -> VisitSeen:
     """A grant seen as a visit: the visit's owner key stands where a visit has its robot's."""
     return VisitSeen(
-        owner=entry["grantee"],
-        ephemeral=entry["ephemeral"],
-        view_tag=entry["view_tag"],
-        robot=entry["owner"],
-        bucket_ms=entry["until_ms"],
-        at_ms=entry["time"],
-        height=entry["height"],
+        owner=entry.grantee,
+        ephemeral=entry.ephemeral,
+        view_tag=entry.view_tag,
+        robot=entry.owner,
+        bucket_ms=entry.until_ms,
+        at_ms=entry.time,
+        height=entry.height,
         position=0,
     )
 
@@ -80,5 +78,5 @@ def _salts(grant: GrantSeen) -> Iterator[bytes]:
     entry = grant.entry
     yield bytes(32)
     yield grant.grant_id
-    for public in (entry["grantee"], entry["ephemeral"], entry["owner"], u64(entry["until_ms"]), *entry["records"]):
+    for public in (entry.grantee, entry.ephemeral, entry.owner, u64(entry.until_ms), *entry.records):
         yield sha256(public)

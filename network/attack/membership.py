@@ -16,6 +16,7 @@ import numpy as np
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
+from consensus.state.identity import MEMBER
 from consensus.transaction import TransactionBody, TransactionWire
 from network.attack.chain import Chain
 from network.attack.days import Played, day_of
@@ -174,7 +175,7 @@ def probe_standing(played: Played, *, seed: int) -> Rate:
 
 
 def _has_standing(chain: Chain, key: bytes) -> bool:
-    return chain.value("identity", b"member/" + key) is not None
+    return MEMBER.has(chain.state, key)
 
 
 def _answers(table: SessionTable, pool: Mempool, chain: Chain, key: bytes) -> tuple[str, str]:

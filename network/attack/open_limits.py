@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from consensus.state.identity import MEMBER
 from network.attack.days import Played, SessionSeen, day_of
 from network.attack.ledger_view import LedgerView, VisitSeen
 from network.attack.population import HOUR_MS
@@ -133,7 +134,7 @@ def attack_session_times(played: Played, *, seed: int) -> Rate:
 
 
 def _is_member(played: Played, session: SessionSeen) -> bool:
-    return played.chain.value("identity", b"member/" + session.key) is not None
+    return MEMBER.has(played.chain.state, session.key)
 
 
 def _judge_sessions(played: Played, name: Callable[[SessionSeen], bytes | None], *, seed: int) -> Rate:

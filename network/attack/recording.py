@@ -22,10 +22,13 @@ from clients.robot.sealing import ClipContent, seal_clip
 from clients.robot.spool import Spool, SpooledClip
 from clients.robot.visits import VisitBook
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
 from consensus.records.clips import ClipUpload
 from consensus.records.consents import find_consent, read_choices
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
 from consensus.records.roster import RosterRow
+from consensus.state.consent import CHOICES
+from consensus.state.records import VISIT
 from consensus.transaction import Transaction
 from network.attack.chain import Chain, Final
 from network.attack.household import PURPOSE, Unit
@@ -55,7 +58,7 @@ class RobotLink:
 
     async def knows_visit(self, owner: bytes) -> bool:
         """See `DeliveryNetwork`."""
-        return self._chain.value("records", b"visit/" + owner) is not None
+        return VISIT.has(self._chain.state, owner)
 
     async def upload(self, upload: ClipUpload) -> None:
         """See `DeliveryNetwork`."""
@@ -114,7 +117,8 @@ class RobotDay:
 
     def consents(self, handle: bytes) -> bool:
         """Tell whether the chain shows her consent now."""
-        choices = read_choices(self.chain.value("consent", b"of/" + handle))
+        data = self.chain.state.get(CHOICES.key(handle))
+        choices = {} if data is None else read_choices(decode_value(data))
         return find_consent(choices.get((PURPOSE, SENSOR), ()), len(self.chain.blocks)) is not None
 
     def see(self, uid: str, sizes: tuple[int, ...], sequence: int) -> SpooledClip | None:

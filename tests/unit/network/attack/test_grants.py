@@ -8,7 +8,8 @@ from typing import Any
 from consensus.primitives.encoding import u64
 from consensus.primitives.hashing import sha256
 from consensus.records.sharing import GRANT_STEP_MS, hash_grant_member, open_grant_keys
-from network.attack.grants import GRANT_PREFIX, link_grants, name_grantees, read_grants
+from consensus.state.access import GRANT
+from network.attack.grants import link_grants, name_grantees, read_grants
 from network.attack.naming import PublicKeys
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person
 
@@ -31,7 +32,7 @@ class Ward:
         return self.hospital.must(self.visit.key, "access", "grant", *words, "care", self.until_ms).txid
 
     def attack(self) -> tuple[dict[bytes, int], set[frozenset[bytes]]]:
-        grants = read_grants(dict(self.hospital.state.scan(GRANT_PREFIX, 100)))
+        grants = read_grants(dict(self.hospital.state.scan(GRANT.flat, 100)))
         people: list[PublicKeys] = [
             (nurse.identity.public_key, nurse.spend.public_key, nurse.view.public_key) for nurse in self.nurses
         ]
