@@ -51,7 +51,7 @@ def find_kinds(item: pytest.Item) -> Iterator[str]:
         yield "browser"
     if {"mongo_uri", "driver_sockets"} & set(fixtures) or store not in {None, "sqlite"}:
         yield "mongo"
-    if item.path.name.startswith("test_ros"):
+    if folder == "robot_live" and item.path.name.startswith("test_ros"):
         yield "ros"
 
 
