@@ -53,11 +53,8 @@ class ConsentReceipts:
         receipts = None if place is None else snapshot.receipts(place.height)
         if place is None or block is None or receipts is None:
             raise BlockRobotError("NOT_FOUND", "No final transaction of this id is kept here.")
-        transaction = next(
-            (each for each in map(decode_transaction, block.transactions) if each.txid == txid),
-            None,
-        )
-        if transaction is None or transaction.body.sender != caller:
+        transaction = decode_transaction(block.transactions[place.index])
+        if transaction.txid != txid or transaction.body.sender != caller:
             raise BlockRobotError("NOT_FOUND", "No final transaction of this id is the caller's.")
         word = read_word(
             transaction,

@@ -72,21 +72,49 @@ REQUEST_COSTS: Mapping[RequestKind, int] = {
 """Answering a peer's request, besides the bytes of the answer."""
 
 ROUTE_DEFAULT_US = 500
+"""A plain request, with all that HTTP takes."""
+STRAY_US = ROUTE_DEFAULT_US
+"""An answer that is of no route: no such path or method, or no HTTP at all."""
 ROUTE_COSTS: Mapping[str, int] = {
+    "getGenesis": ROUTE_DEFAULT_US,
+    "getOpenApi": ROUTE_DEFAULT_US,
     "submitTransactions": 500,
+    "getTransaction": ROUTE_DEFAULT_US,
     "createSessionChallenge": 600,
     "createSession": 1_000,
     "deleteSession": 400,
+    "getFinality": ROUTE_DEFAULT_US,
+    "getEpochs": ROUTE_DEFAULT_US,
+    "getHeaders": 1_000,
     "proveState": 3_000,
     "proveNotices": 5_000,
-    "queryContract": 3_000,
     "signConsentReceipt": 2_000,
+    "queryContract": 3_000,
+    "listAnnouncements": 1_000,
+    "streamEvents": 1_000,
+    "listEvents": 1_000,
     "downloadSharedClip": 3_000,
     "uploadKeyPart": 2_000,
     "uploadClip": 3_000,
+    "downloadClip": ROUTE_DEFAULT_US,
     "putBackground": 3_000,
+    "getBackground": ROUTE_DEFAULT_US,
+    "listBlocks": 1_000,
+    "getBlock": 1_000,
+    "listContracts": ROUTE_DEFAULT_US,
+    "getContract": ROUTE_DEFAULT_US,
+    "getExplorerStatus": ROUTE_DEFAULT_US,
+    "listExplorerHeaders": ROUTE_DEFAULT_US,
+    "getExplorerHeader": ROUTE_DEFAULT_US,
+    "getExplorerEpoch": ROUTE_DEFAULT_US,
+    "listExplorerProducers": ROUTE_DEFAULT_US,
+    "explainRefusal": ROUTE_DEFAULT_US,
+    "redirectToExplorer": ROUTE_DEFAULT_US,
+    "getExplorer": ROUTE_DEFAULT_US,
+    "getExplorerFile": ROUTE_DEFAULT_US,
+    "getSharedFile": ROUTE_DEFAULT_US,
 }
-"""By operation: every route that takes a body or changes something. All others cost `ROUTE_DEFAULT_US`."""
+"""By operation, what is paid before a request begins. What it turns out to take beyond that is measured and paid too."""
 
 
 def bytes_cost_us(size_bytes: int) -> int:

@@ -47,7 +47,21 @@ class _BlockShape(msgspec.Struct, array_like=True, frozen=True):
     transactions: tuple[msgspec.Raw, ...]
 
 
+class _ReceiptsShape(msgspec.Struct, array_like=True, frozen=True):
+    """Stored `Receipts`, each left as it is."""
+
+    receipts: tuple[msgspec.Raw, ...]
+
+
+class _ReceiptShape(msgspec.Struct, array_like=True, frozen=True):
+    """A stored `Receipt`, of which only its transaction's id is read."""
+
+    txid: bytes
+
+
 _read_shape = msgspec.msgpack.Decoder(_BlockShape).decode
+_read_receipts_shape = msgspec.msgpack.Decoder(_ReceiptsShape).decode
+_read_receipt_shape = msgspec.msgpack.Decoder(_ReceiptShape).decode
 
 
 class DecodedSnapshot:
@@ -99,6 +113,25 @@ class DecodedSnapshot:
         """Return the receipts of the block of this height, or None."""
         data = self._snapshot.receipts(height)
         return None if data is None else decode(data, Receipts).receipts
+
+    def block_bytes(self, height: int) -> bytes | None:
+        """Return the bytes of the finalized block of this height, or None."""
+        return self._snapshot.block(height)
+
+    def receipt_bytes(self, height: int) -> Sequence[tuple[bytes, bytes]] | None:
+        """Return the txid and the bytes of each receipt of the block of this height, or None. Raises STORAGE_DAMAGED."""
+        data = self._snapshot.receipts(height)
+        if data is None:
+            return None
+        try:
+            return [(_read_receipt_shape(raw).txid, bytes(raw)) for raw in _read_receipts_shape(data).receipts]
+        except msgspec.MsgspecError:
+            raise BlockRobotError("STORAGE_DAMAGED", f"The receipts of the ledger's block {height} are none.") from None
+
+    def receipt(self, height: int, index: int) -> Receipt | None:
+        """Return one receipt of the block of this height, without looking at the others, or None."""
+        data = self._snapshot.receipts(height)
+        return None if data is None else decode(bytes(_read_receipts_shape(data).receipts[index]), Receipt)
 
     def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]:
         """Return up to `limit` events with height and index among their block's, from this place on, in order."""

@@ -202,7 +202,7 @@ async def serve(
     listener: socket.socket,
     max_count: int,
     stop_ms: int,
-    kind: type[Connection] = Connection,
+    kind: Callable[[Any, ConnectionTable, asyncio.AbstractEventLoop], Connection] = Connection,
 ) -> AsyncIterator[None]:
     """Serve an application on a listener, to no more than `max_count` connections at once, while the context lasts.
 

@@ -1,34 +1,40 @@
 """The aiohttp application of one node's HTTP interface. Must never run a handler before its access rule.
 
-One function handles every route: it limits, authorises, calls, and turns whatever goes wrong into a problem document.
-The log names the route, never the address asked for: addresses hold ids.
+One function handles every route: it limits, authorises, calls, charges, and turns whatever goes wrong into a problem
+document; what is of no route is answered for the price of one. The log names the route, never the address asked for:
+addresses hold ids.
 """
 
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import time
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
 
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
+from consensus.genesis import genesis_to_json
 from node.api.access import Access
 from node.api.bodies import Bodies
+from node.api.metering import Meter, Metered, Readings
 from node.api.openapi import build_openapi
 from node.api.problems import problem_from_fault, problem_from_http, problem_response
-from node.api.rate_limit import RateLimiter, RefusalDelay, Turns, is_over_budget, source_of
+from node.api.rate_limit import RateLimiter, RefusalDelay, Tab, Turns, is_over_budget, source_of
 from node.api.routes import ROUTES
+from node.api.routes.genesis import GENESIS_KEY
 from node.api.routes.openapi import DOCUMENT_KEY
 from node.api.routing import Call, Route
-from node.api.server import name_server, refuse_expectation
+from node.api.server import STRAY_KEY, meet_expectation, name_server, require_expectation
 from node.api.services import ApiServices
 from node.api.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
-from node.budget import Source
-from node.costs import ROUTE_COSTS, ROUTE_DEFAULT_US
+from node.costs import ROUTE_COSTS, STRAY_US, bytes_cost_us
 
 OPEN_REQUESTS_MAX_COUNT = 4096
+_EVERY_PATH = "/{path}"
 _log = logging.getLogger("node.api")
 _WebHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -58,6 +64,7 @@ class _Gate:
         self._turns = Turns(services.note_over)
         self._bodies = Bodies(services.note_over)
         self._refusals = RefusalDelay()
+        self._readings = Readings(services.ledger)
         self._open_count = 0
 
     def _session_of(self, request: web.Request) -> Session | None:
@@ -79,10 +86,10 @@ class _Gate:
             return None
         return session
 
-    def _authorise(self, route: Route, request: web.Request) -> tuple[Session | None, Source]:
+    def _authorise(self, route: Route, request: web.Request) -> tuple[Session | None, Tab]:
         """Return the session, if there is one, and who pays. A caller who fails to identify pays as a stranger."""
         stranger = source_of(request.remote, None)
-        cost_us = ROUTE_COSTS.get(route.operation, ROUTE_DEFAULT_US)
+        cost_us = ROUTE_COSTS[route.operation]
         try:
             if route.access.asks_session(is_public=self._services.public_explorer):
                 session = self._session_of(request)
@@ -93,25 +100,54 @@ class _Gate:
             self._limiter.take(stranger, cost_us)
             raise
         source = stranger if session is None else source_of(request.remote, session)
-        self._limiter.take(source, cost_us)
-        return session, source
+        return session, self._limiter.take(source, cost_us)
 
     async def run(self, route: Route, request: web.Request) -> web.StreamResponse:
-        """Authorise and answer one request. Raises BlockRobotError for a refusal."""
+        """Authorise, answer and charge one request. Raises BlockRobotError for a refusal."""
+        meter = Meter()
+        async with self._open():
+            response = await Metered(self._call(route, request, meter), meter)
+        if isinstance(response, web.Response) and isinstance(response.body, bytes):
+            meter.add(bytes_cost_us(len(response.body)))
+        return response
+
+    async def _call(self, route: Route, request: web.Request, meter: Meter) -> web.StreamResponse:
+        session, tab = self._authorise(route, request)
+        cost_us = ROUTE_COSTS[route.operation]
+        meter.pay_by(tab, cost_us)
+        require_expectation(request)
+        await self._turns.wait(tab.source, cost_us)
+        tab.require()  # what was begun before it may have cost more than its price
+        with self._bodies.of(tab.source) as hold:
+            return await route.handler(
+                Call(self._services, self._sessions, request, route, session, tab, hold, meter, self._readings)
+            )
+
+    async def admit_stray(self, remote: str | None) -> None:
+        """Let somebody pay for an answer that is of no route. Raises RATE_LIMITED."""
+        async with self._open():
+            source = source_of(remote, None)
+            self._limiter.take(source, STRAY_US)
+            await self._turns.wait(source, STRAY_US)
+
+    @asynccontextmanager
+    async def _open(self) -> AsyncIterator[None]:
+        """Count what is open, and let whoever is over his budget wait for his refusal."""
         if self._open_count >= OPEN_REQUESTS_MAX_COUNT:
             raise BlockRobotError("RATE_LIMITED", "The node has as many open requests as it takes.")
         self._open_count += 1
         try:
-            session, source = self._authorise(route, request)
-            await self._turns.wait(source, ROUTE_COSTS.get(route.operation, ROUTE_DEFAULT_US))
-            with self._bodies.of(source) as hold:
-                return await route.handler(Call(self._services, self._sessions, request, route, session, source, hold))
+            yield
         except BlockRobotError as error:
             if is_over_budget(error):
                 await self._refusals.wait()
             raise
         finally:
             self._open_count -= 1
+
+    async def stop(self, _application: web.Application) -> None:
+        """Read nothing more."""
+        self._readings.stop()
 
 
 async def _answer(name: str, work: Awaitable[web.StreamResponse]) -> web.StreamResponse:
@@ -135,7 +171,7 @@ async def _answer(name: str, work: Awaitable[web.StreamResponse]) -> web.StreamR
 
 @web.middleware
 async def _problem_middleware(request: web.Request, handler: _WebHandler) -> web.StreamResponse:
-    """Cover what never reaches a route: unknown paths and methods."""
+    """Turn every failure into a problem document."""
     resource = request.match_info.route.resource
     name = f"{request.method} {resource.canonical if resource else 'unknown'}"
     return await _answer(name, handler(request))
@@ -152,13 +188,35 @@ def _bind(gate: _Gate, route: Route) -> _WebHandler:
     return handle
 
 
+def _bind_stray(gate: _Gate, application: web.Application) -> _WebHandler:
+    """Return what answers where there is no route, or not for this method: for the price of one."""
+
+    async def handle(request: web.Request) -> web.StreamResponse:
+        await gate.admit_stray(request.remote)
+        require_expectation(request)
+        allowed: set[str] = set()
+        for resource in application.router.resources():
+            if resource.canonical != _EVERY_PATH:
+                allowed |= (await resource.resolve(request))[1]
+        if allowed:
+            raise web.HTTPMethodNotAllowed(request.method, sorted(allowed))
+        raise web.HTTPNotFound
+
+    return handle
+
+
 def create_api(services: ApiServices, routes: tuple[Route, ...] = ROUTES) -> web.Application:
     """Return the application that serves `/v1` of one node. Raises CONFIGURATION_INVALID for a route without a rule."""
     require_rules(routes)
     application = web.Application(middlewares=[_problem_middleware])
     application.on_response_prepare.append(_prepare)
-    application[DOCUMENT_KEY] = build_openapi(routes)
+    application[DOCUMENT_KEY] = json.dumps(build_openapi(routes)).encode()
+    application[GENESIS_KEY] = genesis_to_json(services.genesis).encode()
     gate = _Gate(services)
     for route in routes:
-        application.router.add_route(route.method, route.path, _bind(gate, route), expect_handler=refuse_expectation)
+        application.router.add_route(route.method, route.path, _bind(gate, route), expect_handler=meet_expectation)
+    stray = _bind_stray(gate, application)
+    application.router.add_route("*", "/{path:.*}", stray, expect_handler=meet_expectation)
+    application[STRAY_KEY] = gate.admit_stray
+    application.on_cleanup.append(gate.stop)
     return application

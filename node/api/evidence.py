@@ -8,64 +8,75 @@ client can follow the parent ids.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from consensus.block import Block, EpochProof, FinalityProof, Receipt
+from consensus.block import EpochProof, FinalityProof, Header
 from consensus.errors import BlockRobotError
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
-from consensus.primitives.encoding import decode, encode
-from consensus.primitives.hashing import tagged_hash
+from consensus.primitives.encoding import decode
+from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.merkle import merkle_proof
 from node.api.documents import Finality, TransactionEvidence, finality_document
+from node.api.metering import Steps
 from node.api.services import LedgerSnapshot, TransactionPlace
 
 _HEADERS_MAX_COUNT = 2 * UNFINALIZED_BLOCKS_MAX_COUNT
 
 
-def _proof_from_blocks(block: Block, snapshot: LedgerSnapshot) -> FinalityProof | None:
-    """Return the proof of `block`: a boundary's own, or one out of the two blocks above it, or None if they make none."""
-    header = block.header
+def _header(snapshot: LedgerSnapshot, height: int) -> tuple[bytes, Header] | None:
+    data = snapshot.header_bytes(height)
+    return None if data is None else (data, decode(data, Header))
+
+
+def _proof_from_headers(snapshot: LedgerSnapshot, header_bytes: bytes, header: Header) -> FinalityProof | None:
+    """Return a block's proof: a boundary's own, or one out of the two headers above it, or None if they make none."""
     if header.is_boundary:
         data = snapshot.epoch_proof(header.epoch + 1)
         return None if data is None else decode(data, EpochProof).finality
-    child, grandchild = snapshot.block(header.height + 1), snapshot.block(header.height + 2)
+    child, grandchild = _header(snapshot, header.height + 1), _header(snapshot, header.height + 2)
     if child is None or grandchild is None:
         return None
-    child_header, qc = child.header, grandchild.header.qc
-    if child_header.round != header.round + 1 or qc.block_id != child.block_id:
+    (child_bytes, child_header), qc = child, grandchild[1].qc
+    if child_header.round != header.round + 1 or qc.block_id != sha256(child_bytes):
         return None
     if child_header.epoch != header.epoch or qc.epoch != header.epoch:
         return None
-    return FinalityProof(header_bytes=block.header_bytes, child_header_bytes=child.header_bytes, child_qc=qc)
+    return FinalityProof(header_bytes=header_bytes, child_header_bytes=child_bytes, child_qc=qc)
 
 
-def _climb(snapshot: LedgerSnapshot, block: Block) -> tuple[list[bytes], Finality]:
-    """Return the headers from `block` up to the first that can be proved final, and that proof."""
+def _climb(snapshot: LedgerSnapshot, height: int) -> Steps[tuple[list[bytes], Finality]]:
+    """Return the headers from a height up to the first that can be proved final, and that proof."""
     headers: list[bytes] = []
-    current: Block | None = block
+    current = _header(snapshot, height)
     while current is not None and len(headers) < _HEADERS_MAX_COUNT:
-        headers.append(current.header_bytes)
-        height = current.header.height
-        proof = snapshot.finality if height == snapshot.header.height else _proof_from_blocks(current, snapshot)
+        header_bytes, header = current
+        headers.append(header_bytes)
+        is_newest = header.height == snapshot.header.height
+        proof = snapshot.finality if is_newest else _proof_from_headers(snapshot, header_bytes, header)
         document = finality_document(proof)
         if document is not None:
             return headers, document
-        current = snapshot.block(height + 1)
+        yield
+        current = _header(snapshot, header.height + 1)
     raise BlockRobotError("NOT_FOUND", "This node no longer holds what proves the transaction final.")
 
 
-def build_evidence(
-    snapshot: LedgerSnapshot, block: Block, receipts: Sequence[Receipt], place: TransactionPlace
-) -> TransactionEvidence:
-    """Return the evidence for the transaction at `place` of `block`. Raises NOT_FOUND if blocks above were pruned."""
-    headers, finality = _climb(snapshot, block)
-    receipt_leaves = [tagged_hash("blockrobot/receipt-leaf", encode(receipt)) for receipt in receipts]
-    transaction_leaves = [tagged_hash("blockrobot/tx-leaf", receipt.txid) for receipt in receipts]
+def build_evidence(snapshot: LedgerSnapshot, place: TransactionPlace) -> Steps[TransactionEvidence]:
+    """Return the evidence for the transaction at `place`. Raises NOT_FOUND if its block, or what proves it, is not here."""
+    headers, finality = yield from _climb(snapshot, place.height)
+    receipts = snapshot.receipt_bytes(place.height)
+    if receipts is None:
+        raise BlockRobotError("NOT_FOUND", "The block of this transaction is no longer kept here.")
+    yield
+    receipt_leaves = [tagged_hash("blockrobot/receipt-leaf", receipt) for _, receipt in receipts]
+    receipt_path = merkle_proof(receipt_leaves, place.index)
+    yield
+    transaction_leaves = [tagged_hash("blockrobot/tx-leaf", txid) for txid, _ in receipts]
+    transaction_path = merkle_proof(transaction_leaves, place.index)
+    yield
     return TransactionEvidence(
         headers=[header.hex() for header in headers],
         finality=finality,
-        receipt=encode(receipts[place.index]).hex(),
+        receipt=receipts[place.index][1].hex(),
         count=len(receipts),
-        receipt_path=[node.hex() for node in merkle_proof(receipt_leaves, place.index)],
-        transaction_path=[node.hex() for node in merkle_proof(transaction_leaves, place.index)],
+        receipt_path=[node.hex() for node in receipt_path],
+        transaction_path=[node.hex() for node in transaction_path],
     )

@@ -1,9 +1,10 @@
 """What clients' requests may cost, by who asks: a session's key, or else the address. Must never grow without bound.
 
-A request costs what its route is worth (`node/costs.py`). Loopback has a generous budget of its own: on an emulated
-network every client without a session shares that one address. Whoever is behind a shared address and shows a session has
-a budget of his own, but for the keys of visits: one person has many, so all those at one address share a larger one, and
-each has a small part of a reserve beside it, so that one who floods does not keep the others from erasing.
+A request costs what its route is worth (`node/costs.py`), and what it turns out to take beyond that (`Tab`). Loopback has
+a generous budget of its own: on an emulated network every client without a session shares that one address. Whoever is
+behind a shared address and shows a session has a budget of his own, but for the keys of visits: one person has many, so
+all those at one address share a larger one, and each has a small part of a reserve beside it, so that one who floods does
+not keep the others from erasing.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import asyncio
 import time
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from consensus.errors import BlockRobotError
 from node.api.sessions import Session
@@ -53,6 +55,35 @@ def _allowance_of(source: Source) -> Allowance:
     return LOOPBACK_ALLOWANCE if source.kind == "loopback" else ADDRESS_ALLOWANCE
 
 
+@dataclass(frozen=True, slots=True)
+class Tab:
+    """Who pays for one request, and from which budgets: what it turns out to cost more goes on them too."""
+
+    source: Source
+    budgets: tuple[tuple[Budgets[Source], Source], ...]
+    note_over: NoteOver
+
+    def charge(self, cost_us: float) -> None:
+        """Pay for what was done, by a debt if need be."""
+        for budgets, payer in self.budgets:
+            budgets.charge(payer, cost_us)
+
+    def debt_s(self) -> float:
+        """Return how long it is until nothing is owed."""
+        return max(budgets.wait_s(payer, 0.0) for budgets, payer in self.budgets)
+
+    def note(self) -> BlockRobotError:
+        """Name whoever owes; return the refusal."""
+        error = over_budget(str(self.source), self.debt_s())
+        self.note_over(str(self.source), error)
+        return error
+
+    def require(self) -> None:
+        """Refuse whoever owes. Raises RATE_LIMITED."""
+        if self.debt_s() > 0:
+            raise self.note()
+
+
 class RateLimiter:
     """The budgets of all sources; the least recently seen make room."""
 
@@ -66,11 +97,13 @@ class RateLimiter:
     def __len__(self) -> int:
         return max(len(budgets) for budgets in (self._budgets, self._parts, self._reserves))
 
-    def take(self, source: Source, cost_us: int = ROUTE_DEFAULT_US) -> None:
-        """Let a source pay for a request. Raises RATE_LIMITED if it cannot."""
+    def take(self, source: Source, cost_us: int = ROUTE_DEFAULT_US) -> Tab:
+        """Let a source pay for a request; return where it pays for more. Raises RATE_LIMITED if it cannot."""
         shared = source.shared
-        if self._budgets.take(shared, cost_us) or (source.part and self._take_reserved(source, cost_us)):
-            return
+        if self._budgets.take(shared, cost_us):
+            return Tab(source, ((self._budgets, shared),), self._note_over)
+        if source.part and self._take_reserved(source, cost_us):
+            return Tab(source, ((self._parts, source), (self._reserves, shared)), self._note_over)
         error = over_budget(str(source), self._budgets.wait_s(shared, cost_us))
         self._note_over(str(source), error)
         raise error

@@ -19,7 +19,9 @@ from consensus.errors import BlockRobotError
 from node.api.access import Access
 from node.api.bodies import Hold
 from node.api.documents import Document
-from node.api.services import ApiServices
+from node.api.metering import Meter, Readings, Steps
+from node.api.rate_limit import Tab
+from node.api.services import ApiServices, LedgerSnapshot
 from node.api.sessions import Session, SessionTable
 from node.budget import Source
 from pages.listening import NO_KEY, Connection, awaiting_body
@@ -32,6 +34,7 @@ BODY_DEFAULT_MAX_BYTES = 64 * 1024
 BODY_TIMEOUT_MS = 60_000
 
 D = TypeVar("D", bound=Document)
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +85,22 @@ class Call:
     http: web.Request
     route: Route
     session: Session | None
-    source: Source
+    tab: Tab
     hold: Hold
+    meter: Meter
+    readings: Readings
+
+    @property
+    def source(self) -> Source:
+        """Who asks, and pays."""
+        return self.tab.source
+
+    async def read(self, work: Callable[[LedgerSnapshot], Steps[T]]) -> T:
+        """Do work on the newest finalized snapshot, off the event loop and in slices.
+
+        Raises RATE_LIMITED for a source in debt, and what the work raises.
+        """
+        return await self.readings.read(self.source, self.meter, work)
 
     @property
     def caller(self) -> bytes:

@@ -5,17 +5,24 @@ What is no HTTP never reaches a route. How connections are bounded: `pages.liste
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
+from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
+from typing import Any
 
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.problems import problem_response
-from pages.listening import Connection, serve, share_of_descriptors
+from pages.listening import Connection, ConnectionTable, serve, share_of_descriptors
 
 CONNECTIONS_MAX_COUNT = 2048
+CONTINUE = "100-continue"
+AdmitStray = Callable[[str | None], Awaitable[None]]
+"""Lets the address of somebody pay for an answer that is of no route. Raises RATE_LIMITED."""
+STRAY_KEY: web.AppKey[AdmitStray] = web.AppKey("admit_stray")
 _DESCRIPTORS_PART = 2
 _log = logging.getLogger("node.api")
 
@@ -23,7 +30,30 @@ _log = logging.getLogger("node.api")
 class ApiConnection(Connection):
     """One client's connection."""
 
-    __slots__ = ()
+    __slots__ = ("_admit_stray",)
+
+    def __init__(
+        self,
+        manager: web.Server,
+        table: ConnectionTable,
+        loop: asyncio.AbstractEventLoop,
+        admit_stray: AdmitStray,
+    ) -> None:
+        super().__init__(manager, table, loop)
+        self._admit_stray = admit_stray
+
+    def _make_error_handler(self, err_info: Any) -> Callable[[web.BaseRequest], Awaitable[web.StreamResponse]]:
+        """Return what answers whatever is no HTTP: its sender pays as for any other request."""
+        answer = super()._make_error_handler(err_info)
+
+        async def handle(request: web.BaseRequest) -> web.StreamResponse:
+            try:
+                await self._admit_stray(request.remote)
+            except BlockRobotError as error:
+                return _last_answer(error)
+            return await answer(request)
+
+        return handle
 
     def handle_error(
         self,
@@ -46,10 +76,15 @@ class ApiConnection(Connection):
         else:
             _log.error("unexpected fault below the routes: %s", type(exc).__name__, exc_info=exc)
             error = BlockRobotError("INTERNAL")
-        response = problem_response(error)
-        name_server(response)
-        response.force_close()
-        return response
+        return _last_answer(error)
+
+
+def _last_answer(error: BlockRobotError) -> web.Response:
+    """Return a refusal after which the connection is closed."""
+    response = problem_response(error)
+    name_server(response)
+    response.force_close()
+    return response
 
 
 def name_server(response: web.StreamResponse) -> None:
@@ -60,15 +95,29 @@ def name_server(response: web.StreamResponse) -> None:
 
 def serve_api(application: web.Application, listener: socket.socket, stop_ms: int) -> AbstractAsyncContextManager[None]:
     """Serve the API on a listener while the context lasts; see `pages.listening.serve`."""
+    admit_stray = application[STRAY_KEY]
     return serve(
-        application, listener, share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART), stop_ms, ApiConnection
+        application,
+        listener,
+        share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART),
+        stop_ms,
+        lambda manager, table, loop: ApiConnection(manager, table, loop, admit_stray),
     )
 
 
-async def refuse_expectation(request: web.Request) -> web.StreamResponse | None:
-    """Answer the header Expect: go on for 100-continue, refuse anything else."""
-    if request.headers.get("Expect", "").lower() == "100-continue":
+async def meet_expectation(request: web.Request) -> web.StreamResponse | None:
+    """Go on for the header Expect: 100-continue; what else is expected is refused by `require_expectation`, and paid."""
+    if _expectation(request) == CONTINUE:
         await request.writer.write(b"HTTP/1.1 100 Continue\r\n\r\n")
         request.writer.output_size = 0
-        return None
-    return problem_response(BlockRobotError("REQUEST_INVALID", "The node meets no expectation but 100-continue."))
+    return None
+
+
+def require_expectation(request: web.Request) -> None:
+    """Refuse what expects anything but to go on. Raises REQUEST_INVALID."""
+    if _expectation(request) not in {"", CONTINUE}:
+        raise BlockRobotError("REQUEST_INVALID", "The node meets no expectation but 100-continue.")
+
+
+def _expectation(request: web.Request) -> str:
+    return request.headers.get("Expect", "").lower()

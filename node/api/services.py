@@ -82,6 +82,18 @@ class LedgerSnapshot(Protocol):
         """Return the receipts of the block of this height, in its order, or None."""
         ...
 
+    def block_bytes(self, height: int) -> bytes | None:
+        """Return the canonical bytes of the finalized block of this height, or None."""
+        ...
+
+    def receipt_bytes(self, height: int) -> Sequence[tuple[bytes, bytes]] | None:
+        """Return the txid and the canonical bytes of each receipt of the block of this height, or None."""
+        ...
+
+    def receipt(self, height: int, index: int) -> Receipt | None:
+        """Return one receipt of the block of this height, or None if the block is not here."""
+        ...
+
     def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]:
         """Return up to `limit` events with height and index among their block's, from this place on, in order."""
         ...

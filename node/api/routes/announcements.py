@@ -10,8 +10,10 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value, u64
 from node.api.access import MEMBER
 from node.api.documents import AnnouncementItem, AnnouncementsAnswer, finality_document
+from node.api.metering import Steps
 from node.api.routes.proofs import prove_keys
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
+from node.api.services import LedgerSnapshot
 from node.api.standing import read_value, state_key
 
 ANNOUNCEMENTS_PAGE_MAX_COUNT = 200
@@ -33,20 +35,23 @@ def _item(number: int, value: Any) -> AnnouncementItem:
     )
 
 
+def _read_page(snapshot: LedgerSnapshot, first: int, limit: int) -> Steps[web.Response]:
+    count = read_value(snapshot, _CONTRACT, b"announcement-count") or 0
+    keys = [state_key(_CONTRACT, b"announcement-count")]
+    keys += [state_key(_CONTRACT, b"announcement/" + u64(n)) for n in range(first, min(first + limit, count))]
+    proofs = yield from prove_keys(snapshot, keys)
+    items = [
+        _item(first + offset, decode_value(bytes.fromhex(proof.value or ""))) for offset, proof in enumerate(proofs[1:])
+    ]
+    yield
+    return json_answer(
+        AnnouncementsAnswer(count=count, items=items, finality=finality_document(snapshot.finality), proofs=proofs)
+    )
+
+
 async def _list_announcements(call: Call) -> web.StreamResponse:
     first, limit = call.int_of("from"), call.int_of("limit")
-    with call.services.ledger.snapshot() as snapshot:
-        count = read_value(snapshot, _CONTRACT, b"announcement-count") or 0
-        keys = [state_key(_CONTRACT, b"announcement-count")]
-        keys += [state_key(_CONTRACT, b"announcement/" + u64(n)) for n in range(first, min(first + limit, count))]
-        proofs = prove_keys(snapshot, keys)
-        items = [
-            _item(first + offset, decode_value(bytes.fromhex(proof.value or "")))
-            for offset, proof in enumerate(proofs[1:])
-        ]
-        return json_answer(
-            AnnouncementsAnswer(count=count, items=items, finality=finality_document(snapshot.finality), proofs=proofs)
-        )
+    return await call.read(lambda snapshot: _read_page(snapshot, first, limit))
 
 
 ROUTES = (

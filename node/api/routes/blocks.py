@@ -4,59 +4,70 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from consensus.block import Block
+from consensus.block import Header
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import encode
+from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
 from node.api.access import MEMBER
 from node.api.documents import PAGE_MAX_COUNT, BlockAnswer, BlocksAnswer, BlockSummary
-from node.api.pruned import require_kept
+from node.api.metering import Steps
+from node.api.pruned import Keepers, require_kept
 from node.api.routes.transactions import receipt_document
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
+from node.api.services import BlockHead, LedgerSnapshot
 
 
-def _summary(block: Block) -> BlockSummary:
-    header = block.header
+def _summary(head: BlockHead) -> BlockSummary:
+    header = decode(head.header_bytes, Header)
     return BlockSummary(
         height=header.height,
-        block_id=sha256(block.header_bytes).hex(),
+        block_id=sha256(head.header_bytes).hex(),
         round=header.round,
         producer=header.producer,
         timestamp_ms=header.timestamp_ms,
-        transaction_count=len(block.transactions),
+        transaction_count=head.transactions_count or 0,
         gas_used=header.gas_used,
     )
 
 
+def _read_page(snapshot: LedgerSnapshot, keepers: Keepers, first: int, limit: int) -> Steps[web.Response]:
+    head = snapshot.header.height
+    require_kept(snapshot, first, keepers)
+    blocks: list[BlockSummary] = []
+    for height in range(first, min(first + limit, head + 1)):
+        found = snapshot.head(height)
+        if found is not None:
+            blocks.append(_summary(found))
+        yield
+    return json_answer(BlocksAnswer(head=head, earliest_height=snapshot.earliest_height, blocks=blocks))
+
+
+def _read_block(snapshot: LedgerSnapshot, keepers: Keepers, height: int) -> Steps[web.Response]:
+    require_kept(snapshot, height, keepers)
+    head, block = snapshot.head(height), snapshot.block_bytes(height)
+    if head is None or block is None:
+        raise BlockRobotError("NOT_FOUND", "There is no finalized block of this height here.")
+    yield
+    receipts = snapshot.receipts(height) or ()
+    yield
+    answer = BlockAnswer(
+        summary=_summary(head),
+        block=block.hex(),
+        txids=[receipt.txid.hex() for receipt in receipts],
+        receipts=[receipt_document(receipt) for receipt in receipts],
+    )
+    yield
+    return json_answer(answer)
+
+
 async def _list_blocks(call: Call) -> web.StreamResponse:
     first, limit = call.int_of("from_height"), call.int_of("limit")
-    with call.services.ledger.snapshot() as snapshot:
-        head = snapshot.header.height
-        require_kept(snapshot, first, call.services.keepers)
-        blocks = [snapshot.block(height) for height in range(first, min(first + limit, head + 1))]
-        earliest = snapshot.earliest_height
-    return json_answer(
-        BlocksAnswer(
-            head=head, earliest_height=earliest, blocks=[_summary(block) for block in blocks if block is not None]
-        )
-    )
+    return await call.read(lambda snapshot: _read_page(snapshot, call.services.keepers, first, limit))
 
 
 async def _get_block(call: Call) -> web.StreamResponse:
     height = call.int_of("height")
-    with call.services.ledger.snapshot() as snapshot:
-        require_kept(snapshot, height, call.services.keepers)
-        block, receipts = snapshot.block(height), snapshot.receipts(height)
-    if block is None:
-        raise BlockRobotError("NOT_FOUND", "There is no finalized block of this height here.")
-    return json_answer(
-        BlockAnswer(
-            summary=_summary(block),
-            block=encode(block).hex(),
-            txids=[receipt.txid.hex() for receipt in receipts or ()],
-            receipts=[receipt_document(receipt) for receipt in receipts or ()],
-        )
-    )
+    return await call.read(lambda snapshot: _read_block(snapshot, call.services.keepers, height))
 
 
 ROUTES = (

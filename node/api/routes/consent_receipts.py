@@ -7,7 +7,9 @@ from aiohttp import web
 from consensus.errors import BlockRobotError
 from node.api.access import MEMBER
 from node.api.documents import ConsentReceiptAnswer, ConsentReceiptRequest
+from node.api.metering import Steps
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
+from node.api.services import LedgerSnapshot, SignedReceipt
 
 
 async def _issue(call: Call) -> web.StreamResponse:
@@ -15,8 +17,13 @@ async def _issue(call: Call) -> web.StreamResponse:
     issuer = call.services.receipts
     if issuer is None:
         raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
-    with call.services.ledger.snapshot() as snapshot:
-        signed = issuer.issue(snapshot, bytes.fromhex(asked.txid), call.caller)
+    txid, caller = bytes.fromhex(asked.txid), call.caller
+
+    def issue(snapshot: LedgerSnapshot) -> Steps[SignedReceipt]:
+        yield
+        return issuer.issue(snapshot, txid, caller)
+
+    signed = await call.read(issue)
     return json_answer(
         ConsentReceiptAnswer(
             document=signed.document.decode("ascii"),

@@ -6,24 +6,27 @@ go on at another one. A page says where to go on, also past blocks without event
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from aiohttp import web
 
 from consensus.block import ContractEvent
 from consensus.errors import BlockRobotError
 from node.api.access import MEMBER
 from node.api.documents import PAGE_MAX_COUNT, EventItem, EventsPage
+from node.api.metering import Steps
 from node.api.pruned import require_kept
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot
 
 SCAN_MAX_COUNT = 1_000
+SCAN_AT_ONCE_COUNT = 100
 PLACE_PATTERN = "^[0-9]{1,15}:[0-9]{1,9}$"
 
 
-def _read_place(call: Call, snapshot: LedgerSnapshot) -> tuple[int, int]:
+def _read_place(text: str | None, snapshot: LedgerSnapshot) -> tuple[int, int]:
     """Return the place from which on is read; the oldest that is kept here if none is given."""
-    text = call.http.query.get("from")
     if text is None:
         return snapshot.earliest_height, 0
     height, _, index = text.partition(":")
@@ -32,38 +35,55 @@ def _read_place(call: Call, snapshot: LedgerSnapshot) -> tuple[int, int]:
     return int(height), int(index)
 
 
-def _read_page(call: Call, snapshot: LedgerSnapshot) -> EventsPage:
+def _scan(snapshot: LedgerSnapshot, height: int, index: int) -> Iterator[tuple[int, int, ContractEvent] | None]:
+    """Yield up to `SCAN_MAX_COUNT` events from a place on, and None before each part of them."""
+    place, left = (height, index), SCAN_MAX_COUNT
+    while left > 0:
+        yield None
+        count = min(left, SCAN_AT_ONCE_COUNT)
+        rows = snapshot.events(*place, count)
+        yield from rows
+        if len(rows) < count:
+            return
+        place, left = (rows[-1][0], rows[-1][1] + 1), left - count
+
+
+def _read_page(call: Call, snapshot: LedgerSnapshot) -> Steps[EventsPage]:
     """Read one page. Raises BLOCK_PRUNED if events from there on may be missing here."""
-    height, index = _read_place(call, snapshot)
+    height, index = _read_place(call.http.query.get("from"), snapshot)
     require_kept(snapshot, height, call.services.keepers)
     contract, name, limit = call.http.query.get("contract"), call.http.query.get("name"), call.int_of("limit")
-    rows = snapshot.events(height, index, SCAN_MAX_COUNT)
     head = snapshot.header.height
     found: list[tuple[int, int, ContractEvent]] = []
-    for at, number, event in rows:
+    scanned, following = 0, (height, index)
+    for row in _scan(snapshot, height, index):
+        if row is None:
+            yield
+            continue
+        at, number, event = row
         if len(found) == limit:
             following = (at, number)
             break
+        scanned, following = scanned + 1, (at, number + 1)
         if contract in {None, event.contract} and name in {None, event.name}:
             found.append((at, number, event))
     else:
-        if len(rows) == SCAN_MAX_COUNT:
-            following = (rows[-1][0], rows[-1][1] + 1)
-        else:
+        if scanned < SCAN_MAX_COUNT:
             following = (height, index) if head < height else (head + 1, 0)
     return EventsPage(
         head=head,
         earliest_height=snapshot.earliest_height,
         next=f"{following[0]}:{following[1]}",
-        events=_items(snapshot, found),
+        events=(yield from _items(snapshot, found)),
     )
 
 
-def _items(snapshot: LedgerSnapshot, found: list[tuple[int, int, ContractEvent]]) -> list[EventItem]:
+def _items(snapshot: LedgerSnapshot, found: list[tuple[int, int, ContractEvent]]) -> Steps[list[EventItem]]:
     """Join events with the ids of the transactions that they are of."""
     txids: dict[int, list[str]] = {}
     for height in sorted({at for at, _, _ in found}):
         txids[height] = [one.txid.hex() for one in snapshot.receipts(height) or () for _ in one.events]
+        yield
     return [
         EventItem(
             place=f"{at}:{number}",
@@ -78,14 +98,12 @@ def _items(snapshot: LedgerSnapshot, found: list[tuple[int, int, ContractEvent]]
 
 async def _get_page(call: Call) -> web.StreamResponse:
     wait_ms, ledger = call.int_of("wait_ms"), call.services.ledger
-    with ledger.snapshot() as snapshot:
-        page = _read_page(call, snapshot)
+    page = await call.read(lambda snapshot: _read_page(call, snapshot))
     if wait_ms and not page.events and int(page.next.partition(":")[0]) > page.head:
         with call.hold_back() as allowed:
             came = allowed and await ledger.wait_above(page.head, wait_ms)
         if came:
-            with ledger.snapshot() as snapshot:
-                page = _read_page(call, snapshot)
+            page = await call.read(lambda snapshot: _read_page(call, snapshot))
     return json_answer(page)
 
 

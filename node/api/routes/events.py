@@ -6,17 +6,23 @@ Server-sent events; each id is `height:index`, and a stream that starts at a cur
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
+from functools import partial
 
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.access import MEMBER
-from node.api.pruned import require_kept
+from node.api.metering import Steps
+from node.api.pruned import Keepers, require_kept
 from node.api.routing import SSE, Answer, Call, Parameter, Route
 from node.api.services import LedgerSnapshot
+from node.costs import bytes_cost_us
 
 KEEP_ALIVE_MS = 10_000
-BLOCKS_PER_TURN_COUNT = 64
+BLOCKS_PER_PART_COUNT = 64
+PART_MAX_BYTES = 256 * 1024
+EVENTS_AT_ONCE_COUNT = 64
 
 
 def _read_cursor(call: Call, head: int) -> tuple[int, int]:
@@ -30,19 +36,36 @@ def _read_cursor(call: Call, head: int) -> tuple[int, int]:
     return int(height), int(index)
 
 
-def _events_of(call: Call, snapshot: LedgerSnapshot, height: int, after: int) -> list[bytes]:
-    require_kept(snapshot, height, call.services.keepers)
-    receipts = snapshot.receipts(height)
-    if receipts is None:
-        raise BlockRobotError("NOT_FOUND", f"Block {height} is no longer kept here.")
-    pairs = [(receipt.txid, event) for receipt in receipts for event in receipt.events]
-    messages = []
-    for index, (txid, event) in enumerate(pairs):
-        if index <= after:
-            continue
-        data = {"contract": event.contract, "name": event.name, "data": event.data.hex(), "txid": txid.hex()}
-        messages.append(f"id: {height}:{index}\ndata: {json.dumps(data)}\n\n".encode())
-    return messages
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """What a stream sends next: messages, the place where it goes on, and whether there is more already."""
+
+    content: bytes
+    height: int
+    after: int
+    is_behind: bool
+
+
+def _read_part(snapshot: LedgerSnapshot, keepers: Keepers, height: int, after: int) -> Steps[_Part]:
+    """Read the events of a few blocks. Raises BLOCK_PRUNED, NOT_FOUND."""
+    head, size = snapshot.header.height, 0
+    messages: list[bytes] = []
+    last = min(head, height + BLOCKS_PER_PART_COUNT - 1)
+    while height <= last and size < PART_MAX_BYTES:
+        require_kept(snapshot, height, keepers)
+        receipts = snapshot.receipts(height)
+        if receipts is None:
+            raise BlockRobotError("NOT_FOUND", f"Block {height} is no longer kept here.")
+        yield
+        pairs = [(receipt.txid.hex(), event) for receipt in receipts for event in receipt.events]
+        for index, (txid, event) in enumerate(pairs[after + 1 :], start=after + 1):
+            data = {"contract": event.contract, "name": event.name, "data": event.data.hex(), "txid": txid}
+            messages.append(f"id: {height}:{index}\ndata: {json.dumps(data)}\n\n".encode())
+            size += len(messages[-1])
+            if index % EVENTS_AT_ONCE_COUNT == 0:
+                yield
+        height, after = height + 1, -1
+    return _Part(b"".join(messages), height, after, height <= head)
 
 
 async def _stream(call: Call) -> web.StreamResponse:
@@ -53,23 +76,22 @@ async def _stream(call: Call) -> web.StreamResponse:
 
 
 async def _send_events(call: Call) -> web.StreamResponse:
-    ledger, expires_at_ms = call.services.ledger, call.session.expires_at_ms if call.session else 0
+    """Send what there is and what comes; what it costs is paid by whoever reads, who waits where he cannot."""
+    ledger, keepers = call.services.ledger, call.services.keepers
+    expires_at_ms = call.session.expires_at_ms if call.session else 0
     with ledger.snapshot() as snapshot:
         height, after = _read_cursor(call, snapshot.header.height)
-        require_kept(snapshot, height, call.services.keepers)
+        require_kept(snapshot, height, keepers)
     response = web.StreamResponse(headers={"Content-Type": SSE, "Cache-Control": "no-store"})
     await response.prepare(call.http)
     while call.services.clock.now_ms() < expires_at_ms:
-        with ledger.snapshot() as snapshot:
-            last = min(snapshot.header.height, height + BLOCKS_PER_TURN_COUNT - 1)
-            messages: list[bytes] = []
-            while height <= last:
-                messages += _events_of(call, snapshot, height, after)
-                height, after = height + 1, -1
-            behind = last < snapshot.header.height
-        if messages:
-            await response.write(b"".join(messages))
-        if not behind and not await ledger.wait_above(height - 1, KEEP_ALIVE_MS):
+        await call.meter.pace()
+        part = await call.read(partial(_read_part, keepers=keepers, height=height, after=after))
+        height, after = part.height, part.after
+        if part.content:
+            await response.write(part.content)
+            call.meter.add(bytes_cost_us(len(part.content)))
+        if not part.is_behind and not await ledger.wait_above(height - 1, KEEP_ALIVE_MS):
             await response.write(b": still here\n\n")
     return response
 

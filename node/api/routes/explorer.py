@@ -21,6 +21,7 @@ from node.api.explorer_documents import (
     RefusalAnswer,
     RoundDocument,
 )
+from node.api.metering import Steps
 from node.api.refusal_meanings import explain_refusal
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import BYTES, JSON, Answer, Call, Parameter, Route, json_answer
@@ -77,14 +78,20 @@ def _reader(call: Call, snapshot: LedgerSnapshot) -> HeaderReader:
     return HeaderReader(snapshot, call.services.genesis, call.services.rounds)
 
 
+def _read_headers(call: Call, snapshot: LedgerSnapshot, first: int, limit: int) -> Steps[web.Response]:
+    head, earliest = snapshot.header.height, snapshot.earliest_height
+    reader, headers = _reader(call, snapshot), []
+    for height in range(first, min(first + limit, head + 1)):
+        header = reader.read(height)
+        if header is not None:
+            headers.append(header)
+        yield
+    return json_answer(ExplorerHeadersAnswer(head=head, earliest_height=earliest, headers=headers))
+
+
 async def _list_headers(call: Call) -> web.StreamResponse:
     first, limit = call.int_of("from_height"), call.int_of("limit")
-    with call.services.ledger.snapshot() as snapshot:
-        head, earliest = snapshot.header.height, snapshot.earliest_height
-        reader = _reader(call, snapshot)
-        headers = [reader.read(height) for height in range(first, min(first + limit, head + 1))]
-    found = [header for header in headers if header is not None]
-    return json_answer(ExplorerHeadersAnswer(head=head, earliest_height=earliest, headers=found))
+    return await call.read(lambda snapshot: _read_headers(call, snapshot, first, limit))
 
 
 async def _get_header(call: Call) -> web.StreamResponse:

@@ -17,7 +17,9 @@ from node.api.documents import (
     HeadersAnswer,
     finality_document,
 )
+from node.api.metering import Steps
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
+from node.api.services import LedgerSnapshot
 
 
 async def _get_finality(call: Call) -> web.StreamResponse:
@@ -37,16 +39,20 @@ async def _get_epochs(call: Call) -> web.StreamResponse:
     return json_answer(EpochsAnswer(epochs=epochs))
 
 
+def _read_headers(snapshot: LedgerSnapshot, first: int, limit: int) -> Steps[web.Response]:
+    headers: list[str] = []
+    for height in range(first, min(first + limit, snapshot.header.height + 1)):
+        header = snapshot.header_bytes(height)
+        if header is None:
+            break
+        headers.append(header.hex())
+        yield
+    return json_answer(HeadersAnswer(from_height=first, headers=headers))
+
+
 async def _get_headers(call: Call) -> web.StreamResponse:
     first, limit = call.int_of("from_height"), call.int_of("limit")
-    headers: list[str] = []
-    with call.services.ledger.snapshot() as snapshot:
-        for height in range(first, min(first + limit, snapshot.header.height + 1)):
-            header = snapshot.header_bytes(height)
-            if header is None:
-                break
-            headers.append(header.hex())
-    return json_answer(HeadersAnswer(from_height=first, headers=headers))
+    return await call.read(lambda snapshot: _read_headers(snapshot, first, limit))
 
 
 ROUTES = (

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from consensus.genesis import genesis_to_json
 from node.api.access import ANYONE
-from node.api.routing import JSON, Answer, Call, Route
+from node.api.routing import JSON, Answer, Call, Route, bytes_answer
+
+GENESIS_KEY = web.AppKey("genesis", bytes)
 
 
 async def _get_genesis(call: Call) -> web.StreamResponse:
-    return web.Response(text=genesis_to_json(call.services.genesis), content_type=JSON)
+    return bytes_answer(call.http.config_dict[GENESIS_KEY], JSON)
 
 
 ROUTES = (

@@ -8,9 +8,9 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.access import ANYONE
-from node.api.documents import ProofsAnswer, ProofsRequest, finality_document
-from node.api.routes.proofs import prove_keys
-from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
+from node.api.documents import ProofsAnswer, ProofsRequest
+from node.api.routes.proofs import answer_proofs
+from node.api.routing import JSON, Answer, Body, Call, Route
 
 PUBLIC_KEYS_MAX_COUNT = 8
 PUBLIC_PREFIXES = (
@@ -29,9 +29,7 @@ async def _prove_public(call: Call) -> web.StreamResponse:
         raise BlockRobotError("REQUEST_INVALID", f"Without a session at most {PUBLIC_KEYS_MAX_COUNT} keys are proved.")
     if not all(key.startswith(PUBLIC_PREFIXES) for key in keys):
         raise BlockRobotError("NOT_PERMITTED", "Without a session only notices, registrars and custodians are proved.")
-    with call.services.ledger.snapshot() as snapshot:
-        proofs = prove_keys(snapshot, keys)
-        return json_answer(ProofsAnswer(finality=finality_document(snapshot.finality), proofs=proofs))
+    return await call.read(lambda snapshot: answer_proofs(snapshot, keys))
 
 
 ROUTES = (

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
-
 from aiohttp import web
 
 from node.api.access import ANYONE
-from node.api.routing import JSON, Answer, Call, Route
+from node.api.routing import JSON, Answer, Call, Route, bytes_answer
 
-DOCUMENT_KEY = web.AppKey("openapi_document", dict)
+DOCUMENT_KEY = web.AppKey("openapi_document", bytes)
 
 
 async def _get_openapi(call: Call) -> web.StreamResponse:
-    return web.Response(text=json.dumps(call.http.config_dict[DOCUMENT_KEY]), content_type=JSON)
+    return bytes_answer(call.http.config_dict[DOCUMENT_KEY], JSON)
 
 
 ROUTES = (

@@ -9,12 +9,13 @@ from aiohttp import web
 from consensus.primitives.encoding import encode
 from node.api.access import READER
 from node.api.documents import KeyProof, ProofsAnswer, ProofsRequest, finality_document
+from node.api.metering import Steps
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 from node.api.services import LedgerSnapshot
 from node.api.standing import require_readable
 
 
-def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> list[KeyProof]:
+def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[list[KeyProof]]:
     """Return value and proof of each flat key under the snapshot's state root."""
     proofs = []
     for key in keys:
@@ -24,21 +25,27 @@ def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> list[KeyProof
                 key=key.hex(), value=None if value is None else value.hex(), proof=encode(snapshot.prove(key)).hex()
             )
         )
+        yield
     return proofs
+
+
+def answer_proofs(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[web.Response]:
+    """Return the answer that proves these keys."""
+    proofs = yield from prove_keys(snapshot, keys)
+    return json_answer(ProofsAnswer(finality=finality_document(snapshot.finality), proofs=proofs))
 
 
 async def _prove(call: Call) -> web.StreamResponse:
     asked = await call.document(ProofsRequest)
     keys = [bytes.fromhex(key) for key in asked.keys]
-    with call.services.ledger.snapshot() as snapshot:
-        if call.session is not None:
-            require_readable(snapshot, call.session.kind, call.caller, call.session.grant_id, keys)
-        return json_answer(
-            ProofsAnswer(
-                finality=finality_document(snapshot.finality),
-                proofs=prove_keys(snapshot, keys),
-            )
-        )
+    session = call.session
+
+    def prove(snapshot: LedgerSnapshot) -> Steps[web.Response]:
+        if session is not None:
+            require_readable(snapshot, session.kind, session.public_key, session.grant_id, keys)
+        return (yield from answer_proofs(snapshot, keys))
+
+    return await call.read(prove)
 
 
 ROUTES = (

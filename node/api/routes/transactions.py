@@ -16,8 +16,9 @@ from consensus.primitives.hashing import sha256
 from node.api.access import ANYONE
 from node.api.documents import Problem, ReceiptDocument, SubmitAnswer, SubmitOutcome, TransactionState
 from node.api.evidence import build_evidence
+from node.api.metering import Steps
 from node.api.problems import problem_document
-from node.api.pruned import require_kept
+from node.api.pruned import Keepers, require_kept
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot, SubmitResult
 
@@ -52,22 +53,25 @@ async def _submit(call: Call) -> web.StreamResponse:
     return json_answer(SubmitAnswer(results=[_outcome(result) for result in results]))
 
 
-def _find(call: Call, snapshot: LedgerSnapshot, txid: bytes, with_evidence: bool) -> TransactionState | None:
+def _find(
+    snapshot: LedgerSnapshot, keepers: Keepers, txid: bytes, *, with_evidence: bool
+) -> Steps[TransactionState | None]:
     place = snapshot.locate(txid)
     if place is None:
         return None
-    require_kept(snapshot, place.height, call.services.keepers)
-    block, receipts = snapshot.block(place.height), snapshot.receipts(place.height)
-    if block is None or receipts is None:
+    require_kept(snapshot, place.height, keepers)
+    head, receipt = snapshot.head(place.height), snapshot.receipt(place.height, place.index)
+    if head is None or receipt is None:
         raise BlockRobotError("NOT_FOUND", "The block of this transaction is no longer kept here.")
+    yield
     return TransactionState(
         txid=txid.hex(),
         status="finalized",
         height=place.height,
         index=place.index,
-        block_id=sha256(block.header_bytes).hex(),
-        receipt=receipt_document(receipts[place.index]),
-        evidence=build_evidence(snapshot, block, receipts, place) if with_evidence else None,
+        block_id=sha256(head.header_bytes).hex(),
+        receipt=receipt_document(receipt),
+        evidence=(yield from build_evidence(snapshot, place)) if with_evidence else None,
     )
 
 
@@ -76,15 +80,17 @@ async def _get_transaction(call: Call) -> web.StreamResponse:
     txid = call.bytes_of("txid")
     wait_ms = call.int_of("wait_ms")
     with_evidence = call.int_of("evidence") == 1
-    with services.ledger.snapshot() as snapshot:
-        state = _find(call, snapshot, txid, with_evidence)
+
+    async def find() -> TransactionState | None:
+        return await call.read(lambda snapshot: _find(snapshot, services.keepers, txid, with_evidence=with_evidence))
+
+    state = await find()
     may_come = state is None and wait_ms > 0 and services.pool.status(txid) != "expired"
     if may_come:
         with call.hold_back() as allowed:
             is_final = allowed and await services.pool.wait_final(txid, wait_ms)
         if is_final:
-            with services.ledger.snapshot() as snapshot:
-                state = _find(call, snapshot, txid, with_evidence)
+            state = await find()
     if state is None:
         state = TransactionState(
             txid=txid.hex(),

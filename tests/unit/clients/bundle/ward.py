@@ -12,7 +12,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -53,6 +53,7 @@ from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 from consensus.transaction import Transaction, decode_transaction
 from node.api.documents import finality_document
 from node.api.evidence import build_evidence
+from node.api.metering import Steps
 from node.api.services import TransactionPlace
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Hospital, Person, key_of
@@ -85,6 +86,9 @@ class Patient(Person):
     def sealing(self) -> bytes:
         assert self.keys
         return self.keys.sealing_public
+
+
+T = TypeVar("T")
 
 
 class ProvingHospital(Hospital):
@@ -152,8 +156,24 @@ class ProvingHospital(Hospital):
         return SimpleNamespace(
             header=self.head,
             finality=self.finality(),
-            block=lambda height: self.blocks[height - 1] if 0 < height <= len(self.blocks) else None,
+            header_bytes=lambda height: self.blocks[height - 1].header_bytes if self._has(height) else None,
+            receipt_bytes=lambda height: (
+                [(each.txid, encode(each)) for each in self.receipts[height - 1]] if self._has(height) else None
+            ),
         )
+
+    def _has(self, height: int) -> bool:
+        return 0 < height <= len(self.blocks)
+
+
+def read_at_once(steps: Steps[T]) -> T:
+    """Return what pausing work comes to."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result
 
 
 class ShortWire:
@@ -210,8 +230,7 @@ class ShortWire:
                 if receipt.txid == txid:
                     if height < self.pruned_below:
                         raise BlockRobotError("BLOCK_PRUNED")
-                    block, place = self.chain.blocks[height - 1], TransactionPlace(height, index)
-                    built = build_evidence(self.chain.snapshot(), block, receipts, place)
+                    built = read_at_once(build_evidence(self.chain.snapshot(), TransactionPlace(height, index)))
                     evidence = msgspec.convert(msgspec.to_builtins(built), EvidenceDocument)
                     return self.trust.receipt(evidence, txid, index)
         raise BlockRobotError("TRANSACTION_EXPIRED")

@@ -113,7 +113,7 @@ async def test_a_node_without_a_custodian_sends_the_caller_elsewhere(node: Small
 
 
 async def test_callers_without_a_session_are_slowed_down(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * ROUTE_DEFAULT_US + ROUTE_DEFAULT_US // 2))
     assert [(await api.get("/v1/genesis")).status for _ in range(3)] == [200, 200, 429]
     answer = await api.get("/v1/finality", headers={"Authorization": f"Bearer {'00' * 32}"})
     assert (answer.status, answer.headers["Retry-After"]) == (429, "60")
