@@ -1,7 +1,7 @@
 """What a flood does to a network: how late calls become final and `/status` answers, before it, under it and after it.
 
-Four real nodes, a robot that submits a call twenty times a second, and an attacker in a process of his own: at most one
-core and 20 MB a second. Must never be pointed at a network that somebody uses.
+Four real nodes with full blocks, a robot that submits a call twenty times a second, and an attacker in a process of his
+own: at most one core and 20 MB a second. Must never be pointed at a network that somebody uses.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
 from types import TracebackType
 from typing import Any
 
@@ -22,9 +22,11 @@ import aiohttp
 from consensus.errors import BlockRobotError
 from network.bench.conditions import build_result, measure_conditions, percentile
 from network.bench.flood_attacker import OWN_ADDRESS
-from network.bench.flood_kinds import FRAMES, Identity, kinds_of
+from network.bench.flood_kinds import FRAMES, Identity
+from network.bench.flood_routes import Landmarks, kinds_of
 from network.bench.follower import FinalityFollower
 from network.bench.fresh_network import FreshNetwork, LoadRobot
+from network.bench.full_blocks import fill_blocks
 from network.cluster import fetch_status
 from network.doctor.examination import examine_network
 
@@ -149,7 +151,18 @@ class _Attacker:
     orders: dict[str, Any]
 
 
-async def _describe(network: FreshNetwork, options: FloodOptions, kind: str, robot: LoadRobot, own: int) -> _Attacker:
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """A running network in which a flood takes place: who submits, who attacks, and what is worth asking for."""
+
+    network: FreshNetwork
+    watched: LoadRobot
+    attacker: LoadRobot
+    landmarks: Landmarks
+
+
+async def _describe(scene: _Scene, options: FloodOptions, kind: str, own: int) -> _Attacker:
+    network, robot = scene.network, scene.attacker
     cluster, genesis = network.cluster, network.genesis
     node = genesis.nodes[NODES_COUNT + own] if options.identity == "node" else genesis.nodes[0]
     async with aiohttp.ClientSession() as session:
@@ -169,6 +182,7 @@ async def _describe(network: FreshNetwork, options: FloodOptions, kind: str, rob
         "keys": str(network.stolen_folder(node.name) / "keys"),
         "own_port": node.p2p_port,
         "api_ports": {name: cluster.config(name).api_port for name in cluster.names},
+        "landmarks": asdict(scene.landmarks),
         "p2p_ports": [cluster.config(name).p2p_port for name in cluster.names],
     }
     if options.identity == "node":
@@ -196,15 +210,14 @@ async def _attack(orders: dict[str, Any]) -> dict[str, Any]:
     return figures
 
 
-async def _measure(
-    network: FreshNetwork, options: FloodOptions, kind: str, robots: Sequence[LoadRobot], own: int
-) -> dict[str, Any]:
+async def _measure(scene: _Scene, options: FloodOptions, kind: str, own: int) -> dict[str, Any]:
     """Measure one flood on a running network."""
-    async with _Watch(network, robots[0]) as watch:
+    network = scene.network
+    async with _Watch(network, scene.watched) as watch:
         await asyncio.sleep(1.0)
         quiet_from_s = time.perf_counter()
         await asyncio.sleep(QUIET_S)
-        attacker = await _describe(network, options, kind, robots[1], own)
+        attacker = await _describe(scene, options, kind, own)
         watch.named.clear()
         attack_from_s = time.perf_counter()
         sent = await _attack(attacker.orders)
@@ -270,9 +283,10 @@ async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]
         group = kinds[first : first + FLOODS_OF_NETWORK_COUNT]
         stolen = len(group) if group[0] in FRAMES and options.identity == "node" else 0
         async with FreshNetwork(NODES_COUNT, stolen=stolen) as network:
-            robots = await network.enrol_robots(2)
+            watched, attacker, *filling = await network.enrol_robots(4)
+            scene = _Scene(network, watched, attacker, await fill_blocks(filling))
             for own, kind in enumerate(group):
-                row = await _measure(network, options, kind, robots, own)
+                row = await _measure(scene, options, kind, own)
                 rows.append(row | {"load": round(os.getloadavg()[0], 2)})
                 tell(f"{kind}: finality {row['ratio']} times as late, /status {row['status_max_ms']} ms at most")
     figures = {

@@ -23,7 +23,8 @@ import aiohttp
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
 from consensus.session import sign_session
-from network.bench.flood_kinds import FRAMES, HANDSHAKES, ROUTES, HttpFlood, Target, pool_of
+from network.bench.flood_kinds import FRAMES, HANDSHAKES, HttpFlood, Target, pool_of
+from network.bench.flood_routes import Landmarks, http_flood
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, encode_frame
 
 HOST = "127.0.0.1"
@@ -33,6 +34,8 @@ RATE_MAX_BYTES_PER_S = 20_000_000
 CONNECTIONS_OF_NODE_COUNT = 16
 DRIP_INTERVAL_S = 1.0
 DRIPS_MAX_COUNT = 10
+STREAM_READ_BYTES = 400_000
+"""So much of a stream is read before it is opened again."""
 
 
 class _Rate:
@@ -82,8 +85,9 @@ class _Attack:
         elif kind == HANDSHAKES:
             work = [self._shake_hands(int(port)) for port in self.orders["p2p_ports"] for _ in range(4)]
         else:
+            flood = http_flood(kind, Landmarks(**self.orders["landmarks"]))
             work = [
-                self._post(ROUTES[kind], int(port), name)
+                self._request(flood, int(port), name)
                 for name, port in self.orders["api_ports"].items()
                 for _ in range(CONNECTIONS_OF_NODE_COUNT)
             ]
@@ -137,7 +141,7 @@ class _Attack:
 
     # As a client
 
-    async def _post(self, flood: HttpFlood, port: int, node: str) -> None:
+    async def _request(self, flood: HttpFlood, port: int, node: str) -> None:
         token = await self._open_session(port, node) if self.orders["identity"] in {"member", "robot"} else None
         bodies = pool_of(flood.body, self.target, 8)
         while self._goes_on:
@@ -161,6 +165,7 @@ class _Attack:
         while self._goes_on:
             body = next(bodies)
             head = f"{flood.method} {flood.path} HTTP/1.1\r\nHost: node\r\nContent-Type: {flood.media_type}\r\n"
+            head += flood.headers
             head += (
                 f"Content-Length: {len(body)}\r\n" + (f"Authorization: Bearer {token}\r\n" if token else "") + "\r\n"
             )
@@ -175,14 +180,21 @@ class _Attack:
             await self.rate.pay(len(head) + len(body))
             async with asyncio.timeout(5):
                 await writer.drain()
-                if not await self._read_answer(reader):
+                if not await self._read_answer(flood, reader):
                     return
 
-    async def _read_answer(self, reader: asyncio.StreamReader) -> bool:
-        """Read an answer; tell whether the connection stays open."""
+    async def _read_answer(self, flood: HttpFlood, reader: asyncio.StreamReader) -> bool:
+        """Read an answer, or a part of a stream; tell whether the connection stays open."""
         head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").lower()
         self.refused_count += " 429 " in head.split("\r\n", 1)[0]
         lengths = [line.partition(":")[2] for line in head.split("\r\n") if line.startswith("content-length:")]
+        if flood.streams and not lengths:
+            read = 0
+            while read < STREAM_READ_BYTES and self._goes_on:
+                read += len(content := await reader.read(1 << 18))
+                if not content:
+                    break
+            return False
         await reader.readexactly(int(lengths[0]) if lengths else 0)
         return "connection: close" not in head
 

@@ -1,7 +1,7 @@
 """What an attacker sends, kind by kind: bytes that look like the protocol's, made without end. Must never send anything.
 
-Every kind of frame and of request between nodes has at least one flood here, and so has every route that takes a body; a
-test compares the list with the protocol's. Signatures are false unless a kind says otherwise.
+Every kind of frame and of request between nodes has at least one flood here, and so has every route that takes a body (the
+others: `flood_routes`); a test compares the list with the protocol's. Signatures are false unless a kind says otherwise.
 """
 
 from __future__ import annotations
@@ -247,13 +247,18 @@ FRAMES: dict[str, Callable[[Target], bytes]] = {
 
 @dataclass(frozen=True, slots=True)
 class HttpFlood:
-    """Requests of one route: their bodies, and whether they are sent slowly (`drips`), so that they stay open."""
+    """Requests of one route: their bodies, and whether they are sent slowly (`drips`), so that they stay open.
+
+    Of what `streams` a part is read, and the connection closed.
+    """
 
     method: str
     path: str
     media_type: str
     body: Callable[[Target], bytes]
     drips: bool = False
+    headers: str = ""
+    streams: bool = False
 
 
 def _wires(make: Callable[[Target], bytes]) -> Callable[[Target], bytes]:
@@ -332,13 +337,6 @@ ROUTES: dict[str, HttpFlood] = {
 
 HANDSHAKES = "handshakes"
 """TLS connections to the nodes' own ports, by whoever has no certificate."""
-
-
-def kinds_of(identity: Identity) -> list[str]:
-    """Return the kinds of flood that somebody of this kind can send."""
-    if identity == "node":
-        return list(FRAMES)
-    return [*ROUTES, HANDSHAKES] if identity == "stranger" else list(ROUTES)
 
 
 def pool_of(make: Callable[[Target], bytes], target: Target, count: int = POOL_COUNT) -> Iterator[bytes]:

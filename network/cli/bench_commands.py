@@ -199,7 +199,7 @@ def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json
     Example: blockrobot bench flood --kind TRANSACTIONS --as node --json
     """
     from network.bench.flood import FloodOptions, run_flood_benchmark  # noqa: PLC0415 - only when it is needed
-    from network.bench.flood_kinds import kinds_of  # noqa: PLC0415
+    from network.bench.flood_routes import kinds_of  # noqa: PLC0415
 
     if lists:
         click.echo("\n".join(kinds_of(identity)))

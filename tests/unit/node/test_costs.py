@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from network.bench.flood_kinds import FRAMES
-from network.bench.flood_kinds import ROUTES as FLOODS
+from network.bench.flood_routes import kinds_of
 from node.api.routes import ROUTES
 from node.costs import FRAME_COSTS, REQUEST_COSTS, ROUTE_COSTS, Lane
 from node.p2p.wire import FrameKind, RequestKind
 
-CHANGING = {route.operation for route in ROUTES if route.method != "GET"}
+OPERATIONS = {route.operation for route in ROUTES}
 
 
 def test_every_kind_of_frame_has_a_price() -> None:
@@ -20,8 +20,9 @@ def test_every_kind_of_request_between_nodes_has_a_price() -> None:
     assert set(REQUEST_COSTS) == set(RequestKind)
 
 
-def test_every_route_that_takes_a_body_has_a_price_of_its_own_and_no_other_name_has_one() -> None:
-    assert set(ROUTE_COSTS) == CHANGING
+def test_every_route_has_a_price_and_no_other_name_has_one() -> None:
+    assert set(ROUTE_COSTS) == OPERATIONS
+    assert min(ROUTE_COSTS.values()) > 0
 
 
 def test_what_the_core_hears_is_paid_as_consensus() -> None:
@@ -29,8 +30,9 @@ def test_what_the_core_hears_is_paid_as_consensus() -> None:
     assert {kind for kind, cost in FRAME_COSTS.items() if cost.lane is Lane.CONSENSUS} == heard
 
 
-def test_the_flood_bench_sends_every_kind_of_frame_and_request_and_asks_every_such_route() -> None:
+def test_the_flood_bench_sends_every_kind_of_frame_and_request_and_asks_every_route() -> None:
     frames = {name.partition(":")[0] for name in FRAMES}
     assert frames >= {kind.name for kind in FrameKind}
     assert {name for name in FRAMES if name.startswith("REQUEST:")} == {f"REQUEST:{kind.name}" for kind in RequestKind}
-    assert {name.partition(":")[0] for name in FLOODS} == CHANGING
+    assert {name.partition(":")[0] for name in kinds_of("member")} == OPERATIONS | {"stray"}
+    assert set(kinds_of("stranger")) >= set(kinds_of("member"))

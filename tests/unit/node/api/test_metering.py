@@ -15,8 +15,10 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from consensus.block import ContractEvent, Receipt
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import encode_value
+from consensus.primitives.encoding import encode, encode_value
+from consensus.primitives.hashing import sha256
 from consensus.session import sign_session
+from network.bench.flood_routes import Landmarks, make_read, read_kinds
 from node.api import create_api, rate_limit
 from node.api.access import ANYONE
 from node.api.metering import SLICE_US, Steps
@@ -91,11 +93,6 @@ def serve(node: SmallNode) -> Callable[..., TestClient[web.Request, web.Applicat
 
 def path_of(route: Route) -> str:
     return "".join("0" + part.partition("}")[2] if "}" in part else part for part in route.path.split("{"))
-
-
-def test_every_route_has_a_price_and_no_other_name_has_one() -> None:
-    assert set(ROUTE_COSTS) == {route.operation for route in ROUTES}
-    assert min(ROUTE_COSTS.values()) > 0
 
 
 @pytest.mark.parametrize("handler", [on_the_loop, after_a_while, in_the_readers_thread])
@@ -267,3 +264,18 @@ async def test_a_stream_pays_for_what_it_carries_and_waits_where_it_cannot(
         assert stream.content.total_bytes < 200 * 50 * 500, "the rest waits"
         async with served.get("/v1/finality") as refused:
             assert refused.status == 429
+
+
+@pytest.mark.parametrize("kind", read_kinds())
+async def test_what_the_flood_bench_asks_is_understood(kind: str, node: SmallNode, served: ClientSession) -> None:
+    header = await node.ledger.extend()
+    block_id = sha256(encode(header)).hex()
+    flood = make_read(kind, Landmarks(window=1, height=1, txid="00" * 32, block_id=block_id))
+    async with served.request(flood.method, flood.path) as answer:
+        understood = answer.status in {200, 304, 308} or (await answer.json(content_type=None))["code"] in {
+            "NOT_FOUND",
+            "NOT_PERMITTED",
+            "CONTRACT_NOT_FOUND",
+        }
+        assert understood
+        assert flood.streams == (answer.content_type == "text/event-stream")
