@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import re
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
@@ -34,7 +35,6 @@ from node.api.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
 from node.costs import ROUTE_COSTS, STRAY_US, bytes_cost_us
 
 OPEN_REQUESTS_MAX_COUNT = 4096
-_EVERY_PATH = "/{path}"
 _log = logging.getLogger("node.api")
 _WebHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -188,18 +188,19 @@ def _bind(gate: _Gate, route: Route) -> _WebHandler:
     return handle
 
 
-def _bind_stray(gate: _Gate, application: web.Application) -> _WebHandler:
+def _bind_stray(gate: _Gate, routes: Iterable[Route]) -> _WebHandler:
     """Return what answers where there is no route, or not for this method: for the price of one."""
+    methods: dict[str, set[str]] = {}
+    for route in routes:
+        methods.setdefault(route.path, set()).add(route.method)
+    patterns = [(re.compile(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(path))), found) for path, found in methods.items()]
 
     async def handle(request: web.Request) -> web.StreamResponse:
         await gate.admit_stray(request.remote)
         require_expectation(request)
-        allowed: set[str] = set()
-        for resource in application.router.resources():
-            if resource.canonical != _EVERY_PATH:
-                allowed |= (await resource.resolve(request))[1]
-        if allowed:
-            raise web.HTTPMethodNotAllowed(request.method, sorted(allowed))
+        for pattern, allowed in patterns:
+            if pattern.fullmatch(request.rel_url.raw_path):
+                raise web.HTTPMethodNotAllowed(request.method, sorted(allowed))
         raise web.HTTPNotFound
 
     return handle
@@ -215,7 +216,7 @@ def create_api(services: ApiServices, routes: tuple[Route, ...] = ROUTES) -> web
     gate = _Gate(services)
     for route in routes:
         application.router.add_route(route.method, route.path, _bind(gate, route), expect_handler=meet_expectation)
-    stray = _bind_stray(gate, application)
+    stray = _bind_stray(gate, routes)
     application.router.add_route("*", "/{path:.*}", stray, expect_handler=meet_expectation)
     application[STRAY_KEY] = gate.admit_stray
     application.on_cleanup.append(gate.stop)

@@ -116,13 +116,17 @@ class _Reading(Generic[T]):
 
 
 class Readings:
-    """Reads the ledger for requests off the event loop, in slices: one request of each source at a time, in turns."""
+    """Reads the ledger for requests off the event loop, in slices: one request of each source at a time, in turns.
+
+    After each slice it rests for as long as that took: all clients together never take more than half of the time.
+    """
 
     def __init__(self, ledger: LedgerReader) -> None:
         self._ledger = ledger
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="reading")
         self._turns: dict[Source, tuple[asyncio.Lock, list[None]]] = {}
         self._one = asyncio.Lock()
+        self._rested_s = 0.0
 
     def stop(self) -> None:
         """Read nothing more."""
@@ -137,10 +141,13 @@ class Readings:
             try:
                 found = None
                 while found is None:
+                    await asyncio.sleep(max(0.0, self._rested_s - loop.time()))
+                    reading.spent_us = 0.0
                     try:
                         found = await loop.run_in_executor(self._thread, reading.go_on)
                     finally:
                         meter.add(reading.spent_us)
+                        self._rested_s = loop.time() + reading.spent_us / 1_000_000
             except BaseException:
                 self._close(reading)
                 raise

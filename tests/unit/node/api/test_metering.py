@@ -184,6 +184,7 @@ async def stray_asks(api: Any, count: int, method: str, path: str, headers: dict
         ("GET", "/v1/genesis/", {}, 404),
         ("DELETE", "/v1/genesis", {}, 405),
         ("OPTIONS", "/v1/genesis", {}, 405),
+        ("POST", "/v1/clips/00", {}, 405),
         ("GET", "/v1/genesis", {"Expect": "wonders"}, 400),
         ("GET", "/explorer/nothing.js", {}, 404),
         ("GET", "/explorer/index.html", {}, 200),
