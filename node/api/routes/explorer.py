@@ -63,15 +63,15 @@ def _status(services: ApiServices, snapshot: LedgerSnapshot) -> ExplorerStatusAn
 
 async def _get_status(call: Call) -> web.StreamResponse:
     services, after, wait_ms = call.services, call.int_of("after_height"), call.int_of("wait_ms")
-    with services.ledger.snapshot() as snapshot:
-        answer = _status(services, snapshot)
-    if wait_ms and answer.head <= after:
-        with call.hold_back() as allowed:
-            if allowed:
-                await services.ledger.wait_above(after, wait_ms)
+    if wait_ms:
         with services.ledger.snapshot() as snapshot:
-            answer = _status(services, snapshot)
-    return json_answer(answer)
+            is_news = snapshot.header.height > after
+        if not is_news:
+            with call.hold_back() as allowed:
+                if allowed:
+                    await services.ledger.wait_above(after, wait_ms)
+    with services.ledger.snapshot() as snapshot:
+        return json_answer(_status(services, snapshot))
 
 
 def _reader(call: Call, snapshot: LedgerSnapshot) -> HeaderReader:

@@ -145,7 +145,7 @@ def test_a_bucket_fills_again_and_addresses_do_not_share_one(monkeypatch: pytest
 def test_a_session_behind_a_loud_address_has_a_budget_of_its_own() -> None:
     limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
     loud = source_of("192.0.2.1", None)
-    for _ in range(100):
+    for _ in range(rate_limit.ADDRESS_ALLOWANCE.burst_us // ROUTE_DEFAULT_US):
         limiter.take(loud)
     with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
         limiter.take(loud)
