@@ -30,6 +30,8 @@ Document = dict[str, Any]
 Row = TypeVar("Row")
 
 STAGING = "staging"
+STATUSES: dict[str, tuple[str, ...]] = {"staged": ("staged", STAGING), "confirmed": ("confirmed",)}
+"""What a clip's document may say for a status: one that is half written, or was cut off, counts as staged."""
 
 
 def _plain(document: Document) -> Document:

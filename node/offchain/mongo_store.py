@@ -28,7 +28,7 @@ from pymongo.write_concern import WriteConcern
 
 from consensus.errors import BlockRobotError
 from node.offchain import mongo_documents as documents
-from node.offchain.mongo_documents import STAGING, Document, is_passing, rows
+from node.offchain.mongo_documents import STAGING, STATUSES, Document, is_passing, rows
 from node.offchain.mongo_shares import SHARES_INDEXES, MongoShares
 from node.offchain.mongo_uploads import BY_ROBOT, MongoUploads
 from node.offchain.store import (
@@ -350,7 +350,7 @@ class MongoStore(MongoShares, MongoUploads):
 
     async def drop_staged(self, record_id: bytes) -> None:
         """See `CustodyStore.drop_staged`; the clip goes last, so that a crash leaves no frame without one."""
-        staged = {"_id": record_id, "status": {"$in": ["staged", STAGING]}}
+        staged = {"_id": record_id, "status": {"$in": STATUSES["staged"]}}
         with _answering():
             hidden = await self._collection("clips").update_one(staged, {"$set": {"status": STAGING}})
         if hidden.matched_count:
@@ -363,7 +363,7 @@ class MongoStore(MongoShares, MongoUploads):
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
         """See `CustodyStore.lapsed`; a clip whose staging was cut off lapses too."""
         found: list[Document] = []
-        for status in ("staged", STAGING):
+        for status in STATUSES["staged"]:
             where = {"status": status, "valid_until_ms": _up_to(at_ms)}
             order = _rising("status", "valid_until_ms", "_id")
             found += await self._many("clips", where, sort=order, limit=limit, fields=("_id", "valid_until_ms"))
@@ -462,7 +462,7 @@ class MongoStore(MongoShares, MongoUploads):
     async def counts(self) -> StoreCounts:
         """See `CustodyStore.counts`; clips that are half written count as staged."""
         return StoreCounts(
-            staged=await self._count("clips", {"status": {"$in": ["staged", STAGING]}}),
+            staged=await self._count("clips", {"status": {"$in": STATUSES["staged"]}}),
             confirmed=await self._count("clips", {"status": "confirmed"}),
             erased=await self._count("clips", {"status": "erased"}),
             frames=await self._count("frames", {}),

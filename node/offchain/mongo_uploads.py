@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pymongo import ReplaceOne, UpdateOne
 
 from consensus.primitives.encoding import u64
-from node.offchain.mongo_documents import rows
+from node.offchain.mongo_documents import STATUSES, rows
 from node.offchain.uploads import USAGE_KEPT_DAYS, DayUse, Use
 
 Document = dict[str, Any]
@@ -36,7 +36,8 @@ class MongoUploads:
     async def use_by_robot(self, status: str) -> dict[bytes, Use]:
         """See `UploadAccount.use_by_robot`."""
         sums = {"count": {"$sum": 1}, "size_bytes": {"$sum": "$size_bytes"}}
-        found = await self._summed("clips", {"status": status}, {"_id": "$robot", **sums})
+        where = {"status": {"$in": STATUSES[status]}}
+        found = await self._summed("clips", where, {"_id": "$robot", **sums})
         return {bytes(row["_id"] or b""): Use(int(row["count"]), int(row["size_bytes"])) for row in found}
 
     async def add_use(self, use: DayUse) -> None:

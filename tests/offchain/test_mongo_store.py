@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -27,7 +28,8 @@ from node.offchain.mongo_store import (
 from node.offchain.open_store import open_store
 from node.offchain.sqlite_store import SqliteStore
 from node.offchain.store import BlockEffects, Checkpoint, ClipRow, FrameRow, Grant, OutboxRow
-from node.offchain.uploads import DayUse
+from node.offchain.uploads import DayUse, Use
+from tests.offchain.stored_clips import make_clip
 
 RECORD_ID, OWNER, TXID = b"\x01" * 16, b"\x02" * 33, b"\x03" * 32
 Query = Callable[[MongoStore], Any]
@@ -72,6 +74,22 @@ async def test_a_document_that_lacks_a_field_is_damage_and_not_a_guess(
         with pytest.raises(BlockRobotError) as refusal:
             await store.checkpoint()
     assert refusal.value.code == "STORAGE_DAMAGED"
+
+
+async def test_a_clip_whose_staging_was_cut_off_counts_for_its_robot(
+    mongo_database: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip, frames = make_clip(1)
+    async with MongoStore(mongo_database) as store:
+        monkeypatch.setattr(store, "_delete", _cut_off)
+        with pytest.raises(ConnectionFailure):
+            await store.stage(replace(clip, robot=OWNER, size_bytes=7), frames)
+        assert (await store.counts()).staged == 1
+        assert await store.use_by_robot("staged") == {OWNER: Use(1, 7)}
+
+
+async def _cut_off(*_: Any) -> None:
+    raise ConnectionFailure
 
 
 @pytest.mark.parametrize(
