@@ -88,8 +88,24 @@ class _Job:
     wires: deque[bytes]
     sink: Sink
     also: Callable[[Transaction], None] | None
-    taken_bytes: int = 0
     done: asyncio.Future[None] | None = None
+    waiting_bytes: int = 0
+    counted_bytes: int = 0
+    """What its queue has counted of it."""
+
+    def __post_init__(self) -> None:
+        self.waiting_bytes = sum(map(len, self.wires))
+
+    def take(self) -> bytes:
+        """Take out the next transaction."""
+        wire = self.wires.popleft()
+        self.waiting_bytes -= len(wire)
+        return wire
+
+    def clear(self) -> None:
+        """Drop what waits of it."""
+        self.wires.clear()
+        self.waiting_bytes = 0
 
 
 @dataclass(slots=True)
@@ -106,6 +122,16 @@ class _Queue:
     jobs: deque[_Job] = field(default_factory=deque)
     size_bytes: int = 0
     size_of_parts_bytes: Counter[str] = field(default_factory=Counter)
+
+    def count(self, job: _Job) -> None:
+        """Count what waits of a job now instead of what was counted of it before."""
+        change_bytes, job.counted_bytes = job.waiting_bytes - job.counted_bytes, job.waiting_bytes
+        self.size_bytes += change_bytes
+        part = job.source.part
+        if part:
+            self.size_of_parts_bytes[part] += change_bytes
+            if not self.size_of_parts_bytes[part]:
+                del self.size_of_parts_bytes[part]
 
 
 class TransactionIntake:
@@ -191,19 +217,18 @@ class TransactionIntake:
                 return True
             job.sink(outcomes)
         ring = self._rings[job.source.kind not in {"own", "peer"}]
-        size = sum(map(len, job.wires))
         limit = QUEUE_OF_PEER_MAX_BYTES if job.source.kind in {"own", "peer"} else QUEUE_OF_CLIENT_MAX_BYTES
         queue = ring.get(job.source.shared)
-        if not _has_place(queue, job.source, size, limit) or (queue is None and len(ring) >= QUEUES_MAX_COUNT):
+        if not _has_place(queue, job.source, job.waiting_bytes, limit) or (
+            queue is None and len(ring) >= QUEUES_MAX_COUNT
+        ):
             self.dropped_count += len(job.wires)
             self._note_over(str(job.source), over_budget(str(job.source), 1.0))
             return False
         if queue is None:
             queue = ring[job.source.shared] = _Queue()
         queue.jobs.append(job)
-        queue.size_bytes += size
-        if job.source.part:
-            queue.size_of_parts_bytes[job.source.part] += size
+        queue.count(job)
         if is_idle:
             self._task = self._loop.create_task(self._work(), name="intake")
         return True
@@ -213,7 +238,7 @@ class TransactionIntake:
         for ring in self._rings:
             queue = ring.pop(source, None)
             for job in () if queue is None else queue.jobs:
-                job.wires.clear()
+                job.clear()
                 _finish(job)
 
     # Working
@@ -231,7 +256,8 @@ class TransactionIntake:
                 await self._take_slice(source, queue, job)
             except Exception as fault:
                 log.exception("intake_fault", source=str(source))
-                job.wires.clear()
+                job.clear()
+                queue.count(job)
                 if job.done is not None and not job.done.done():
                     job.done.set_exception(fault)
             if not job.wires:
@@ -244,11 +270,8 @@ class TransactionIntake:
             await asyncio.sleep(0)
 
     async def _take_slice(self, source: Source, queue: _Queue, job: _Job) -> None:
-        taken_bytes = job.taken_bytes
         screened, outcomes = self._screen_slice(job)
-        queue.size_bytes -= job.taken_bytes - taken_bytes
-        if job.source.part:
-            queue.size_of_parts_bytes[job.source.part] -= job.taken_bytes - taken_bytes
+        queue.count(job)
         if len(screened) <= INLINE_MAX_COUNT:
             checked = [_check(paid.item) for paid in screened]
         else:
@@ -262,9 +285,8 @@ class TransactionIntake:
         screened: list[_Paid] = []
         outcomes: list[Outcome] = []
         while job.wires and weight_us < SLICE_MAX_US:
-            wire, transaction = job.wires.popleft(), None
+            wire, transaction = job.take(), None
             weight_us += TRANSACTION_SCREENING_US
-            job.taken_bytes += len(wire)
             try:
                 receipt = self._pay(job.source, TRANSACTION_SCREENING_US)
                 transaction, is_verified = self._mempool.read(wire)

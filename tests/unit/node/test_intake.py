@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any, get_args
@@ -303,6 +304,30 @@ def test_a_fault_of_the_node_itself_ends_one_request_and_no_other() -> None:
         with pytest.raises(ZeroDivisionError):
             await _submit(intake, STRANGER, [transaction(number, by=5).wire for number in range(8)])
         assert _codes(await _submit(intake, OTHER, [transaction(number).wire for number in range(8)])) == {""}
+
+    _run(make_pool(has_standing=broken), story)
+
+
+def test_a_queue_counts_what_waits_in_it_also_after_a_fault_and_knows_no_part_of_which_nothing_waits() -> None:
+    def broken(item: Transaction) -> bool:
+        if item.body.sender == sender(5).public_key:
+            raise ZeroDivisionError
+        return True
+
+    async def story(intake: TransactionIntake) -> None:
+        for part, by in (("early", 6), ("faulty", 5), ("late", 7)):
+            wires = [transaction(number, by=by).wire for number in range(60)]
+            intake.offer(Source("visit_keys", "192.0.2.1", part), wires, lambda _outcomes: None)
+        seen: set[tuple[str, ...]] = set()
+        while queues := [queue for ring in intake._rings for queue in ring.values()]:
+            (queue,) = queues
+            waiting: Counter[str] = Counter()
+            for job in queue.jobs:
+                waiting[job.source.part] += sum(map(len, job.wires))
+            assert (queue.size_bytes, dict(queue.size_of_parts_bytes)) == (waiting.total(), dict(+waiting))
+            seen.add(tuple(waiting))
+            await asyncio.sleep(0)
+        assert ("late",) in seen, "the fault's part is gone, and something waited still"
 
     _run(make_pool(has_standing=broken), story)
 
