@@ -6,7 +6,7 @@ import pytest
 
 from consensus.limits import BLOCK_GAS_MAX, CALL_GAS_MAX
 from consensus.primitives.hashing import sha256
-from tests.unit.contracts.privacy.hospital import Hospital, data_of, key_of
+from tests.unit.contracts.privacy.hospital import Hospital, Person, data_of, key_of
 
 MOST = 128
 AT_ONCE = 32
@@ -95,3 +95,19 @@ def test_nobody_is_no_robot_and_a_revoked_one_publishes_nothing_new(hospital: Ho
     again = [robot.identity.public_key, [frame(1)]]
     assert hospital.send(hospital.admin, "records", "approve_empty_frames", *again).code == "ROBOT_UNKNOWN"
     hospital.must(hospital.admin, "records", "withdraw_empty_frames", robot.identity.public_key, [frame(0)])
+
+
+def test_a_robots_new_key_has_no_empty_frame_until_somebody_approves_it_anew(hospital: Hospital) -> None:
+    """The name goes with the machine. What pictures show, a person says of each key; whoever stole a key says nothing."""
+    old, new = hospital.robot, Person("robot-again")
+    keys = [person.identity.public_key for person in (old, new)]
+    hospital.must(hospital.admin, "records", "approve_empty_frames", keys[0], [frame(0)])
+    hospital.must(old.identity, "identity", "rotate", *hospital.rotation_arguments(old, new))
+    assert [held(hospital, key) for key in keys] == [[frame(0)], []], "what stands on it is shown with it still"
+    again = hospital.send(hospital.admin, "records", "approve_empty_frames", keys[0], [frame(1)])
+    assert again.code == "ROBOT_UNKNOWN", "nothing new is approved for the old key"
+    hospital.must(hospital.admin, "records", "approve_empty_frames", keys[1], [frame(0)])
+    told = [
+        hospital.must(hospital.admin, "records", "withdraw_empty_frames", key, [frame(0)]) for key in reversed(keys)
+    ]
+    assert [data_of(one, "empty_frames_withdrawn")["gone"] for one in told] == [[], [frame(0)]]
