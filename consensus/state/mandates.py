@@ -54,10 +54,12 @@ OF: Prefix[bytes] = Prefix(MANDATES, "of/", (HASH,), bytes)
 ACT: Prefix[ActRow] = Prefix(MANDATES, "act/", (HASH, U32), ActRow)
 ACT_COUNT: Prefix[int] = Prefix(MANDATES, "act-count/", (HASH,), int)
 DAY: Prefix[DayRow] = Prefix(MANDATES, "day/", (HASH,), DayRow)
+PROPOSALS_DAY: Prefix[DayRow] = Prefix(MANDATES, "proposals/", (HASH,), DayRow)
+"""By the handle of the officer who proposed."""
 PERSON: Prefix[bytes] = Prefix(MANDATES, "person/", (HASH, U32), bytes)
 """The mandates in which a person was ever named."""
 PERSON_COUNT: Prefix[int] = Prefix(MANDATES, "person-count/", (HASH,), int)
-LAYOUT = (MANDATE, MANDATE_NUMBER, MANDATE_COUNT, OF, ACT, ACT_COUNT, DAY, PERSON, PERSON_COUNT)
+LAYOUT = (MANDATE, MANDATE_NUMBER, MANDATE_COUNT, OF, ACT, ACT_COUNT, DAY, PROPOSALS_DAY, PERSON, PERSON_COUNT)
 
 
 def is_represented(state: Reader, handle: bytes, now_ms: int) -> bool:
