@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 from clients.sdk.trust import ProvedState
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from consensus.state.keys import DecodedReader, Prefix, Reader, StateKey
+from consensus.state.keys import DecodedReader, Prefix, Reader, StateKey, UnreadError
 
 PROOF_KEYS_MAX_COUNT = 128
 T = TypeVar("T")
@@ -62,6 +62,6 @@ async def put_query(read: Read, query: Callable[[Reader], T]) -> T:
     while True:
         try:
             return query(DecodedReader(values))
-        except KeyError as error:
+        except UnreadError as error:
             (missing,) = error.args
             values.update(await read([missing]))

@@ -17,6 +17,7 @@ from consensus.primitives.encoding import Wire, decode, decode_value, encode
 from consensus.primitives.keys import PrivateKey, is_public_key, recover
 from consensus.primitives.trie import Proof, verify_proof
 from consensus.records.envelopes import open_sealed, seal_to
+from consensus.state.identity import MEMBER
 
 ROSTER_VERSION = 2
 ROSTER_TAG = "blockrobot/roster"
@@ -150,7 +151,7 @@ def verify_row(row: RosterRow, state_root: bytes) -> bytes:
     """
     try:
         shown = decode(row.proof, RowProof)
-        verify_proof(state_root, b"identity\x00member/" + shown.member, shown.value, shown.proof)
+        verify_proof(state_root, MEMBER.key(shown.member), shown.value, shown.proof)
         member: Any = decode_value(shown.value)
     except BlockRobotError:
         raise BlockRobotError("ROSTER_INVALID", "A row's proof does not lead to the state root.") from None

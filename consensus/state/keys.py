@@ -38,6 +38,10 @@ class Reader(Protocol):
         ...
 
 
+class UnreadError(KeyError):
+    """A query needs a key that was not asked for: its one argument."""
+
+
 class DecodedReader:
     """Reads decoded values, so that queries can be put to what was proved. A key not asked for is never taken as absent."""
 
@@ -45,7 +49,9 @@ class DecodedReader:
         self._values = values
 
     def get(self, key: bytes, /) -> bytes | None:
-        """Return the encoded value, or None. Raises KeyError for a key that was not asked for."""
+        """Return the encoded value, or None. Raises UnreadError for a key that was not asked for."""
+        if key not in self._values:
+            raise UnreadError(key)
         value = self._values[key]
         return None if value is None else encode_value(value)
 

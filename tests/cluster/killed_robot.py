@@ -247,7 +247,7 @@ class KilledRobot:
                         if error.code not in _NOT_YET:
                             raise
                         await asyncio.sleep(0.1)
-            assert check_clip_download(clip, entry.state["commitment_root"], entry.state["ciphertext_root"]) == []
+            assert check_clip_download(clip, entry.state.commitment_root, entry.state.ciphertext_root) == []
 
 
 def _read(path: Path) -> str:

@@ -35,7 +35,7 @@ async def give(officers: tuple[Wallet, Wallet], child: Wallet, mother: Wallet, p
     with pytest.raises(BlockRobotError, match="MANDATE_DECIDED"):
         await own.accept(proposed)
     seen = await second.find(proposed.mandate_id.hex())
-    check_papers(receipt, seen.state["papers"], papers)
+    check_papers(receipt, seen.state.papers, papers)
     await second.approve(seen)
     await own.accept(proposed)
     return await own.acting_for(handles[0])
@@ -64,7 +64,7 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
             await speaking.withdraw([], [])
 
         mandate = await give((eva, other), child, mother, [paper])
-        until_ms = mandate.state["until_ms"]
+        until_ms = mandate.state.until_ms
         with pytest.raises(BlockRobotError, match="BEYOND_MANDATE"):
             await speaking.give(["demo"], ["depth"])
         word = await speaking.give(["demo"], ["depth"], until_ms=until_ms)
@@ -97,7 +97,7 @@ async def ended_as_it_was(eva: Wallet, other: Wallet, child: Wallet, mother: Wal
     after = await Mandates(eva).find(own.mandate_id.hex())
     named = [after.state[name] for name in ("proposer", "approver", "ended_by")]
     assert named == [wallet.keys.identity.public_key for wallet in (eva, other, child)]
-    assert after.state["representative"] == mother.store.content.handle
+    assert after.state.representative == mother.store.content.handle
     assert after.status == "ended"
     (act,) = await Mandates(child).trail(after)
-    assert (act.kind, act.data["purposes"], act.data["until_ms"]) == ("given", ["demo"], own.state["until_ms"])
+    assert (act.kind, act.data["purposes"], act.data["until_ms"]) == ("given", ["demo"], own.state.until_ms)

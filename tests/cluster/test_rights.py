@@ -204,7 +204,7 @@ async def _deny_and_decide(ann: Wallet, officer: Wallet, rights: Rights, viewing
 
     handling = Breaches(officer)
     (breach,) = await handling.read_all()
-    assert (breach.state["owner"], breach.is_open, breach.is_overdue) == (report.visit.owner, True, False)
+    assert (breach.state.owner, breach.is_open, breach.is_overdue) == (report.visit.owner, True, False)
     assert 71 * 3600 * 1000 < breach.left_ms <= 72 * 3600 * 1000
     with pytest.raises(BlockRobotError, match="NOT_AN_OFFICER"):
         await Breaches(ann).assess(breach, "none", "owner-confirmed")

@@ -104,6 +104,9 @@ def check_members(chain: Any) -> None:
         assert identity.is_registered(state, member) == (said is not None and said["status"] == "active")
         assert identity.handle_of(state, member) == (said["handle"] if said else b"")
         assert identity.organisation_of(state, member) == (said["org"] if said else "")
+    for key, data in state.scan(identity.HANDLE.flat, 1000):
+        row = identity.MEMBER.at(state, identity.HANDLE.decode(data))
+        assert identity.member_with(state, identity.HANDLE.split(key)[0]) == row
     assert identity.custodians(state) == chain.view("identity", "custodians")
     for key, _ in state.scan(identity.ADMIN.flat, 1000):
         admin = identity.ADMIN.split(key)[0]
