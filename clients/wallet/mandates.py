@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from clients.sdk.receipts import FinalReceipt
@@ -18,7 +19,7 @@ from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.handles import decode_short, encode_short, is_short
 from consensus.state import mandates as schema
-from consensus.state.identity import HANDLE, SHORT, member_with
+from consensus.state.identity import HANDLE, handle_from, member_with
 from consensus.state.mandates import ACT, ACT_COUNT, OF, PERSON, PERSON_COUNT, ActRow, MandateRow
 
 HANDLE_BYTES = 32
@@ -110,11 +111,10 @@ class Mandates:
         """Return the handle that is meant, whole or in short. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND."""
         await self._wallet.require_registered()
         if is_short(wanted):
-            short = decode_short(wanted)
-            found = await proved_row(self._read, SHORT, short)
-            if found is not None and found.startswith(short):
-                return found
-            raise BlockRobotError("HANDLE_NOT_FOUND")
+            found = await put_query(self._read, partial(handle_from, start=decode_short(wanted)))
+            if found is None:
+                raise BlockRobotError("HANDLE_NOT_FOUND")
+            return found
         try:
             handle = bytes.fromhex("".join(wanted.replace("-", "").split()))
         except ValueError:

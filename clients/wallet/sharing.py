@@ -11,6 +11,7 @@ import asyncio
 import secrets
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from clients.sdk.connections import NodeAddress
@@ -43,7 +44,7 @@ from consensus.records.sharing import (
     split_share_key,
 )
 from consensus.state.access import REQUEST, AccessRow
-from consensus.state.identity import REMOVED, SHORT, MemberRow, member_with, role_now
+from consensus.state.identity import REMOVED, MemberRow, handle_from, member_with, role_now
 from consensus.state.records import RECORD
 
 HANDLE_BYTES = 32
@@ -249,8 +250,9 @@ class Sharing:
         """Return the one handle that begins so, proven. Raises HANDLE_MISTYPED, SHARE_WITH_NON_MEMBER."""
         short = decode_short(wanted)
         await self._wallet.require_registered()
-        handle = await proved_row(self._wallet.reading(self._wallet.keys.identity), SHORT, short)
-        if handle is None or not handle.startswith(short):
+        read = self._wallet.reading(self._wallet.keys.identity)
+        handle = await put_query(read, partial(handle_from, start=short))
+        if handle is None:
             raise refusal("SHARE_WITH_NON_MEMBER", "share_nobody")
         return handle
 

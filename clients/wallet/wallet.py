@@ -46,11 +46,6 @@ class RecordEntry:
     state: RecordRow
     metadata: RecordMetadata
 
-    @property
-    def erased(self) -> bool:
-        """Whether the whole record is erased."""
-        return self.state.status == "erased"
-
 
 @dataclass(frozen=True, slots=True)
 class VisitReport:

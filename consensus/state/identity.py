@@ -117,6 +117,12 @@ def member_with(state: Reader, handle: bytes) -> MemberRow | None:
     return None if key is None else MEMBER.at(state, key)
 
 
+def handle_from(state: Reader, start: bytes) -> bytes | None:
+    """Return the handle that begins so (10 bytes), or None: the one to which its short form leads."""
+    handle = SHORT.at(state, start)
+    return handle if handle is not None and handle.startswith(start) else None
+
+
 def handle_of(state: Reader, key: bytes) -> bytes:
     """Return the handle under which this key is, or was, a member's; empty for a key of no member."""
     row = MEMBER.at(state, key)

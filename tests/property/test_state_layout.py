@@ -106,7 +106,9 @@ def check_members(chain: Any) -> None:
         assert identity.organisation_of(state, member) == (said["org"] if said else "")
     for key, data in state.scan(identity.HANDLE.flat, 1000):
         row = identity.MEMBER.at(state, identity.HANDLE.decode(data))
-        assert identity.member_with(state, identity.HANDLE.split(key)[0]) == row
+        (handle,) = identity.HANDLE.split(key)
+        assert identity.member_with(state, handle) == row
+        assert identity.handle_from(state, handle[: identity.SHORT_HANDLE]) == handle
     assert identity.custodians(state) == chain.view("identity", "custodians")
     for key, _ in state.scan(identity.ADMIN.flat, 1000):
         admin = identity.ADMIN.split(key)[0]
