@@ -95,7 +95,7 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
 async def ended_as_it_was(eva: Wallet, other: Wallet, child: Wallet, mother: Wallet, own: Mandate) -> None:
     """The chain names all of them, and what was said, to whoever is a member."""
     after = await Mandates(eva).find(own.mandate_id.hex())
-    named = [after.state[name] for name in ("proposer", "approver", "ended_by")]
+    named = [after.state.proposer, after.state.approver, after.state.ended_by]
     assert named == [wallet.keys.identity.public_key for wallet in (eva, other, child)]
     assert after.state.representative == mother.store.content.handle
     assert after.status == "ended"
