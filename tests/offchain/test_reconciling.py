@@ -330,7 +330,7 @@ def _of_many() -> tuple[_Watched, ChainFacts]:
         status = ("active", "erased", "expired")[number % 3]
         awaited = [CUSTODIAN] if status == "expired" else []
         state.rows[RECORD_PREFIX + number.to_bytes(16, "big")] = row | {"status": status, "awaited": awaited}
-        state.said("restricted", 5, owner=number.to_bytes(33, "big"))
+        state.said("access_requested", 5, owner=number.to_bytes(33, "big"))
     state.rows[CUSTODIANS_KEY] = BOTH
     facts = state.facts()
     watched = _Watched(facts._state)
