@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,6 +11,7 @@ import click
 
 from clients.sdk.counting import counted
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.asking import ask_or_say
 from clients.wallet.breaches import Breach, Breaches, breach_json
 from clients.wallet.group_options import place_wallet, wallet_options
 from clients.wallet.lost_keys_commands import lost_keys
@@ -168,14 +168,11 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
 
     Example: blockrobot officer close 3fa2c19b07de --outcome erased --reason matched-wrongly
     """
-    if outcome == "erased" and not yes:
-        if not sys.stdin.isatty():
-            raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-        click.confirm(
-            "Every record of the visit will be gone for everyone, for ever, also what was to be kept for a claim."
-            " Erase?",
-            abort=True,
-        )
+    ask_or_say(
+        "Every record of the visit will be gone for everyone, for ever, also what was to be kept for a claim. Erase?",
+        yes=yes or outcome != "erased",
+        as_json=as_json,
+    )
 
     def tell(number: int, count: int) -> None:
         click.echo(f"erasing records: {number} of {count} are asked for", err=True)

@@ -16,6 +16,7 @@ import click
 from clients.sdk.terminal import home_folder
 
 WALLET_COMMAND = "blockrobot wallet"
+OFFICER_COMMAND = "blockrobot officer"
 """How texts name the wallet. One that is followed by an option says itself which wallet it means."""
 DEFAULT_PROFILE = "default"
 # A folder's or a file's name that has these words in it is no command.
@@ -43,13 +44,13 @@ def verify_command(file: Path | str) -> str:
     return f"blockrobot verify {shlex.quote(str(file))} --genesis {shlex.quote(str(trusted))}"
 
 
-def called() -> str:
+def called(command: str = WALLET_COMMAND) -> str:
     """Return how the wallet of the command that runs was called: with its profile, folder and genesis file, if named."""
     context = _group()
     if context is None:
-        return WALLET_COMMAND
+        return command
     profile = context.params["profile"]
-    told = [WALLET_COMMAND] if profile == DEFAULT_PROFILE else [f"{WALLET_COMMAND} --profile {profile}"]
+    told = [command] if profile == DEFAULT_PROFILE else [f"{command} --profile {profile}"]
     for option, name in _PLACES.items():
         place = context.params.get(name)
         if place is not None:

@@ -22,6 +22,7 @@ from clients.sdk.terminal import (
     plain_errors,
     print_json,
 )
+from clients.wallet.asking import ask_or_say
 from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.guardian_lines import guardian_lines
 from clients.wallet.guardian_sheets import require_no_sheets, write_sheets
@@ -31,7 +32,6 @@ from clients.wallet.handing_over import show_alone, show_and_check
 from clients.wallet.keystore import Keystore, WalletContent
 from clients.wallet.language import WrongUsage, text
 from clients.wallet.opening import read_passphrase
-from clients.wallet.rotating_commands import ask_or_say
 from clients.wallet.shares import (
     GUARDIANS_MAX_COUNT,
     GUARDIANS_MIN_COUNT,
@@ -176,7 +176,7 @@ def split(
         earlier = sum(known.era == era for known in content.guardian_sets)
         if earlier:
             click.echo(text("guardians.again", count=earlier), err=True)
-            ask_or_say(text("guardians.ask_again"), yes=yes)
+            ask_or_say(text("guardians.ask_again"), yes=yes, as_json=as_json)
         content.guardian_sets.append(one)
         sheets = _write(store, one, shares, out) if out else _show(store, one, shares, checked=checked)
     if as_json:

@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.asking import ask_or_say
 from clients.wallet.auditing import AuditEntry, Finding, audit_visit, findings_of
 from clients.wallet.earlier_looks import find_earlier_of, tell_earlier
 from clients.wallet.grants import find_by_prefix
@@ -31,7 +32,6 @@ from clients.wallet.received import (
     Unread,
 )
 from clients.wallet.rotating_commands import unreadable_words
-from clients.wallet.sharing_commands import confirm
 from clients.wallet.sharing_memory import ReceivedGrant
 from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, name_places
 from clients.wallet.viewing_commands import missing_rooms_json, tell_missing_rooms
@@ -358,7 +358,7 @@ def _ask_whether_deleted(places: Sequence[Path], records_count: int, *, yes: boo
         told = text("confirm_deleted.delete", folders=text("count.folders", count=len(places)), records=records)
     else:
         told = text("confirm_deleted.say", records=records)
-    confirm(told, text("confirm_deleted.ask"), yes=yes)
+    ask_or_say(text("confirm_deleted.ask"), yes=yes, told=told)
 
 
 @click.command("confirm-deleted")

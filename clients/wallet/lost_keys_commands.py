@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import click
 
 from clients.sdk.counting import counted
-from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.asking import ask_or_say
+from clients.wallet.calling import OFFICER_COMMAND, called
 from clients.wallet.lost_keys import LostKeys, Ordered, Preview, Proposal
 from clients.wallet.opening import reads_only, run_opened
 from consensus.errors import BlockRobotError
@@ -54,19 +55,16 @@ def _span_options(command: Any) -> Any:
     return command
 
 
-def _officer(ctx: click.Context) -> str:
-    """Return how the group was called, so that the next step can be typed as it stands."""
-    group = ctx.find_root() if ctx.parent is None or ctx.parent.parent is None else ctx.parent.parent
-    profile = group.params.get("profile", "default")
-    return "blockrobot officer" + (f" --profile {profile}" if profile != "default" else "") + " lost-keys"
+def _called() -> str:
+    return f"{called(OFFICER_COMMAND)} lost-keys"
 
 
-def _second(ctx: click.Context, proposal: Proposal) -> str:
+def _second(proposal: Proposal) -> str:
     """Return how it is approved: not by who proposed it, so a hint for her names nobody's profile."""
     name = proposal.proposal_id.hex()[:12]
     if proposal.is_own:
         return f"another officer, with a wallet of her own: blockrobot officer --profile HERS lost-keys approve {name}"
-    return f"you may agree: {_officer(ctx)} approve {name}"
+    return f"you may agree: {_called()} approve {name}"
 
 
 def _preview_json(preview: Preview) -> dict[str, Any]:
@@ -135,7 +133,7 @@ def _proposal_json(proposal: Proposal) -> dict[str, Any]:
     }
 
 
-def _print_proposal(ctx: click.Context, proposal: Proposal) -> None:
+def _print_proposal(proposal: Proposal) -> None:
     state, name = proposal.state, proposal.proposal_id.hex()[:12]
     console.print(
         f"{name}  {proposal.status}, {state.reason}: robot {state.robot.hex()[:10]} at {state.org}, "
@@ -144,29 +142,21 @@ def _print_proposal(ctx: click.Context, proposal: Proposal) -> None:
         f"{counted(state.visits, 'visit')} and {counted(state.records, 'record')} ordered so far"
     )
     steps = {
-        "proposed": f"{_second(ctx, proposal)}, until {show_moment(state.ends_ms)}",
-        "approved": f"either of the two, until {show_moment(state.ends_ms)}: {_officer(ctx)} erase {name}",
-        "lapsed": f"its time is over; if it is still wanted: {_officer(ctx)} propose ...",
+        "proposed": f"{_second(proposal)}, until {show_moment(state.ends_ms)}",
+        "approved": f"either of the two, until {show_moment(state.ends_ms)}: {_called()} erase {name}",
+        "lapsed": f"its time is over; if it is still wanted: {_called()} propose ...",
     }
     if proposal.status in steps:
         console.print(f"  Next: {steps[proposal.status]}")
 
 
-def _tell_decided(ctx: click.Context, found: Preview, proposal: Proposal, line: str, *, as_json: bool) -> None:
+def _tell_decided(found: Preview, proposal: Proposal, line: str, *, as_json: bool) -> None:
     """Tell what stands now of a proposal, and what it would touch."""
     if as_json:
         print_json({"ok": True, **_proposal_json(proposal), "preview": _preview_json(found)})
         return
     console.print(line)
-    _print_proposal(ctx, proposal)
-
-
-def _confirm(text: str, *, yes: bool) -> None:
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-    ask(text)
+    _print_proposal(proposal)
 
 
 def _require_room(found: Preview, visits: int | None) -> int:
@@ -200,7 +190,7 @@ def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
     if not shown:
         console.print("There is no open proposal." + ("" if everything else " (--all: those that are over, too.)"))
     for proposal in shown:
-        _print_proposal(ctx, proposal)
+        _print_proposal(proposal)
 
 
 @lost_keys.command()
@@ -220,7 +210,7 @@ def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json
         return
     _print_preview(found)
     if found.touched:
-        console.print(f"  Next: {_officer(ctx)} propose, with the same options and --reason CODE")
+        console.print(f"  Next: {_called()} propose, with the same options and --reason CODE")
 
 
 @lost_keys.command()
@@ -258,13 +248,14 @@ def propose(
         if not as_json:
             _print_preview(found)
         most = _require_room(found, visits)
-        _confirm(f"Propose that {counted(len(found.touched), 'visit is', 'visits are')} erased, all of it?", yes=yes)
+        question = f"Propose that {counted(len(found.touched), 'visit is', 'visits are')} erased, all of it?"
+        ask_or_say(question, yes=yes, as_json=as_json)
         proposal_id = await handling.propose(found.span, reason, most)
         return found, await handling.find(proposal_id.hex())
 
     found, proposal = run_opened(ctx, lambda opened: main(LostKeys(opened)))
     line = f"Proposed. Nothing is erased yet: a second officer has {APPROVE_MS // _DAY_MS} days to agree."
-    _tell_decided(ctx, found, proposal, line, as_json=as_json)
+    _tell_decided(found, proposal, line, as_json=as_json)
 
 
 @lost_keys.command()
@@ -285,13 +276,13 @@ def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None
         if not as_json:
             _print_preview(found)
             console.print(f"  Reason: {LOST_KEY_REASONS.get(before.state.reason, before.state.reason)}")
-        _confirm("Do you agree, having checked it yourself?", yes=yes)
+        ask_or_say("Do you agree, having checked it yourself?", yes=yes, as_json=as_json)
         await handling.approve(before)
         return found, await handling.find(before.proposal_id.hex())
 
     found, after = run_opened(ctx, lambda opened: main(LostKeys(opened)))
     line = f"Approved. Either of you has {CARRY_OUT_MS // _DAY_MS} days to have it carried out."
-    _tell_decided(ctx, found, after, line, as_json=as_json)
+    _tell_decided(found, after, line, as_json=as_json)
 
 
 @lost_keys.command()
@@ -315,7 +306,8 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
         if not as_json:
             _print_preview(found)
         if found.touched:
-            _confirm(f"Erase the records of {counted(len(found.touched), 'visit')} for everyone, for ever?", yes=yes)
+            question = f"Erase the records of {counted(len(found.touched), 'visit')} for everyone, for ever?"
+            ask_or_say(question, yes=yes, as_json=as_json)
         ordered = await handling.erase(before, tell)
         return ordered, await handling.find(before.proposal_id.hex())
 
@@ -343,7 +335,7 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
     if ordered.left_visits:
         visits = counted(ordered.left_visits, "visit is", "visits are")
         console.print(f"  {visits} more than was approved, and left. Propose the rest anew.")
-    _print_proposal(ctx, after)
+    _print_proposal(after)
 
 
 @lost_keys.command()
@@ -367,4 +359,4 @@ def stop(ctx: click.Context, proposal: str, as_json: bool) -> None:
         print_json({"ok": True, **_proposal_json(after)})
         return
     console.print("Stopped: nothing more is erased under it.")
-    _print_proposal(ctx, after)
+    _print_proposal(after)

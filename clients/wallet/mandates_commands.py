@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import click
 
-from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
-from clients.wallet.language import WrongUsage, code_text, purposes_text, text
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.asking import ask_or_say
+from clients.wallet.language import code_text, purposes_text, text
 from clients.wallet.mandates import ACTIVE, APPROVED, OPEN, Mandate, Mandates
 from clients.wallet.officer_mandates_commands import mandate_json
 from clients.wallet.opening import reads_only, run_opened
@@ -117,10 +117,7 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
         handling = Mandates(opened)
         before = await handling.find(mandate, own=True)
         other, until = encode_short(before.state.handle), show_moment(before.state.until_ms)
-        if not yes:
-            if not sys.stdin.isatty():
-                raise WrongUsage("no_terminal_yes")
-            ask(text("mandates.ask_accept", other=other, until=until), err=as_json)
+        ask_or_say(text("mandates.ask_accept", other=other, until=until), yes=yes, as_json=as_json)
         await handling.accept(before)
         return await handling.find(before.mandate_id.hex(), own=True)
 

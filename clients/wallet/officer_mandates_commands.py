@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,9 @@ import click
 
 from clients.sdk.counting import counted
 from clients.sdk.failover import SURE_REFUSALS
-from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.asking import ask_or_say
+from clients.wallet.calling import OFFICER_COMMAND, called
 from clients.wallet.mandate_papers import (
     PapersReceipt,
     check_papers,
@@ -76,14 +77,7 @@ def _moment(_: click.Context, __: click.Parameter, text: str) -> int:
     return moment_ms - moment_ms % TIME_BUCKET_MS
 
 
-def _officer(ctx: click.Context) -> str:
-    """Return how the group was called, so that the next step can be typed as it stands."""
-    group = ctx.parent.parent if ctx.parent is not None else None
-    profile = "default" if group is None else group.params.get("profile", "default")
-    return "blockrobot officer" + (f" --profile {profile}" if profile != "default" else "") + " mandates"
-
-
-def _print_mandate(ctx: click.Context, mandate: Mandate) -> None:
+def _print_mandate(mandate: Mandate) -> None:
     state, name = mandate.state, mandate.mandate_id.hex()[:12]
     console.print(
         f"{name}  {mandate.status}: {encode_short(state.representative)} acts for {encode_short(state.handle)} "
@@ -92,27 +86,19 @@ def _print_mandate(ctx: click.Context, mandate: Mandate) -> None:
     until = show_moment(state.ends_ms)
     steps = {
         PROPOSED: f"another officer who sees the papers, until {until}: "
-        f"{_officer(ctx)} approve {name} --receipt FILE --papers FILE",
+        f"{called(OFFICER_COMMAND)} mandates approve {name} --receipt FILE --papers FILE",
         APPROVED: f"the representative, until {until}: blockrobot wallet mandates accept {name}",
     }
     if mandate.status in steps:
         console.print(f"  Next: {steps[mandate.status]}")
 
 
-def _confirm(text: str, *, yes: bool, as_json: bool) -> None:
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-    ask(text, err=as_json)
-
-
-def _tell(ctx: click.Context, mandate: Mandate, line: str, *, as_json: bool, **more: Any) -> None:
+def _tell(mandate: Mandate, line: str, *, as_json: bool, **more: Any) -> None:
     if as_json:
         print_json({"ok": True, **mandate_json(mandate), **more})
         return
     console.print(line)
-    _print_mandate(ctx, mandate)
+    _print_mandate(mandate)
 
 
 def _require_papers(papers: tuple[Path, ...]) -> None:
@@ -162,7 +148,7 @@ def propose(
             console.print(f"{encode_short(acting)} would act for {encode_short(handle)} until {show_moment(until_ms)}:")
             console.print("  give and take back consent in that person's name, so that robots may record the person.")
             console.print(f"  On {counted(len(papers), 'paper')}: {MANDATE_REASONS[reason]}")
-        _confirm("Propose it, having seen the papers and both persons?", yes=yes, as_json=as_json)
+        ask_or_say("Propose it, having seen the papers and both persons?", yes=yes, as_json=as_json)
         kept, is_new = keep_receipt(place, made)
         try:
             mandate_id = await handling.propose(handle, acting, kept.commitment, ACTS, until_ms)
@@ -174,7 +160,7 @@ def propose(
 
     place, proposed = run_opened(ctx, lambda opened: main(Mandates(opened)))
     line = f"Proposed. A second officer has {APPROVE_MS // _DAY_MS} days to agree. The papers' receipt: {place}"
-    _tell(ctx, proposed, line, as_json=as_json, receipt=str(place))
+    _tell(proposed, line, as_json=as_json, receipt=str(place))
 
 
 @mandates.command()
@@ -199,15 +185,15 @@ def approve(
         before = await handling.find(mandate)
         check_papers(seen, before.state.papers, papers)
         if not as_json:
-            _print_mandate(ctx, before)
+            _print_mandate(before)
             console.print(f"  Reason: {MANDATE_REASONS[seen.reason]}")
-        _confirm("Do you agree, having seen the papers and both persons yourself?", yes=yes, as_json=as_json)
+        ask_or_say("Do you agree, having seen the papers and both persons yourself?", yes=yes, as_json=as_json)
         await handling.approve(before)
         return await handling.find(before.mandate_id.hex())
 
     after = run_opened(ctx, lambda opened: main(Mandates(opened)))
     line = f"Approved. The representative has {ACCEPT_MS // _DAY_MS} days to accept it."
-    _tell(ctx, after, line, as_json=as_json)
+    _tell(after, line, as_json=as_json)
 
 
 @mandates.command("list")
@@ -229,7 +215,7 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
     if not shown:
         console.print("There is no mandate." + ("" if everything else " (--all: those that are over, too.)"))
     for mandate in shown:
-        _print_mandate(ctx, mandate)
+        _print_mandate(mandate)
 
 
 @mandates.command()
@@ -252,4 +238,4 @@ def end(ctx: click.Context, mandate: str, as_json: bool) -> None:
         return await handling.find(found.mandate_id.hex())
 
     after = run_opened(ctx, lambda opened: main(Mandates(opened)))
-    _tell(ctx, after, "Ended: nobody acts for that person by it any more.", as_json=as_json)
+    _tell(after, "Ended: nobody acts for that person by it any more.", as_json=as_json)

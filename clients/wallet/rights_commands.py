@@ -11,7 +11,8 @@ from typing import Any, BinaryIO
 
 import click
 
-from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.asking import ask_or_say
 from clients.wallet.language import WrongUsage, purposes_text, text
 from clients.wallet.opening import run_opened
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
@@ -271,10 +272,8 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
 
     Example: blockrobot wallet wrong-person 02ab34cd
     """
-    if not yes:
-        if not sys.stdin.isatty():
-            raise WrongUsage("no_terminal_yes")
-        ask(text("rights.ask_wrong_person", no_officer=text("rights.no_officer")))
+    question = text("rights.ask_wrong_person", no_officer=text("rights.no_officer"))
+    ask_or_say(question, yes=yes, as_json=as_json)
 
     async def action(opened: Wallet) -> Said:
         (chosen,) = choose(await opened.records(), (), (visit,))

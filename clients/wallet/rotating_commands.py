@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from clients.sdk.terminal import ask, console, is_at_terminal, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, is_at_terminal, json_option, plain_errors, print_json
+from clients.wallet.asking import ask_or_say
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.handing_over import show_and_check, write_words
 from clients.wallet.keystore import WalletContent
@@ -49,14 +49,6 @@ def _hand_over(words: str, words_file: Path | None) -> None:
         write_words(words_file, words)
     else:
         show_and_check(text("rotate.words"), words, CHECKED_COUNT, said="rotate")
-
-
-def ask_or_say(question: str, *, yes: bool) -> None:
-    """Ask yes or no unless `--yes` said so. Raises Abort for no, and UsageError where there is nobody to ask."""
-    if not yes:
-        if not sys.stdin.isatty():
-            raise WrongUsage("no_terminal_yes")
-        ask(question)
 
 
 def _tell_progress(number: int, count: int, pause_s: float) -> None:
@@ -212,7 +204,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
             await opened.scan()
             if opened.member_gone:
                 raise BlockRobotError("MEMBER_NO_MORE")
-            ask_or_say(text("rotate.ask"), yes=yes)
+            ask_or_say(text("rotate.ask"), yes=yes, as_json=as_json)
             rotating.prepare()
         if rotating.must_show:
             if words_file is None and not is_at_terminal():
@@ -270,7 +262,7 @@ def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
     """
     if not as_json:
         console.print(text("leave.means"))
-    ask_or_say(text("leave.ask"), yes=yes)
+    ask_or_say(text("leave.ask"), yes=yes, as_json=as_json)
     height = run_opened(ctx, lambda opened: Rotating(opened).leave())
     if as_json:
         print_json({"ok": True, "height": height or None})

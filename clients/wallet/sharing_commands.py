@@ -8,7 +8,6 @@ from __future__ import annotations
 import datetime
 import functools
 import re
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +15,8 @@ from typing import Any
 import click
 
 from clients.sdk.qr_codes import read_given
-from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
+from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.asking import ask_or_say
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, code_text, language_in_use, text
 from clients.wallet.opening import reads_only, run_opened
@@ -97,16 +97,6 @@ def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, unti
         until=show_moment(until_ms),
         early=text("share.early", count=gone) if gone else "",
     )
-
-
-def confirm(told: str, question: str, *, yes: bool) -> None:
-    """Show what is about to happen and ask, unless `yes`. Raises UsageError without a terminal to ask at."""
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise WrongUsage("no_terminal_yes")
-    click.echo(told, err=True)
-    ask(question, err=True)
 
 
 def shared_json(shared: Shared) -> dict[str, Any]:
@@ -226,7 +216,8 @@ def share(
         grantee = await sharing.find_grantee(read_given(wanted), label)
         reports = await opened.records()
         entries = select_shareable(reports, choose(reports, record_ids, visits), purpose)
-        confirm(explain(entries, grantee, purpose, until_ms), text("share.ask"), yes=yes)
+        told = explain(entries, grantee, purpose, until_ms)
+        ask_or_say(text("share.ask"), yes=yes, told=told)
         with status_line(text("share.doing"), as_json=as_json) as show:
             told = DEFAULT_LANGUAGE if as_json else language_in_use()
             tell = functools.partial(_show_step, show)

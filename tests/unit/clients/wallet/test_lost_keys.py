@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from click.testing import CliRunner, Result
 
 from clients.sdk.announcements import AnnouncementPage
 from clients.sdk.receipts import FinalReceipt
-from clients.wallet import audit_command, breach_commands, lost_keys_commands, records_command, viewing_commands
+from clients.wallet import asking, audit_command, breach_commands, lost_keys_commands, records_command, viewing_commands
 from clients.wallet import cli as wallet_cli
 from clients.wallet.keys import draw_words
 from clients.wallet.keystore import Keystore
@@ -284,6 +285,18 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 def moment(time_ms: int) -> str:
     return lost_keys_commands.show_moment(time_ms)
+
+
+def test_questions_leave_the_json_alone(house: House, run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asking, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    house.lost()
+    from_ms, until_ms = house.pass_span()
+    span = ("--robot", house.robot.hex()[:10], "--from", moment(from_ms), "--until", moment(until_ms))
+    proposed = run("eva", "propose", *span, "--reason", "key-lost", "--json", typed="y\n")
+    name = json.loads(proposed.stdout)["proposal_id"][:12]
+    assert "erased, all of it? [y/N]" in proposed.stderr
+    for who, what in (("max", "approve"), ("eva", "erase")):
+        assert json.loads(run(who, what, name, "--json", typed="y\n").stdout)["ok"]
 
 
 def test_the_whole_way_as_officers_type_it(house: House, run: Any) -> None:

@@ -16,6 +16,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet import (
+    asking,
     breach_commands,
     consent_commands,
     mandates_commands,
@@ -289,9 +290,8 @@ def test_a_proposal_that_the_network_did_not_take_is_made_again_by_the_same_comm
 def test_questions_leave_the_json_alone(house: House, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     receipt, paper = str(house.folder / "r.json"), str(house.folder / "birth.pdf")
     asked: list[bool] = []
-    for module in (mandates_commands, officer_mandates_commands):
-        monkeypatch.setattr(module, "ask", lambda _, err=False: asked.append(err))
-        monkeypatch.setattr(module, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    monkeypatch.setattr(asking, "ask", lambda _, err=False: asked.append(err))
+    monkeypatch.setattr(asking, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
     proposed = json.loads(run("eva", *house.proposal(), "--receipt", receipt, "--json").stdout)
     found = proposed["mandate_id"][:12]
     assert json.loads(run("max", "approve", found, "--receipt", receipt, "--papers", paper, "--json").stdout)["ok"]

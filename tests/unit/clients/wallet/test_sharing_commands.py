@@ -78,7 +78,9 @@ def test_before_it_is_asked_it_says_what_is_seen_how_long_and_what_cannot_be_und
 ) -> None:
     _, (record_id,) = people.ward.record_visit(1)
     asked: list[str] = []
-    monkeypatch.setattr(sharing_commands, "confirm", lambda text, question, *, yes: asked.append(f"{text} {question}"))
+    monkeypatch.setattr(
+        sharing_commands, "ask_or_say", lambda question, *, yes, told: asked.append(f"{told} {question}")
+    )
     done = people.share(record_id)
     (text,) = asked
     for part in ("2 pictures", "Dr Weber, staff of ward", "care: Care and treatment", "until", "end it at any time"):
@@ -365,7 +367,9 @@ def pessoas(people: People, monkeypatch: pytest.MonkeyPatch) -> People:
 def test_sharing_is_explained_asked_and_told_in_portuguese(pessoas: People, monkeypatch: pytest.MonkeyPatch) -> None:
     _, (record_id,) = pessoas.ward.record_visit(1)
     asked: list[str] = []
-    monkeypatch.setattr(sharing_commands, "confirm", lambda told, question, *, yes: asked.append(f"{told} {question}"))
+    monkeypatch.setattr(
+        sharing_commands, "ask_or_say", lambda question, *, yes, told: asked.append(f"{told} {question}")
+    )
     done = pessoas.share(record_id)
     (told,) = asked
     for part in (
@@ -431,7 +435,7 @@ def test_the_inbox_looking_and_confirming_are_told_in_portuguese(
         assert part in said
     assert f"Quando já não restar nada: blockrobot wallet confirm-deleted {name}" in said
     asked: list[str] = []
-    monkeypatch.setattr(inbox_commands, "confirm", lambda told, question, *, yes: asked.append(f"{told} {question}"))
+    monkeypatch.setattr(inbox_commands, "ask_or_say", lambda question, *, yes, told: asked.append(f"{told} {question}"))
     (out / first.hex() / "nota.txt").write_text("minha")
     done = pessoas.run(doctor, "confirm-deleted", name, "--delete").output
     assert "Eliminar o que `look` escreveu em 1 pasta, e dizer no registo" in asked[0]
