@@ -194,6 +194,16 @@ def test_a_no_that_changes_nothing_leaves_nothing_in_the_trail(family: Family) -
     assert family.trail(mandate_id) == [("refused", ["demo"]), ("objected", ["demo"])]
 
 
+@pytest.mark.parametrize("own_is_last", [False, True])
+def test_of_two_yeses_the_later_one_stands_and_ends_with_its_mandate(family: Family, own_is_last: bool) -> None:
+    mandate_id = family.give()
+    for is_own in (not own_is_last, own_is_last):
+        assert family.yes(family.child if is_own else family.mother) == "OK"
+        assert family.allowed()
+    family.hospital.must(family.mother.identity, "mandates", "end", mandate_id)
+    assert family.allowed() == own_is_last
+
+
 def test_a_day_takes_64_acts_under_a_mandate_and_every_no(family: Family) -> None:
     hospital, mandate_id = family.hospital, family.give()
     for _ in range(32):
