@@ -20,7 +20,6 @@ from clients.wallet.completing import complete_records
 from clients.wallet.erasing import Erasing, ErasureReport, missing_pictures
 from clients.wallet.language import WrongUsage, text
 from clients.wallet.opening import run_opened
-from clients.wallet.records_command import picture_count
 from clients.wallet.sharing import Share, Sharing
 from clients.wallet.sharing_commands import share_json, tell_copies, tell_recipients
 from clients.wallet.viewing import name_places
@@ -98,7 +97,7 @@ def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipi
         name, numbers = entry.record_id.hex()[:12], name_places(frames)
         console.print(text("erase.frames", count=len(frames), numbers=numbers, of=of, name=name, **times))
     else:
-        pictures = text("records.pictures", count=sum(picture_count(entry) for entry in entries))
+        pictures = text("records.pictures", count=sum(entry.pictures_left_count for entry in entries))
         visits = text("count.visits", count=len({entry.visit.owner for entry in entries}))
         console.print(text("erase.records", count=len(entries), visits=visits, pictures=pictures))
     if recipients:

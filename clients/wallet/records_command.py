@@ -28,11 +28,6 @@ NARROW_COLUMNS = 60
 _THINGS = {"emotion": "records.estimates", "audio": "records.sounds"}
 
 
-def picture_count(entry: RecordEntry) -> int:
-    """Return how many pictures a record has: a notice of withheld frames alone has none."""
-    return 0 if entry.metadata.sensor == NOTICE_SENSOR else entry.metadata.frame_count
-
-
 def _entry_json(entry: RecordEntry) -> dict[str, Any]:
     meta = entry.metadata
     return {
@@ -42,7 +37,7 @@ def _entry_json(entry: RecordEntry) -> dict[str, Any]:
         "sensor": meta.sensor,
         "started_at_ms": meta.started_at_ms,
         "ended_at_ms": meta.ended_at_ms,
-        "frames": picture_count(entry),
+        "frames": entry.pictures_count,
         "erased_numbers": [index + 1 for index in entry.state.erased_frames],
         "index_in_visit": meta.index_in_visit,
         "expires_at_ms": entry.state.expires_at_ms,
@@ -82,7 +77,7 @@ def _page_json(page: Page) -> dict[str, int]:
 def _line(entry: RecordEntry) -> str:
     meta = entry.metadata
     name = entry.record_id.hex()[: 12 if console.is_terminal and console.width < NARROW_COLUMNS else None]
-    things = text(_THINGS.get(meta.sensor, "records.pictures"), count=picture_count(entry))
+    things = text(_THINGS.get(meta.sensor, "records.pictures"), count=entry.pictures_count)
     held = text("records.by_sensor", things=things, sensor=code_text("sensor", meta.sensor))
     parts = [show_moment(meta.started_at_ms), text("records.note") if meta.sensor == NOTICE_SENSOR else held]
     if meta.withheld:
@@ -101,7 +96,7 @@ def _print_visit(shown: Shown, names: RobotNames) -> None:
             name=report.visit.owner.hex()[:12],
             robot=escape(tell_robot(report.visit.robot, names)),
             state=text("records.ended" if report.closed else "records.open"),
-            count=sum(picture_count(entry) for entry in report.records),
+            count=sum(entry.pictures_left_count for entry in report.records),
         )
     )
     print_standing(report.standing)

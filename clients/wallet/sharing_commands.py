@@ -37,7 +37,6 @@ from clients.wallet.sharing import (
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.handles import encode_short
-from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.purposes import require_purpose
 from consensus.records.sharing import GRANT_RECORDS_MAX_COUNT, GRANTEE_ROLES
 from consensus.records.vouchers import ROLES
@@ -82,7 +81,7 @@ def name_grantee(grantee: Grantee) -> str:
 def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int) -> str:
     """Say what the other will see, for how long, and what cannot be undone. Raises PURPOSE_UNKNOWN."""
     require_purpose(purpose)
-    pictures = sum(entry.metadata.frame_count for entry in entries if entry.metadata.sensor != NOTICE_SENSOR)
+    pictures = sum(entry.pictures_left_count for entry in entries)
     gone = sum(entry.state.expires_at_ms < until_ms for entry in entries)
     return text(
         "share.plan",

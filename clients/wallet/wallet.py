@@ -25,7 +25,7 @@ from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_data_key, open_metadata
-from consensus.records.metadata import RecordMetadata, check_metadata, find_chain_gaps
+from consensus.records.metadata import NOTICE_SENSOR, RecordMetadata, check_metadata, find_chain_gaps
 from consensus.records.purposes import require_published
 from consensus.records.vouchers import Card, decode_card_code
 from consensus.state.audit import COUNT
@@ -45,6 +45,21 @@ class RecordEntry:
     visit: KnownVisit
     state: RecordRow
     metadata: RecordMetadata
+
+    @property
+    def erased(self) -> bool:
+        """Whether the whole record is erased."""
+        return self.state.status == "erased"
+
+    @property
+    def pictures_count(self) -> int:
+        """How many pictures the record had when it was made: a notice of withheld frames alone has none."""
+        return 0 if self.metadata.sensor == NOTICE_SENSOR else self.metadata.frame_count
+
+    @property
+    def pictures_left_count(self) -> int:
+        """How many of them are not erased."""
+        return max(0, self.pictures_count - len(self.state.erased_frames))
 
 
 @dataclass(frozen=True, slots=True)

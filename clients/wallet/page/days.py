@@ -76,11 +76,6 @@ class Wanted:
         return self.from_minute <= moment.hour * 60 + moment.minute < self.until_minute
 
 
-def picture_count(entry: RecordEntry) -> int:
-    """Return how many frames of a record there are to see: a notice of withheld frames alone has none."""
-    return 0 if entry.metadata.sensor == NOTICE_SENSOR else entry.metadata.frame_count
-
-
 def recordings(entries: Iterable[RecordEntry]) -> list[RecordEntry]:
     """Return the records that hold something to see or hear: a note of what was not kept is none."""
     return [entry for entry in entries if entry.metadata.sensor != NOTICE_SENSOR]
@@ -90,7 +85,7 @@ def kinds_json(entries: Iterable[RecordEntry]) -> dict[str, int]:
     """Return how much records still hold of each kind (`depth`, `picture`, `sound`, `label`), the most first."""
     counts: collections.Counter[str] = collections.Counter()
     for entry in recordings(entries):
-        counts[kind_of(entry)] += max(0, picture_count(entry) - len(entry.state.erased_frames))
+        counts[kind_of(entry)] += entry.pictures_left_count
     return {kind: count for kind, count in counts.most_common() if count}
 
 
@@ -119,7 +114,7 @@ def row_json(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNames
         "kind": kind_of(entry),
         "started_at_ms": meta.started_at_ms,
         "ended_at_ms": meta.ended_at_ms,
-        "frames": picture_count(entry),
+        "frames": entry.pictures_count,
         "erased_frames": list(state.erased_frames),
         "index_in_visit": meta.index_in_visit,
         "expires_at_ms": state.expires_at_ms,
@@ -161,7 +156,7 @@ def _day_json(day: str, found: Sequence[tuple[VisitPart, RecordEntry]]) -> dict[
         "day": day,
         "records": len(recordings(entries)),
         "notices": len(entries) - len(recordings(entries)),
-        "pictures": sum(map(picture_count, entries)),
+        "pictures": sum(entry.pictures_left_count for entry in entries),
         "withheld": withheld_count(entries),
         "erased": sum(len(entry.state.erased_frames) for entry in entries),
         "unsure": sum(verdict is None for verdict in verdicts),
@@ -188,7 +183,7 @@ def visit_json(part: VisitPart, language: str | None = None) -> dict[str, Any]:
         "closed": report.closed,
         "first_ms": min(times, default=report.visit.bucket_ms),
         "records": len(recordings(report.records)),
-        "pictures": sum(map(picture_count, report.records)),
+        "pictures": sum(entry.pictures_left_count for entry in report.records),
         "missing_records": report.missing_count,
         "erased_records": len(report.erased_ids),
         "unreadable_records": len(report.unreadable_ids),

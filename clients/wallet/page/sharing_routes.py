@@ -17,7 +17,6 @@ from clients.wallet.rights import choose
 from clients.wallet.sharing import Grantee, Sharing, place_end, require_purpose_to_share, select_shareable
 from clients.wallet.sharing_commands import explain, share_each, shared_json
 from clients.wallet.wallet import RecordEntry, Wallet
-from consensus.records.metadata import NOTICE_SENSOR
 from pages.local_page import LocalRoute
 
 
@@ -78,7 +77,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
                 "organisation": grantee.member.org,
             },
             "records": len(entries),
-            "pictures": sum(entry.metadata.frame_count for entry in entries if entry.metadata.sensor != NOTICE_SENSOR),
+            "pictures": sum(entry.pictures_left_count for entry in entries),
             "until_ms": wish.until_ms,
             "lines": [line.strip() for line in lines if line.strip()],
         }

@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 from clients.wallet import erase_command
 from clients.wallet.auditing import audit_visit
 from clients.wallet.language import LANGUAGE_VARIABLE
+from clients.wallet.sharing_commands import explain
 from pages.moments import show_moment
 from tests.unit.clients.wallet.test_sharing_commands import People
 
@@ -31,6 +32,11 @@ class AtTerminal(People):
         result = CliRunner().invoke(erase_command.erase, [record_id.hex(), *more], input=f"{answer}\n")
         assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
         return result
+
+    def erase_all(self, answer: str = "n") -> Result:
+        """Type `erase --all` and answer its question."""
+        self.opened = self.ward.wallet
+        return CliRunner().invoke(erase_command.erase, ["--all"], input=f"{answer}\n")
 
     def erasures_of(self, record_id: bytes, *more: str) -> Any:
         """Erase without a question, and return what a program is told."""
@@ -91,6 +97,16 @@ def test_a_picture_that_is_erased_already_is_named_and_left_out_and_no_second_er
     assert "picture 1." in flat(both.output)
     assert "for ever: picture 2 of 2" in flat(both.output)
     assert people.asked_for() == [[0], [1]]
+
+
+def test_pictures_that_are_gone_already_are_counted_nowhere_among_those_that_are_left(people: AtTerminal) -> None:
+    _, (record_id, _) = people.ward.record_visit(2)
+    assert "2 records with 4 pictures, of 1 visit." in flat(people.erase_all().output)
+    people.confirm_all(people.erasures_of(record_id, "--frames", "1"))
+    assert "2 records with 3 pictures, of 1 visit." in flat(people.erase_all().output)
+    grantee = asyncio.run(people.ward.grantee(people.doctor))
+    shared = explain(asyncio.run(people.ward.entries()), grantee, "care", people.ward.until_ms())
+    assert "3 pictures or sounds" in flat(shared)
 
 
 def test_a_picture_whose_erasure_is_asked_for_and_not_confirmed_is_not_asked_for_again(people: AtTerminal) -> None:
