@@ -61,6 +61,8 @@ class Proven:
     """Whose signatures the bundle has to have: the visits' owner keys, in order, and the member key."""
     signed: tuple[CheckedReceipt, ...]
     told_receipts: doc.SignedReceiptsDocument | None
+    custodian_names: dict[str, str]
+    """What the genesis file calls custodians, by their keys; those that joined later have no name in a bundle."""
 
 
 def schema_text(version: int) -> bytes:
@@ -89,7 +91,8 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
     if texts and not member:
         raise BlockRobotError("BUNDLE_INVALID", "The bundle opens corrections without saying whose.")
     told = None if proofs.signed is None else tell_signed(proofs.signed, signed)
-    return Proven(chain, consents, visits, texts, tuple(signers), signed, told)
+    names = {node.custodian_key.hex(): f"{node.name} of {node.organisation}" for node in genesis.custodians}
+    return Proven(chain, consents, visits, texts, tuple(signers), signed, told, names)
 
 
 def _prove_person(
@@ -150,7 +153,7 @@ def tell_all(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[
     if proven.told_receipts is not None:
         parts.append((layout.TOLD_RECEIPTS, proven.told_receipts))
     return [
-        (layout.PLAYER, player_page(visits, erasures.erasures)),
+        (layout.PLAYER, player_page(visits, erasures.erasures, proven.custodian_names)),
         *((name, doc.write_document(part)) for name, part in parts),
     ]
 

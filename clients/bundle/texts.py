@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from clients.bundle import documents as doc
@@ -72,8 +73,8 @@ input[type=range] { width: 100%; }
 <p><label>Picture <input id="slide" type="range" min="0" value="0"></label></p>
 <img id="picture" alt="The picture at this place of the visit">
 <p id="gone" hidden></p>
-<div class="scale"></div>
-<div class="ends"><span>near: 0.4 m</span><span>grey: not measured</span><span>far: 8 m</span></div>
+<div id="scale"><div class="scale"></div>
+<div class="ends"><span>near: 0.4 m</span><span>grey: not measured</span><span>far: 8 m</span></div></div>
 <section id="erasures" hidden>
 <h2>What was erased</h2>
 <ul id="erased"></ul>
@@ -81,7 +82,8 @@ input[type=range] { width: 100%; }
 <noscript><p>The pictures are in the folder pictures, in order. What was erased: data/erasures.json.</p></noscript>
 <script>
 "use strict";
-const visits = %s;
+const visits = %visits;
+const custodians = %custodians;
 const by = id => document.getElementById(id);
 let frames = [], place = 0, timer = 0;
 const two = (value) => String(value).padStart(2, "0");
@@ -92,7 +94,13 @@ function zoneOffset(time) {
 const shown = new Intl.DateTimeFormat("en-GB", {dateStyle: "medium", timeStyle: "medium", hourCycle: "h23"});
 const moment = (time) => `${shown.format(new Date(time))} ${zoneOffset(time)}`;
 const short = (hex) => hex.slice(0, 12);
-visits.forEach((visit, number) => by("visit").add(new Option(`${number + 1} (${visit.pictures.length} pictures)`, number)));
+const counted = (count, one) => `${count} ${one}${count === 1 ? "" : "s"}`;
+const pictures = (list) => list.filter(([, , , index]) => index >= 0).length;
+visits.forEach((visit, number) => {
+  const held = pictures(visit.pictures), gone = visit.pictures.length - held;
+  const erased = gone ? `, ${counted(gone, "erased record")}` : "";
+  by("visit").add(new Option(`${number + 1} (${counted(held, "picture")}${erased})`, number));
+});
 function item(text, children = []) {
   const made = document.createElement("li");
   made.textContent = text;
@@ -100,18 +108,20 @@ function item(text, children = []) {
   for (const child of children) made.lastChild.append(child);
   return made;
 }
+const called = (key) => custodians[key] || `Custodian ${short(key)}`;
+const destroyed = (count) => `the ${count === 1 ? "key" : "keys"} of ${counted(count, "picture")} `
+  + `${count === 1 ? "is" : "are"} destroyed.`;
 function tellErasure(erasure) {
   const places = erasure.frames.map(frame => frame + 1).join(", ");
-  const what = places ? `pictures ${places} of the record` : "whole records:";
+  const what = places ? `picture${erasure.frames.length === 1 ? "" : "s"} ${places} of the record` : "whole records:";
   const waits = erasure.custodians.filter(key => !erasure.receipts.some(one => one.custodian === key));
   const receipts = erasure.receipts.map(one => item(
-    `Custodian ${short(one.custodian)} confirmed on ${moment(one.time_ms)}: `
-      + `the keys of ${one.destroyed_frames} pictures are destroyed.`));
-  receipts.push(...waits.map(key => item(`Custodian ${short(key)} had not confirmed.`)));
+    `${called(one.custodian)} confirmed on ${moment(one.time_ms)}: ${destroyed(one.destroyed_frames)}`));
+  receipts.push(...waits.map(key => item(`${called(key)} had not confirmed.`)));
   return item(`Asked on ${moment(erasure.time_ms)} to erase ${what} ${erasure.records.map(short).join(", ")}`, receipts);
 }
 function show(next) {
-  if (!frames.length) { by("place").textContent = "There are no pictures."; return; }
+  if (!frames.length) { by("place").textContent = "There are no pictures."; by("scale").hidden = true; return; }
   place = Math.max(0, Math.min(next, frames.length - 1));
   const [name, time, record, index] = frames[place];
   by("picture").hidden = !name;
@@ -119,7 +129,11 @@ function show(next) {
   if (name) by("picture").src = name;
   else by("gone").textContent = `${index < 0 ? "Record" : `Picture ${index + 1} of record`} ${short(record)} was erased.`;
   by("slide").value = place;
-  by("place").textContent = `${place + 1} of ${frames.length}` + (time ? `, ${moment(time)}` : "");
+  by("scale").hidden = !name;
+  // A record that was erased as a whole no longer says how many pictures it had: it is counted by itself.
+  const held = pictures(frames), before = pictures(frames.slice(0, place + 1));
+  by("place").textContent = (index < 0 ? `Erased record ${place + 1 - before} of ${frames.length - held}`
+    : `Picture ${before} of ${held}`) + (time ? `, ${moment(time)}` : "");
 }
 function stop() { clearTimeout(timer); timer = 0; by("play").textContent = "Play"; }
 function step() {
@@ -151,8 +165,13 @@ choose(0);
 """
 
 
-def player_page(visits: Sequence[doc.VisitDocument], erasures: Sequence[doc.ErasureDocument]) -> bytes:
-    """Return the page that plays the pictures of each visit, and tells which were erased, and who confirmed it."""
+def player_page(
+    visits: Sequence[doc.VisitDocument], erasures: Sequence[doc.ErasureDocument], names: Mapping[str, str]
+) -> bytes:
+    """Return the page that plays the pictures of each visit, and tells which were erased, and who confirmed it.
+
+    `names` are what custodians are called, by their keys in hexadecimal.
+    """
     played = [
         {
             "pictures": [picture for record in visit.records for picture in _pictures_of(record)],
@@ -160,9 +179,13 @@ def player_page(visits: Sequence[doc.VisitDocument], erasures: Sequence[doc.Eras
         }
         for visit in visits
     ]
-    # What stands in a script ends where its tag does: no text may say so.
-    listed = json.dumps(played, separators=(",", ":")).replace("<", "\\u003c")
-    return _PAGE.replace("%colours", scale_css()).replace("%s", listed).encode()
+    parts = {"%colours": scale_css(), "%visits": _in_script(played), "%custodians": _in_script(names)}
+    return re.sub("|".join(parts), lambda found: parts[found[0]], _PAGE).encode()
+
+
+def _in_script(value: Any) -> str:
+    """Return a value as a script has it. What stands in a script ends where its tag does: no text may say so."""
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _pictures_of(record: doc.RecordDocument) -> list[tuple[str, int, str, int]]:

@@ -31,16 +31,23 @@ def erasure() -> doc.ErasureDocument:
 
 
 async def test_what_was_erased_is_shown_as_erased_with_its_receipts(page: Page) -> None:
-    await page.set_content(player_page([visit()], [erasure()]).decode())
+    names = {CUSTODIANS[0]: "node-1 of </script><b>%visits</b>"}
+    await page.set_content(player_page([visit()], [erasure()], names).decode())
     assert await page.locator("b").count() == 0
-    await expect(page.locator("#place")).to_contain_text("1 of 3")
+    await expect(page.locator("#visit")).to_have_text("1 (2 pictures, 1 erased record)")
+    await expect(page.locator("#place")).to_contain_text("Picture 1 of 2, ")
     await expect(page.locator("#picture")).to_have_attribute("src", "pictures/one.png")
+    await expect(page.locator("#scale")).to_be_visible()
     await page.locator("#slide").fill("1")
     await expect(page.locator("#picture")).to_be_hidden()
+    await expect(page.locator("#scale")).to_be_hidden()
+    await expect(page.locator("#place")).to_have_text("Picture 2 of 2")
     await expect(page.locator("#gone")).to_have_text("Picture 2 of record aaaaaaaaaaaa was erased.")
     await page.locator("#slide").fill("2")
     await expect(page.locator("#gone")).to_have_text("Record bbbbbbbbbbbb was erased.")
+    await expect(page.locator("#place")).to_have_text("Erased record 1 of 1")
     told = page.locator("#erasures")
-    await expect(told).to_contain_text("to erase pictures 2 of the record aaaaaaaaaaaa")
-    await expect(told).to_contain_text(f"Custodian {CUSTODIANS[0][:12]} confirmed on")
+    await expect(told).to_contain_text("to erase picture 2 of the record aaaaaaaaaaaa")
+    await expect(told).to_contain_text("node-1 of </script><b>%visits</b> confirmed on")
+    await expect(told).to_contain_text("the key of 1 picture is destroyed.")
     await expect(told).to_contain_text(f"Custodian {CUSTODIANS[1][:12]} had not confirmed.")

@@ -327,7 +327,11 @@ async def test_erased_records_and_frames_are_told_with_their_receipts(ward: Ward
     assert statuses == {whole.hex(): "erased", part.hex(): "active"}
     assert [frame.status for frame in verdict.frames] == ["picture", "erased", "picture"]
     with zipfile.ZipFile(tmp_path / "mine.zip") as packed:
-        (listed,) = re.findall(r"const visits = (.*);", packed.read("play.html").decode())
+        page = packed.read("play.html").decode()
+    (listed,) = re.findall(r"const visits = (.*);", page)
+    (names,) = re.findall(r"const custodians = (.*);", page)
+    custodians = ward.genesis.custodians
+    assert json.loads(names) == {each.custodian_key.hex(): f"{each.name} of {each.organisation}" for each in custodians}
     (played,) = json.loads(listed)
     told = {(name == "", record, index) for name, _, record, index in played["pictures"]}
     assert {(True, whole.hex(), -1), (True, part.hex(), 1), (False, part.hex(), 0)} <= told
