@@ -82,6 +82,9 @@ async def _get_transaction(call: Call) -> web.StreamResponse:
     with_evidence = call.int_of("evidence") == 1
 
     async def find() -> TransactionState | None:
+        with services.ledger.snapshot() as snapshot:
+            if snapshot.locate(txid) is None:
+                return None  # so cheap that it waits for no other reading
         return await call.read(lambda snapshot: _find(snapshot, services.keepers, txid, with_evidence=with_evidence))
 
     state = await find()

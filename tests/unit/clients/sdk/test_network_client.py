@@ -275,7 +275,7 @@ async def test_a_lie_of_one_node_is_found_and_another_is_asked(nodes: Any, monke
 
     def lie_once(*arguments: Any) -> Any:
         calls.append(1)
-        found = honest(*arguments)
+        found = yield from honest(*arguments)
         if len(calls) > 1:
             return found
         from msgspec.structs import replace
@@ -372,7 +372,7 @@ async def test_a_page_that_leaves_one_out_is_refused(nodes: Any, monkeypatch: py
     honest = announcements.prove_keys
 
     def leave_out(snapshot: Any, keys: Any) -> Any:
-        return honest(snapshot, keys)[: 1 + kept]
+        return (yield from honest(snapshot, keys))[: 1 + kept]
 
     monkeypatch.setattr(announcements, "prove_keys", leave_out)
     assert await refusal_of(nodes.client().announcements(0, SUBJECT)) == "PROOF_INVALID"
