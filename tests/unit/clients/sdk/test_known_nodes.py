@@ -162,7 +162,7 @@ async def test_a_lie_about_the_nodes_is_not_believed(town: Town, monkeypatch: py
     honest = proofs.prove_keys
 
     def lie(snapshot: Any, keys: Any) -> Any:
-        found = honest(snapshot, keys)
+        found = yield from honest(snapshot, keys)
         named = [row for row in found if row.key == flat("membership", b"nodes").hex()]
         return [replace(row, value=encode_value(["n2"]).hex()) if row in named else row for row in found]
 
