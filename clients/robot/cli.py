@@ -20,7 +20,7 @@ from clients.robot.identity import change_passphrase, create_identity
 from clients.robot.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
 from clients.robot.network import COPIES_DEFAULT_COUNT, COPIES_MAX_COUNT
 from clients.robot.place import CREDENTIAL, RobotPlace, read_passphrase
-from clients.robot.reading_warnings import warn_of_readings
+from clients.robot.reading_warnings import warn_of_lens, warn_of_readings
 from clients.robot.replay import SPOOL_FOLDER, ReplayOptions, replay_recording
 from clients.robot.run_words import (
     broken_line,
@@ -243,7 +243,10 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
     )
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
-    for warning in warn_of_readings(source.topics) if isinstance(source, BagSource | LiveSource) else ():
+    warnings = list(warn_of_readings(source.topics)) if isinstance(source, BagSource | LiveSource) else []
+    if isinstance(source, BagSource):  # a live camera tells its focal length once it runs
+        warnings += warn_of_lens(source.focal_px)
+    for warning in warnings:
         notice_teller(as_json=as_json)(warning)
     waiting_count = count_waiting(folder / SPOOL_FOLDER)
     if waiting_count and not as_json:

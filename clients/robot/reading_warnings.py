@@ -1,4 +1,4 @@
-"""What can be said of tag readings before a run: from which no picture can come, or only of people who walk.
+"""What can be said of tag readings and the camera before a run: what will be kept of people, and measured by a guess.
 
 Must never look at a reading: it goes by what the topics file says of them.
 """
@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 from clients.robot.events import Facing
 from clients.robot.hiding.forecast import time_to_bind_s
+from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
 from clients.robot.sources.field_map import LENGTH_UNITS_M, TagMap
 from clients.robot.sources.topics import Topics
 
@@ -36,6 +37,15 @@ def warn_of_readings(topics: Topics) -> Iterator[str]:
             f"Nothing says which way the antenna of {tags.topic} looks: nothing will be kept of people who stand still "
             f"(ambiguous), and of those who walk nearer or farther {walking}. Name front and back antennas, or write "
             f'facing = "front" if the reader looks as the camera does.'
+        )
+
+
+def warn_of_lens(focal_px: float | None) -> Iterator[str]:
+    """Yield a sentence if nobody says the focal length of the camera of a recording."""
+    if focal_px is None:
+        yield (
+            f"No focal length is known: {FOCAL_DEFAULT_PX:g} pixels are assumed, and people's sizes and distances will be "
+            "wrong by as much as that is. Write focal_px into the topics file, or record CameraInfo beside the depth topic."
         )
 
 

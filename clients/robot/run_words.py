@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.hiding.match_evidence import Obstacle
 from clients.robot.hiding.merged_evidence import MergedBy
 from clients.robot.inputs import KIND_WORDS
 from clients.robot.lens import ASSUMED
@@ -49,13 +50,16 @@ def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
         if not frames["withheld"]:
             yield "No frame was in reach of a reading of a tag on the roster."
         yield "No frame was kept. What each reason means: docs/how-to/your-robot.md, `What is kept, and what is withheld`."
-    yield from _ambiguous_lines(summary["ambiguous"])
+    camera = summary.get("camera", {})
+    is_guessed = camera.get("focal_from") == ASSUMED
+    yield from _ambiguous_lines(summary["ambiguous"], is_guessed=is_guessed)
     yield from _merged_lines(summary.get("merged", []))
     for row in summary.get("distances_off", ())[:AMBIGUOUS_LINES_MAX_COUNT]:
         yield (
             f"{row['alias']}, {row['frames']} kept: its distances are on average {row['gap_m']:+.2f} m off the camera's "
             f"(stated error {row['sigma_m']:.2f} m; they differ from that by {row['spread_m']:.2f} m, one by one). Was the "
-            "right person shown? Check distance_unit, distance_sigma, from where the reader measures, and the clocks."
+            "right person shown? Check distance_unit, distance_sigma, from where the reader measures, and the clocks"
+            f"{_guess_words(is_guessed)}."
         )
     for sensor, counts in summary["senses"].items():
         yield (f"{counts['published']} of {sensor}: {counts['kept']} kept, {_withheld(counts)}, {counts['lost']} lost.")
@@ -72,7 +76,7 @@ def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
             yield 'A field holds JSON text: name the value in it in the topics file, as in epc = "data{}.uid".'
     yield from _antenna_lines(intake.get("antennas_unnamed", {}))
     yield from _live_lines(intake)
-    yield from _focal_lines(summary.get("camera", {}))
+    yield from _focal_lines(camera)
 
 
 def _antenna_lines(unnamed: dict[str, dict[str, int]]) -> Iterator[str]:
@@ -85,7 +89,12 @@ def _antenna_lines(unnamed: dict[str, dict[str, int]]) -> Iterator[str]:
         )
 
 
-def _ambiguous_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
+def _guess_words(is_guessed: bool) -> str:
+    """Return that the camera's own measure may be what is wrong, where it is by a guess."""
+    return f"; and focal_px: {FOCAL_DEFAULT_PX:g} pixels are a guess" if is_guessed else ""
+
+
+def _ambiguous_lines(rows: list[dict[str, Any]], *, is_guessed: bool) -> Iterator[str]:
     """Yield for the tags with most ambiguous frames what stood in the way, in numbers."""
     for row in rows[:AMBIGUOUS_LINES_MAX_COUNT]:
         spread = f"they differ from that by {row['spread_m']:.2f} m, one by one"
@@ -99,7 +108,7 @@ def _ambiguous_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
             f"{row['alias']}, {row['frames']} ambiguous: log-odds {row['log_odds']:g} of {row['needed']:g} needed{rival}; "
             f"{row['distances']} distances, on average {row['gap_m']:+.2f} m off the camera's (stated error "
             f"{row['sigma_m']:.2f} m; {spread}); {row['front']} readings in front, {row['back']} behind: "
-            f"{delay}{row['help']}."
+            f"{delay}{row['help']}{_guess_words(is_guessed and row.get('obstacle') == Obstacle.OFF)}."
         )
     if len(rows) > AMBIGUOUS_LINES_MAX_COUNT:
         yield f"{len(rows) - AMBIGUOUS_LINES_MAX_COUNT} more tags have ambiguous frames; --json lists them."

@@ -7,16 +7,18 @@ the UIDs of people's tags.
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from clients.robot.messages import SIGHTING_TYPE
+from clients.robot.sources.decoding import info_topic, read_focal_px
 from clients.robot.sources.field_map import json_paths
 from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE, could_be_colour, could_be_depth, encoding_of
 from clients.robot.sources.message_types import MessageTypes, own_types
 from clients.robot.sources.path_checks import own_paths, shown_fields
 from clients.robot.sources.recording import TopicFigures
-from clients.robot.sources.topics import STRING_TYPE
+from clients.robot.sources.topics import STRING_TYPE, Topics
 
 LISTED_MAX_COUNT = 12
 DRAFT_LINE_CHARS = 110
@@ -119,7 +121,7 @@ def draft_topics(recording: Holding, listed: list[Listed]) -> str:
     depth = [item.figures.name for item in listed if "depth" in item.could_be]
     empty = [name for name in depth if "empty" in name.lower()]
     for name in [name for name in depth if name not in empty][:1]:
-        lines += ["[depth]", f'topic = "{name}"', ""]
+        lines += ["[depth]", f'topic = "{name}"', *_drafted_focal(recording, name), ""]
     for name in empty[:1]:
         lines += ["[empty]", f'topic = "{name}"', ""]
     for item in [item for item in listed if "tags" in item.could_be]:
@@ -132,6 +134,16 @@ def draft_topics(recording: Holding, listed: list[Listed]) -> str:
         for item in [item for item in listed if sense in item.could_be][:1]:
             lines += [f"# [{sense}]", f'# topic = "{item.figures.name}"', ""]
     return "\n".join(lines)
+
+
+def _drafted_focal(recording: Holding, depth: str) -> list[str]:
+    """Return a line for the focal length, unless the CameraInfo beside the depth topic tells it."""
+    beside = info_topic(Topics(depth=depth))
+    if beside in recording.topics and read_focal_px(recording.first(beside)) is not None:
+        return []
+    return [
+        "# focal_px = 525.0  # the camera's own, in pixels: no CameraInfo tells it, and 525 is assumed without this"
+    ]
 
 
 def next_steps(recording: Holding, listed: list[Listed]) -> list[str]:
@@ -180,12 +192,37 @@ def _drafted_guess(recording: Holding, figures: TopicFigures) -> list[str]:
 
 
 def _guess_epc(recording: Holding, type_name: str, *, sure: bool = False) -> str:
-    """Return the field that is called as UIDs are; if there is none and it need not be `sure`, the first of text."""
-    paths = _own_paths(recording, type_name)
+    """Return the field that is called as UIDs are; if there is none and it need not be `sure`, the first of text.
+
+    Fields of the list that holds the readings come first: beside it stands what is the same for all of them.
+    """
+    paths = _of_one_list(_own_paths(recording, type_name))
     named = next((path for word in _FIELD_WORDS["epc"] for path in paths if _last(path) == word), "")
     if named or sure:
         return named
     return next((path for path in paths if recording.types_of(type_name).is_text(type_name, path)), "")
+
+
+def _of_one_list(paths: list[str]) -> list[str]:
+    """Return the paths through the list that has most fields of known names, and then those through no list.
+
+    Lists side by side (`ids[]`, `dbs[]`) count as one. A map cannot go through two lists, and what was measured tells
+    which one holds the readings.
+    """
+    counts: Counter[str] = Counter()
+    for setting, words in _FIELD_WORDS.items():
+        for path in paths:
+            if "[]" in path and _last(path) in words:
+                counts[_list_of(path)] += 2 if setting in _MEASURED else 1
+    if not counts:
+        return paths
+    chosen = counts.most_common(1)[0][0]
+    return [path for path in paths if _list_of(path) == chosen] + [path for path in paths if "[]" not in path]
+
+
+def _list_of(path: str) -> str:
+    """Return the list that a path goes through."""
+    return "[]" if path.endswith("[]") else path.partition("[]")[0]
 
 
 def _own_paths(recording: Holding, type_name: str) -> list[str]:
@@ -206,9 +243,9 @@ def _known_json_paths(recording: Holding, figures: TopicFigures) -> list[str]:
 
 
 def _drafted_fields(paths: list[str], epc: str = "") -> list[str]:
-    found = {}
+    found, usable = {}, _of_one_list(paths)
     for setting, words in _FIELD_WORDS.items():
-        path = next((path for word in words for path in paths if _last(path) == word), None)
+        path = next((path for word in words for path in usable if _last(path) == word), None)
         if path is not None:
             found[setting] = path
     found = {"epc": found.get("epc", epc), **found}
@@ -232,7 +269,8 @@ def _last(path: str) -> str:
     return path.rpartition(".")[2].removesuffix("[]").lower()
 
 
-_DISTANCE_WORDS = ("distance", "distance_m", "range", "range_m")
+_DISTANCE_WORDS = ("distance", "distance_m", "dist", "dist_m", "range", "range_m", "metres", "meters")
+_MEASURED = ("rssi", "distance")
 _FIELD_WORDS = {
     "epc": ("epc", "uid", "tag_id", "tagid", "rfid_tags_ids", "ids", "id", "tid", "data"),
     "antenna": ("antenna", "antenna_id", "antenna_name"),

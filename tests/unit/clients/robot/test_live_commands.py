@@ -87,6 +87,19 @@ def test_every_feed_is_offered_and_adds_options_of_its_own(tmp_path: Path) -> No
     assert len(names) == len(set(names)), "two feeds claim one option"
 
 
+def test_where_distances_are_off_a_guessed_focal_length_is_among_the_suspects() -> None:
+    numbers = {"gap_m": 0.63, "spread_m": 0.1, "sigma_m": 0.2, "distances": 9, "front": 9, "back": 0}
+    off = {"alias": "tag-1", "frames": 5, **numbers}
+    row = {**off, "obstacle": "off", "log_odds": 1, "needed": 9, "help": "check the clocks"}
+    for guess, count in (("assumed", 2), ("topics", 0)):
+        camera = {"focal_px": 525.0, "focal_from": guess, "frames_before": 0}
+        told = {**summary_of(COUNTS), "ambiguous": [row], "distances_off": [off], "camera": camera}
+        said = "\n".join(summary_lines(told))
+        assert said.count("clocks; and focal_px: 525 pixels are a guess.") == count
+        vague = {**told, "ambiguous": [{**row, "obstacle": "vague"}], "distances_off": []}
+        assert "focal_px" not in "\n".join(summary_lines(vague))
+
+
 COUNTS = {"published": 5, "kept": 5, "withheld": 0, "lost": 0}
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from clients.robot.events import Facing
 from clients.robot.hiding.forecast import time_to_bind_s
-from clients.robot.reading_warnings import READ_EVERY_MS, warn_of_readings
+from clients.robot.reading_warnings import READ_EVERY_MS, warn_of_lens, warn_of_readings
 from clients.robot.sources.topics import Topics, parse_topics
 
 TAGS = '[[tags]]\ntopic = "/rfid"\nepc = "data{}.uid"\n'
@@ -46,6 +46,12 @@ def test_who_says_which_way_the_antenna_looks_is_warned_of_nothing(facing: str) 
 
 def test_the_robots_own_type_of_reading_is_warned_of_nothing() -> None:
     assert list(warn_of_readings(Topics())) == []
+
+
+def test_a_recording_that_tells_no_focal_length_is_warned_of() -> None:
+    (said,) = warn_of_lens(None)
+    assert "No focal length is known: 525 pixels are assumed" in said
+    assert list(warn_of_lens(131.0)) == []
 
 
 def decided_rows() -> list[tuple[str, str, str, str]]:

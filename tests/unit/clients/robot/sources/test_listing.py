@@ -124,6 +124,45 @@ def test_a_topic_of_ones_own_type_is_named_with_what_to_write(tmp_path: Path) ->
     assert (taken.tags[0].topic, taken.tags[0].map.epc) == ("/reader", "hits[].code")
 
 
+LAB = {
+    "uhf_lab_msgs/msg/Hit": "string chip\nfloat32 metres\nfloat32 rssi_dbm",
+    "uhf_lab_msgs/msg/Inventory": "string reader\nuhf_lab_msgs/Hit[] hits",
+}
+
+
+def test_a_map_is_drafted_from_one_list_and_not_from_what_stands_beside_it(tmp_path: Path) -> None:
+    said, draft = drafted(recorded(tmp_path, ("/lab", "uhf_lab_msgs/msg/Inventory"), types=LAB))
+    assert 'perhaps epc = "hits[].chip"' in said
+    assert '# epc = "hits[].chip"' in draft
+    assert '# rssi = "hits[].rssi_dbm"' in draft
+    assert '# # distance = "hits[].metres"  # only with distance_sigma' in draft
+    assert "not named so far: reader" in draft
+
+
+def test_a_map_goes_through_one_list_only(tmp_path: Path) -> None:
+    types = {
+        "uhf_lab_msgs/msg/Hit": "string epc\nfloat32 rssi",
+        "uhf_lab_msgs/msg/Port": "string id\nuint8 antenna",
+        "uhf_lab_msgs/msg/Inventory": "uhf_lab_msgs/Port[] ports\nuhf_lab_msgs/Hit[] hits\nuint64 first_seen",
+    }
+    _, draft = drafted(recorded(tmp_path, ("/lab", "uhf_lab_msgs/msg/Inventory"), types=types))
+    made = parse_topics(draft).tags[0].map
+    assert (made.epc, made.rssi, made.first_seen, made.antenna) == ("hits[].epc", "hits[].rssi", "first_seen", "")
+
+
+def test_a_draft_asks_for_the_focal_length_that_no_camera_info_tells(tmp_path: Path) -> None:
+    _, draft = drafted(recorded(tmp_path))
+    assert '[depth]\ntopic = "/depth"\n# focal_px = 525.0  # the camera\'s own' in draft
+    assert parse_topics(draft.replace("# focal_px", "focal_px")).focal_px == 525
+    told = tmp_path / "told"
+    told.mkdir()
+    fields = {"k": np.array([570.0, 0, 3, 0, 570, 2, 0, 0, 1]), "r": np.zeros(9), "p": np.zeros(12)}
+    info = Topic("/camera_info", "sensor_msgs/msg/CameraInfo", [(0, fields)])
+    depth = Topic("/depth", "sensor_msgs/msg/Image", [(0, image(DEPTH))])
+    opened = Recording(record(told / "bag", "mcap", [depth, info], {}))
+    assert "focal_px" not in draft_topics(opened, list_topics(opened))
+
+
 def test_a_type_that_the_recording_does_not_define_is_named_too(tmp_path: Path) -> None:
     path = recorded(tmp_path, ("/reader", "acme_msgs/msg/Reading"))
     opened = Recording(path)
