@@ -115,19 +115,6 @@ def test_every_module_says_what_it_is() -> None:
     assert without == []
 
 
-def test_every_module_of_weight_says_what_it_must_never_do() -> None:
-    """Packages' own files and very small modules may leave the second sentence out."""
-    silent = []
-    for path in modules():
-        text = path.read_text(encoding="utf-8")
-        heavy = len(text.splitlines()) > 150 and path.name != "__init__.py"
-        if heavy and not re.search(
-            r"\b(?:[Mm]ust never|[Nn]ever|[Mm]ust not)\b", ast.get_docstring(tree_of(path)) or ""
-        ):
-            silent.append(place(path))
-    assert silent == []
-
-
 def public_definitions(path: Path) -> list[tuple[str, bool]]:
     """Return (place, documented) of the public functions, classes and methods of a module."""
     found = []
