@@ -20,6 +20,22 @@ from clients.wallet.viewing import (
 from clients.wallet.wallet import RecordEntry
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 from consensus.records.metadata import RecordMetadata
+from consensus.state.records import RecordRow
+
+ROW = RecordRow(
+    owner=bytes(33),
+    robot=bytes(33),
+    commitment_root=bytes(32),
+    ciphertext_root=bytes(32),
+    sealed_metadata=b"",
+    bucket_ms=0,
+    expires_at_ms=1,
+    height=1,
+    txid=bytes(32),
+    status="active",
+    erased_frames=[],
+    awaited=[],
+)
 
 VISIT = KnownVisit(owner=b"\x02" * 33, ephemeral=bytes(33), robot=bytes(33), sequence=0, bucket_ms=0)
 BLOCK = VerifiedBlock(7, 1_800_000_000_000, b"\x07" * 32)
@@ -37,7 +53,7 @@ def found(frames: list[str], counted: int, failed: str = CHECKS[0]) -> RecordVie
         FrameView(index, status, None, failed=failed if status == STATUS_CORRUPTED else "")
         for index, status in enumerate(frames)
     )
-    return RecordView(RecordEntry(bytes(16), VISIT, {"status": "active"}, metadata), views, ("node-1",))
+    return RecordView(RecordEntry(bytes(16), VISIT, ROW, metadata), views, ("node-1",))
 
 
 @given(frames=statuses, difference=differences, language=st.sampled_from(["en", "pt"]))

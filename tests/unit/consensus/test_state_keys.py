@@ -93,7 +93,6 @@ def test_a_part_that_a_list_may_lack_at_its_end_is_left_out_where_it_is_not() ->
 
 def test_what_is_absent_is_none_and_gives_no_role() -> None:
     assert identity.MEMBER.at({}, OWNER) is None
-    assert identity.MEMBER.convert_or_none(None) is None
     assert identity.active_role({}, OWNER) == ""
     assert records.decided_root({}, OWNER) is None
     assert audit.entry_keys(OWNER, 3, 1) == [audit.ENTRY.key(OWNER, 1), audit.ENTRY.key(OWNER, 2)]
