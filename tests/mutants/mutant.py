@@ -4,7 +4,26 @@ from __future__ import annotations
 
 import ast
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
+
+
+class Kind(StrEnum):
+    """What a mutant's mistake would be about."""
+
+    AUTHORISATION = "authorisation"
+    CONSENT = "consent"
+    ERASURE = "erasure"
+    FOREIGN_TEXT = "foreign-text"
+    GAS = "gas"
+    HIDING = "hiding"
+    JOURNAL = "journal"
+    KEY_FILES = "key-files"
+    MANDATES = "mandates"
+    PAIRING = "pairing"
+    PROOFS = "proofs"
+    QUOTAS = "quotas"
+    VOTING = "voting"
 
 
 @dataclass(frozen=True)
@@ -14,6 +33,7 @@ class DroppedCheck:
     Such a check is `if ...: raise BlockRobotError("CODE", ...)`, or in a contract `require(..., "CODE", ...)`.
     """
 
+    kind: Kind
     file: str
     code: str
     number: int
@@ -38,6 +58,7 @@ class DroppedCheck:
 class Replaced:
     """A text that stands once in a module is another one."""
 
+    kind: Kind
     file: str
     name: str
     old: str

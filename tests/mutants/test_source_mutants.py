@@ -1,4 +1,4 @@
-"""Mistakes that were made in the product on purpose are missed by the tests of the default tier."""
+"""Mistakes that are made in the product on purpose fail a test of the default tier."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutants.mutant import DroppedCheck, Mutant, Replaced, apply_to
+from tests.mutants.mutant import DroppedCheck, Kind, Mutant, Replaced, apply_to
+from tests.mutants.playground import DEFAULT, PACKAGES, Outcome, Playground
 from tests.mutants.table import MUTANTS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -17,7 +18,8 @@ PLAYED_MAX_S = 3_000
 
 
 def test_there_are_enough_of_them_and_each_has_its_own_name() -> None:
-    assert len({mutant.name for mutant in MUTANTS}) == len(MUTANTS) >= 60
+    assert len({mutant.name for mutant in MUTANTS}) == len(MUTANTS) >= 64
+    assert all(sum(mutant.kind == kind for mutant in MUTANTS) >= 3 for kind in Kind)
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
@@ -33,19 +35,41 @@ def test_a_check_is_dropped_alone() -> None:
     source = f'if a:\n{refusal}if b(\n    1\n):\n{refusal}require(c, "X", "d")\n'
     kept = ["if a:", "if b(", "require(c"]
     for number, text in enumerate(kept):
-        changed = DroppedCheck("f", "X", number, "").apply(source)
+        changed = DroppedCheck(Kind.PROOFS, "f", "X", number, "").apply(source)
         assert [other in changed for other in kept] == [other != text for other in kept]
-    assert "require(True," in DroppedCheck("f", "X", 2, "").apply(source)
+    assert "require(True," in DroppedCheck(Kind.PROOFS, "f", "X", 2, "").apply(source)
     with pytest.raises(ValueError, match="3 such checks"):
-        DroppedCheck("f", "X", 3, "").apply(source)
+        DroppedCheck(Kind.PROOFS, "f", "X", 3, "").apply(source)
     with pytest.raises(ValueError, match="2 times"):
-        Replaced("f", "twice", "raise", "pass", "").apply(source)
+        Replaced(Kind.PROOFS, "f", "twice", "raise", "pass", "").apply(source)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("options", [(), ("-I",)], ids=["as tests do", "isolated"])
+def test_what_a_test_starts_imports_the_copy(tmp_path: Path, options: tuple[str, ...]) -> None:
+    playground = Playground(tmp_path)
+    assert playground.find_packages(*options) == [playground.tree / name for name in PACKAGES]
+
+
+@pytest.mark.long
+def test_a_mutant_is_killed_by_a_test_that_sees_it_and_by_no_other_and_is_taken_back(tmp_path: Path) -> None:
+    playground = Playground(tmp_path)
+    file, seen_by, other = "consensus/primitives/merkle.py", "test_merkle.py", "test_exit_codes.py"
+    original = (playground.tree / file).read_text(encoding="utf-8")
+
+    def play(tests: str) -> Outcome:
+        changed = Replaced(Kind.PROOFS, file, "n", "index ^ 1 < width", "False", f"tests/unit/consensus/{tests}")
+        return playground.play(changed, (DEFAULT,))
+
+    assert [play(tests).killed_in for tests in (seen_by, other, seen_by)] == [DEFAULT, "", DEFAULT]
+    assert (playground.tree / file).read_text(encoding="utf-8") == original
+    assert playground.fails_unchanged([f"tests/unit/consensus/{seen_by}"]) == ""
 
 
 @pytest.mark.long
 @pytest.mark.timeout(PLAYED_MAX_S)
-def test_the_default_tier_misses_nearly_all_and_the_long_tier_every_one() -> None:
+def test_the_default_tier_kills_nearly_all_and_the_long_tier_every_one() -> None:
     done = subprocess.run(
         (sys.executable, "-m", "tests.mutants"), cwd=ROOT, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0, done.stdout + done.stderr

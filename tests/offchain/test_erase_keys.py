@@ -173,6 +173,19 @@ def test_a_crash_between_random_bytes_and_zeros_destroyed_the_key_already(
     assert key not in path.read_bytes()
 
 
+def test_no_key_is_given_out_before_it_is_on_the_medium(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with EraseKeys(tmp_path) as keys:
+        keys.allocate(1)
+
+        def fail(_: int) -> None:
+            raise OSError(5, "Input/output error")
+
+        monkeypatch.setattr(os, "fsync", fail)
+        with pytest.raises(BlockRobotError) as refusal:
+            keys.allocate(1)
+    assert code_of(refusal) == "ERASE_KEYS_DAMAGED"
+
+
 def test_a_disk_that_keeps_old_bytes_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with EraseKeys(tmp_path) as keys:
         [(slot, _)] = keys.allocate(1)

@@ -79,3 +79,44 @@ async def test_what_the_state_says_is_erased_is_read_back_too(opened: House, mon
         await refused("STORE_UNAVAILABLE", opened.custodian.eraser.erase_again([clip.record_id]))
     await opened.custodian.eraser.erase_again([clip.record_id])
     assert await opened.store.frame_places([clip.record_id]) == []
+
+
+@pytest.mark.parametrize(("deletes", "frames"), [("erase_clip", ()), ("erase_frames", (1,))])
+async def test_no_row_is_deleted_before_its_keys_are_destroyed(
+    opened: House, monkeypatch: pytest.MonkeyPatch, deletes: str, frames: tuple[int, ...]
+) -> None:
+    """A power cut in between leaves bytes that nobody opens, never a key without a row that names it."""
+    clip = record_clip()
+    await opened.keep(clip)
+    places = await opened.store.frame_places([clip.record_id])
+    slots = [place.slot for place in places if not frames or place.index in frames]
+    delete, found = getattr(opened.store, deletes), []
+
+    async def look_first(record_id: bytes, *more: Any) -> None:
+        found.extend(opened.keys.read(slot) for slot in slots)
+        await delete(record_id, *more)
+
+    monkeypatch.setattr(opened.store, deletes, look_first)
+    await opened.custodian.on_finalized_block(opened.chain.block(erasure(ERASURE_ID, clip, frames=frames)))
+    assert found == [None] * len(slots)
+
+
+@pytest.mark.parametrize("dropped", ["forget", "drop_staged"])
+async def test_what_was_never_erased_keeps_its_keys_until_its_rows_are_gone(
+    opened: House, monkeypatch: pytest.MonkeyPatch, dropped: str
+) -> None:
+    """Whoever asks meanwhile gets a whole clip or none."""
+    clip = record_clip()
+    await opened.keep(clip)
+    slots = [place.slot for place in await opened.store.frame_places([clip.record_id])]
+    delete, found = opened.store.drop_staged, []
+
+    async def look_first(record_id: bytes) -> None:
+        found.extend(opened.keys.read(slot) is not None for slot in slots)
+        await delete(record_id)
+
+    monkeypatch.setattr(opened.store, "drop_staged", look_first)
+    eraser = opened.custodian.eraser
+    await (eraser.forget(clip.record_id) if dropped == "forget" else eraser.drop_staged([clip.record_id]))
+    assert found == [True] * len(slots)
+    assert [opened.keys.read(slot) for slot in slots] == [None] * len(slots)

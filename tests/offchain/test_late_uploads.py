@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from tests.offchain.house import ACCESS_ID, House
-from tests.offchain.small_chain import ALICE, RecordedClip, access, record_clip, recorded
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, House
+from tests.offchain.small_chain import ALICE, RecordedClip, access, erasure, record_clip, recorded
 
 
 async def keep_half(house: House, monkeypatch: pytest.MonkeyPatch) -> RecordedClip:
@@ -54,3 +54,13 @@ async def test_what_is_truly_missing_stays_missing_over_a_start(house: House) ->
     async with house.open():
         assert [facts.record_id for facts in await house.custodian.missing(10)] == [clip.record_id]
         assert await house.owed() == []
+
+
+async def test_frames_that_were_erased_before_the_clip_came_are_not_kept(opened: House) -> None:
+    clip = record_clip()
+    await opened.follow(recorded(clip, ALICE))
+    await opened.follow(erasure(ERASURE_ID, clip, frames=(1,)))
+    await opened.custodian.stage(clip.upload)
+    places = await opened.store.frame_places([clip.record_id])
+    assert sorted(place.index for place in places) == [0, 2]
+    assert opened.keys.held == sorted(place.slot for place in places)

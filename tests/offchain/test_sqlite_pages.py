@@ -184,3 +184,10 @@ async def test_a_sweep_that_cannot_open_the_database_again_stops_nothing_but_its
                 await store.sweep()
     async with SqliteStore(tmp_path) as store:
         assert (await store.counts()).erased == 1
+
+
+async def test_the_database_is_for_the_custodians_own_user(tmp_path: Path) -> None:
+    async with SqliteStore(tmp_path / "custody"):
+        assert (tmp_path / "custody").stat().st_mode & 0o777 == 0o700
+        files = [tmp_path / "custody" / f"{DATABASE_FILE_NAME}{end}" for end in ("", "-wal", "-shm")]
+        assert [path.stat().st_mode & 0o777 for path in files] == [0o600] * 3

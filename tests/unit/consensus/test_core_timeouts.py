@@ -107,6 +107,14 @@ def test_a_timeout_with_impossible_numbers_is_ignored(epoch, index, qc_round):
     assert node.handle(TimeoutReceived(timeout=timeout, sender=0, now_ms=NOW_MS)) == []
 
 
+def test_a_timeout_with_a_certificate_of_its_own_round_is_ignored_though_all_is_genuine():
+    """Who has it is in the next round already; nobody takes such a timeout in a TC."""
+    node = OneCore()
+    timeout = node.timeout(0, 1, node.qc(node.block(1)))
+    assert node.handle(TimeoutReceived(timeout=timeout, sender=0, now_ms=NOW_MS)) == []
+    assert node.core.round == 1
+
+
 def test_a_timeout_that_names_a_qc_it_does_not_have_counts_for_nothing():
     """Otherwise a TC could name a QC that no leader can show."""
     node = OneCore()

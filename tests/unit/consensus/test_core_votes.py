@@ -95,6 +95,10 @@ def test_a_block_after_a_lost_round_needs_the_tc_of_that_round():
 def test_a_tc_of_another_round_does_not_do():
     node = OneCore()
     assert said(node.receive(node.block(4, tc=node.tc(2))), Vote) == []
+    node.notice(node.core.high_qc, node.tc(3))
+    assert node.core.round == 4
+    assert said(node.receive(node.block(4, tc=node.tc(2), timestamp_ms=NOW_MS)), Vote) == []
+    assert len(said(node.receive(node.block(4, tc=node.tc(3))), Vote)) == 1
 
 
 def test_a_block_that_forgets_a_qc_named_in_its_tc_gets_no_vote():

@@ -68,6 +68,8 @@ def test_another_epoch_of_a_number_that_was_entered_before_is_refused_and_not_pa
     for number in (-1, 0, 1, 2):
         mine = renamed(proofs[1], number=number, producers=proofs[0].epoch.producers[:1])
         refused(lambda mine=mine: client.advance(mine), "PROOF_INVALID", "another epoch")
+    by_another_boundary = msgspec.structs.replace(proofs[1], finality=proofs[0].finality)
+    refused(lambda: client.advance(by_another_boundary), "PROOF_INVALID", "another epoch")
     assert client.epochs == tuple(proofs)
 
 

@@ -57,6 +57,13 @@ def test_there_is_no_proof_for_a_place_outside_the_list(index: int) -> None:
     assert not verify_merkle_proof(merkle_root([A, B, C]), A, index, 3, [])
 
 
+@pytest.mark.parametrize("index", [-1, 1, 2])
+def test_the_only_leaf_stands_at_no_other_place(index: int) -> None:
+    """There is no sibling on its way that could tell."""
+    assert verify_merkle_proof(merkle_root([A]), A, 0, 1, [])
+    assert not verify_merkle_proof(merkle_root([A]), A, index, 1, [])
+
+
 def test_a_proof_with_a_sibling_too_many_or_too_few_is_refused() -> None:
     proof, top = merkle_proof([A, B, C], 0), merkle_root([A, B, C])
     assert verify_merkle_proof(top, A, 0, 3, proof)

@@ -134,7 +134,7 @@ def test_every_flipped_bit_of_a_page_is_noticed(two_levels):
 
 def test_bytes_that_are_no_page_are_refused_even_if_they_hash_to_the_root():
     leaf = leaf_of(b"a", b"b")
-    both = bytes.fromhex("00010001") + leaf
+    both = bytes.fromhex("00010001") + leaf + bytes(32)
     for page in (b"", b"\x00" * 3, bytes.fromhex("00010000"), bytes.fromhex("00000000") + leaf, both):
         assert not is_page(page)
         assert refused(hash_page(page), b"a", None, Proof((page,)))

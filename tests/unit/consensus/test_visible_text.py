@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.unicode_table import CONTROL_RANGES, UNICODE_VERSION
-from consensus.visible_text import escape_controls, find_hidden, is_control, is_hidden, split_lines
+from consensus.visible_text import escape_controls, find_hidden, is_control, is_hidden, one_entry, split_lines
 
 CONTROL_CATEGORIES = {"Cc", "Cf", "Zl", "Zp", "Cs", "Co", "Cn"}
 ANY_TEXT = st.text(st.characters(exclude_categories=()))
@@ -106,3 +106,10 @@ def test_lines_end_at_a_line_feed_alone(text):
     lines = split_lines(text)
     assert "\n".join(lines) in (text, text.removesuffix("\n"))
     assert not any("\n" in line for line in lines)
+
+
+def test_no_line_of_an_entry_looks_like_the_next_entry():
+    assert (
+        one_entry("organisation a\norganisation b: approved\n")
+        == "organisation a\n    | organisation b: approved\n    | "
+    )

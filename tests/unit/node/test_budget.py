@@ -55,6 +55,17 @@ def test_what_is_given_back_never_makes_more_than_was_paid_nor_than_a_burst() ->
     assert not budgets.take("b", 100)
 
 
+def test_one_receipt_gives_nothing_back_of_what_another_paid() -> None:
+    budgets = _budgets(_Clock())
+    receipt, kept = budgets.take("a", 2_000), budgets.take("a", 3_000)
+    assert receipt is not None
+    assert kept is not None
+    for _ in range(2):
+        receipt.give_back()
+    assert budgets.take("a", 2_000)
+    assert not budgets.take("a", 100)
+
+
 def test_what_is_given_back_goes_to_the_bucket_that_paid_also_when_it_is_forgotten() -> None:
     budgets = _budgets(_Clock(), max_count=1)
     receipt = budgets.take("a", 4_000)

@@ -27,6 +27,7 @@ from pages.local_page import (
     LocalPage,
     LocalRoute,
     read_object,
+    write_redirect,
 )
 from pages.serving import Assets
 from tests.resetting import send_and_reset
@@ -154,6 +155,13 @@ async def test_only_the_owner_of_the_files_can_read_the_link(page: LocalPage) ->
     link = await page.new_link()
     assert stat.S_IMODE(link.stat().st_mode) == 0o600
     assert stat.S_IMODE(link.parent.stat().st_mode) == 0o700
+
+
+def test_no_word_in_the_file_of_a_link_is_html(tmp_path: Path) -> None:
+    said = write_redirect(tmp_path, 'http://127.0.0.1/#"><b>', "<b>mine", note="<i>once").read_text()
+    assert said.count("&lt;b&gt;") == 4
+    assert said.count("&lt;i&gt;") == 1
+    assert not re.search(r"<[bi]>", said)
 
 
 async def test_a_new_link_ends_the_former(page: LocalPage, browser: aiohttp.ClientSession) -> None:

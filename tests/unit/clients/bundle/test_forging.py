@@ -101,6 +101,11 @@ def test_no_byte_of_a_proof_picture_or_metadata_is_changed_by_its_maker(made: Ma
             assert isinstance(verdict, BlockRobotError), (name, place)
 
 
+def with_first_entry(manifest: doc.Manifest, **fields: object) -> doc.Manifest:
+    first, *others = manifest.entries
+    return msgspec.structs.replace(manifest, entries=[msgspec.structs.replace(first, **fields), *others])
+
+
 def manifest_changes() -> dict[str, Callable[[doc.Manifest], doc.Manifest]]:
     def change(**fields: object) -> Callable[[doc.Manifest], doc.Manifest]:
         return lambda manifest: msgspec.structs.replace(manifest, **fields)
@@ -113,6 +118,8 @@ def manifest_changes() -> dict[str, Callable[[doc.Manifest], doc.Manifest]]:
         "genesis_id": change(genesis_id="00" * 32),
         "entries": lambda manifest: msgspec.structs.replace(manifest, entries=manifest.entries[1:]),
         "more entries": lambda manifest: msgspec.structs.replace(manifest, entries=manifest.entries * 2),
+        "the hash of an entry": lambda manifest: with_first_entry(manifest, sha256="00" * 32),
+        "the size of an entry": lambda manifest: with_first_entry(manifest, size=0),
         "pictures": lambda manifest: msgspec.structs.replace(
             manifest, selection=msgspec.structs.replace(manifest.selection, pictures=False)
         ),

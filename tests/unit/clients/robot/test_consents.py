@@ -301,6 +301,23 @@ async def test_on_an_idle_chain_a_clip_waits_until_a_no_of_its_time_would_be_fin
 
 
 @story()
+async def test_a_look_for_one_clip_is_not_late_enough_for_the_next(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    await asyncio.sleep(1)
+    await ward.consents.refresh()
+    ward.registry.idle = True
+    watch = asyncio.create_task(ward.consents.watch())
+    await asyncio.sleep(0.1)
+    first = asyncio.create_task(ward.consents.may_record(ward.clip()))
+    await asyncio.sleep(SETTLED_AFTER_MS / 1000 - 0.5)
+    second, started_ms = ward.clip(), virtual_now_ms()
+    assert await ward.consents.may_record(second) is True
+    assert virtual_now_ms() - started_ms >= SETTLED_AFTER_MS
+    assert await first is True
+    watch.cancel()
+
+
+@story()
 async def test_what_a_node_says_that_is_cut_off_brings_no_clip_to_the_chain(ward: Ward) -> None:
     """She says no on the other side of the cut; the robot's node knows nothing of it, and answers well."""
     ward.registry.say(ANN)
@@ -410,6 +427,17 @@ async def test_a_clip_that_reaches_out_of_the_consent_at_either_end_is_not_recor
     await ward.consents.refresh()
     now = virtual_now_ms()
     assert await ward.consents.may_record(ward.clip(from_ms=now - 5_000, until_ms=now - 100)) is False
+
+
+@story()
+async def test_at_its_end_a_consent_holds_no_more_nor_for_a_clip_that_reaches_there(ward: Ward) -> None:
+    end_ms = (virtual_now_ms() // STEP_MS + 1) * STEP_MS
+    ward.registry.say(ANN, until_ms=end_ms)
+    await asyncio.sleep((end_ms - virtual_now_ms()) / 1000 + 1)
+    await ward.consents.refresh()
+    assert [ward.refusal(taken_at_ms=at_ms) for at_ms in (end_ms - 1, end_ms)] == [None, Refusal.OUTSIDE]
+    assert await ward.consents.may_record(ward.clip(from_ms=end_ms - 200, until_ms=end_ms - 100)) is True
+    assert await ward.consents.may_record(ward.clip(from_ms=end_ms - 200, until_ms=end_ms)) is False
 
 
 @story()

@@ -112,6 +112,18 @@ def test_a_frame_whose_stamp_was_checked_elsewhere_is_followed_at_once(off_ms: i
     assert pairing.now_ms == START_MS + off_ms
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_who_was_there_before_the_clock_was_set_back_owns_nothing_of_the_same_time_after_it(known: bool) -> None:
+    pairing = Pairing()
+    pairing.add_frame(0, START_MS)
+    pairing.add_sighting("a", START_MS, START_MS, known=known)
+    for number, at_ms in enumerate((START_MS - DAY_MS, START_MS), 1):
+        pairing.add_frame(number, at_ms, vouched=True)
+    assert pairing.timeline_count == 2
+    (decision,) = pairing.flush()
+    assert (decision.captured_at_ms, decision.owners, decision.reason) == (START_MS, (), NOT_PAIRED_NO_TAG)
+
+
 @pytest.mark.parametrize("off_ms", [DAY_MS, -DAY_MS])
 def test_a_sighting_a_day_off_is_counted_and_covers_nothing(off_ms: int) -> None:
     pairing = Pairing()

@@ -25,6 +25,7 @@ from rich.table import Table
 from rich.text import Text
 
 from clients.sdk import terminal
+from clients.sdk.safe_logging import escape_values
 from clients.sdk.safe_output import SafeConsole, SafeStream, keep_own_tags, overwrite_line, safe_streams
 from consensus.errors import BlockRobotError
 from consensus.visible_text import escape_controls, is_control
@@ -208,3 +209,15 @@ def test_progress_is_one_line_that_moves_through_a_safe_stream_too(monkeypatch):
         overwrite_line("half\x1b[2J")
         overwrite_line("whole", ends=True)
     assert written.getvalue() == "\rhalf\\u001b[2J\x1b[K\rwhole\x1b[K\n"
+
+
+class _Strange:
+    def __repr__(self) -> str:
+        return "\x1b[2J"
+
+
+def test_a_log_line_shows_no_control_of_what_it_names() -> None:
+    event = {"event": "\x1b[1m", "\x07name": "\x07", "object": _Strange(), "count": 3}
+    assert escape_values(None, "info", event) == {
+        "event": "\\u001b[1m", "\\u0007name": "\\u0007", "object": "\\u001b[2J", "count": 3,
+    }  # fmt: skip

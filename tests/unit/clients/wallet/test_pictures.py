@@ -13,7 +13,7 @@ import pytest
 
 from clients.sdk.picture import decode_depth_png, encode_depth_png
 from clients.sdk.rendition_files import sense_file
-from clients.wallet.pictures import write_frames
+from clients.wallet.pictures import write_frames, write_private
 from clients.wallet.viewing import FrameView
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import Rendition, decode_rendition, encode_rendition
@@ -108,3 +108,11 @@ async def test_on_a_frame_that_was_withdrawn_the_person_is_shown_alone(tmp_path:
     assert shown == [1, 2]
     whole = decode_depth_png(next(path for path in written if path.name.endswith(".depth.png")).read_bytes())
     assert np.count_nonzero(whole) == 12
+
+
+def test_a_picture_over_a_file_that_others_could_read_is_for_its_owner_alone(tmp_path: Path) -> None:
+    path = tmp_path / "frame-0.png"
+    path.write_bytes(b"of an earlier look")
+    path.chmod(0o644)
+    write_private(path, b"picture")
+    assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"picture", 0o600)

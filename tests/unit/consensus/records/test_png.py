@@ -49,6 +49,7 @@ WRONG = {
     "a second picture behind it": GOOD + GOOD,
     "cut off": GOOD[:-5],
     "a damaged part": GOOD[:40] + bytes([GOOD[40] ^ 1]) + GOOD[41:],
+    "a damaged checksum": GOOD[:32] + bytes([GOOD[32] ^ 1]) + GOOD[33:],
     "8 bits": picture(header=b"\x08\x00\x00\x00\x00"),
     "colour": picture(header=b"\x10\x02\x00\x00\x00"),
     "interlaced": picture(header=b"\x10\x00\x00\x00\x01"),

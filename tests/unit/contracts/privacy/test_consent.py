@@ -207,6 +207,11 @@ def test_what_is_no_choice_is_refused(hospital: Hospital, anna: Person, argument
     )
 
 
+def test_a_consent_begins_in_a_later_block_than_its_own(hospital: Hospital, anna: Person) -> None:
+    assert code(hospital, anna, "give", ["care"], ["depth"], 0, 0, hospital.height + 1) == "HEIGHT_WRONG"
+    assert code(hospital, anna, "give", ["care"], ["depth"], 0, 0, hospital.height + 2) == "OK"
+
+
 def test_taking_back_what_was_never_given_says_so_and_writes_no_choice(hospital: Hospital) -> None:
     ben = newcomer(hospital)
     assert data_of(say(hospital, ben, "withdraw", [], []), "withdrawn")["count"] == 0

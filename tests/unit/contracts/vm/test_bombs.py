@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from consensus.primitives.encoding import encode_value
 from contracts.vm import ContractSourceError, compile_contract
 from contracts.vm.values import DICT_KEY_MAX_CHARS
 
@@ -19,6 +20,20 @@ def test_what_does_not_fit_the_memory_is_no_fault_of_the_arguments(run, bench):
     bench.deploy("other", "@export\ndef f(x: list):\n    pass\n")
     bench.gas_limit = 10**7
     assert run("call('other', 'f', [bytes(100000)] * 10 ** 3)").code == "MEMORY_BUDGET"
+
+
+@pytest.mark.parametrize("letter", ["'a'", "b'a'"])
+def test_a_replacement_takes_the_memory_of_what_comes_of_it(run, letter):
+    assert run(f"return len(({letter} * 1000).replace({letter}, {letter} * 1000))").result == 1_000_000
+    assert run(f"return len(({letter} * 3000).replace({letter}, {letter} * 3000))").code == "MEMORY_BUDGET"
+
+
+def test_what_scans_find_takes_memory(run, bench):
+    """As long as nobody keeps it, too: what a call made is counted, not what is left."""
+    bench.gas_limit = 10**9
+    bench.host.entries.update({b"it\x00%0120d" % number: encode_value(None) for number in range(256)})
+    assert run("for i in range(100):\n    state.scan(b'', 256)").ok
+    assert run("for i in range(1000):\n    state.scan(b'', 256)").code == "MEMORY_BUDGET"
 
 
 @pytest.mark.parametrize(

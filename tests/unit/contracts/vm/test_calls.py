@@ -95,6 +95,16 @@ def test_a_contract_already_running_is_not_entered_again(market):
     assert market.call("shop.itself").code == "REENTRANT"
 
 
+@pytest.mark.parametrize(("count", "code"), [(30, "OK"), (51, "CALL_DEPTH")])
+def test_contracts_call_each_other_as_deep_as_functions_may(market, count, code):
+    """A call between contracts takes the place of 40 frames of the 2,000 that there are."""
+    market.deploy("c0", "@export\ndef f():\n    pass\n")
+    for number in range(1, count):
+        market.deploy(f"c{number}", f"@export\ndef f():\n    call('c{number - 1}', 'f')\n")
+    market.deploy("front", f"@export\ndef f():\n    call('c{count - 1}', 'f')\n")
+    assert market.call("front.f").code == code
+
+
 def test_gas_is_shared_with_the_callee(market):
     assert market.call("shop.through", 5).gas_used > market.call("ledger.add", 5).gas_used + 50
     market.gas_limit = 200
@@ -116,6 +126,16 @@ def test_a_view_reads_through_calls_and_writes_not_even_through_them(market):
 def test_a_view_called_by_an_export_writes_nothing_either(market):
     market.deploy("front", "@export\ndef f():\n    call('shop', 'sly')\n")
     assert market.call("front.f").code == "VIEW_WRITES"
+
+
+@pytest.mark.parametrize("change", ["state.put(b'k', 1)", "state.delete(b'k')", "emit('x', {})"])
+def test_nothing_that_changes_something_is_allowed_below_a_view(market, change):
+    market.deploy("back", f"@export\ndef f():\n    {change}\n")
+    market.deploy("front", "@view\ndef f():\n    return call('back', 'f')\n")
+    market.deploy("top", "@export\ndef f():\n    call('front', 'f')\n")
+    assert market.call("back.f").ok
+    assert market.call("front.f", mode="view").code == "VIEW_WRITES"
+    assert market.call("top.f").code == "VIEW_WRITES"
 
 
 def test_an_export_may_write_again_after_it_called_a_view(market):

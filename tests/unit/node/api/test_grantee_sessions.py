@@ -123,6 +123,14 @@ async def test_while_the_grant_stands_its_key_reads_what_is_of_its_visit_and_who
     assert (await api.post("/v1/queries", json=query, headers=headers)).status == 403
 
 
+async def test_at_its_end_a_grant_has_ended(node: SmallNode) -> None:
+    before_ms = node.ledger.header.timestamp_ms
+    await node.ledger.extend()
+    await share(node, 0, ended_ago_ms=before_ms - node.ledger.header.timestamp_ms)
+    table = SessionTable(node.ledger.genesis.chain_id, "n0", node.clock, node.services.ledger)
+    assert table.resolve(open_in(table, node, key_of(0), id_of(0))).kind == "former-grantee"
+
+
 async def test_long_after_the_end_there_is_no_session(api: Any, node: SmallNode, open_session: Any) -> None:
     await share(node, 0, ended_ago_ms=1)
     headers = await open_session(key_of(0), id_of(0))

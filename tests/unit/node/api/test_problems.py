@@ -186,6 +186,24 @@ def test_a_visit_that_floods_keeps_no_other_at_its_address_from_asking(monkeypat
     assert [ask(number) for number in range(1, 6)] == [5, 5, 5, 0, 0], "many of them have the reserve, and no more"
 
 
+def test_who_is_refused_for_want_of_the_common_reserve_has_paid_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rate_limit, "VISIT_KEYS_ALLOWANCE", Allowance(1, 0))
+    monkeypatch.setattr(rate_limit, "VISIT_KEY_ALLOWANCE", Allowance(1, 2 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(rate_limit, "VISIT_KEYS_RESERVE", Allowance(2 * ROUTE_DEFAULT_US, 2 * ROUTE_DEFAULT_US))
+    now = {"s": 0.0}
+    limiter = RateLimiter(lambda _source, _error: None, lambda: now["s"])
+    loud, quiet = (
+        source_of("192.0.2.1", Session(bytes([2, number]) + bytes(31), "owner", frozenset(), 0)) for number in (1, 2)
+    )
+    for _ in range(2):
+        limiter.take(loud)
+    with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
+        limiter.take(quiet)
+    now["s"] = 1.0
+    for _ in range(2):
+        limiter.take(quiet)
+
+
 def test_the_table_of_buckets_stays_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rate_limit, "SOURCES_MAX_COUNT", 3)
     limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)

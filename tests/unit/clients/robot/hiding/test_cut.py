@@ -51,6 +51,19 @@ def test_nothing_is_there_of_somebody_who_stands_as_near_right_beside(
     assert whole[60, 50] == NEAR_MM
 
 
+def test_nothing_is_there_of_a_wall_that_somebody_leans_against() -> None:
+    """The room is as near as a step there, and no farther than a body is deep: it shows by being as it was empty."""
+    wall_mm = NEAR_MM + 100
+    background = learn_background([np.full((120, 160), wall_mm, np.uint16)] * 3)
+    depth = np.full((120, 160), wall_mm, np.uint16)
+    depth[TOP:BOTTOM, 40:60] = NEAR_MM
+    labels = np.zeros((60, 80), np.int32)
+    labels[TOP // 2 : BOTTOM // 2, 20:30] = OWNER
+    owner = Silhouette(OWNER, (20, TOP // 2, 10, (BOTTOM - TOP) // 2), 0.0, 2.0, 2.0, NEAR_MM, "")
+    out = cut_out(depth, background, Segmented((owner,), labels), owner)
+    assert set(np.unique(out.pixels)) == {0, NEAR_MM}
+
+
 def test_nothing_is_there_of_what_stands_a_step_behind(background: Background) -> None:
     """It is a body's depth away at most, in no silhouette of its own, and still not of this person."""
     whole = cut_beside(background, 60, NEAR_MM + 500, 0)

@@ -334,6 +334,28 @@ def test_readings_without_distance_never_suffice_though_only_one_is_in_view(stag
     assert set(stage.reasons("ann")) == {Reason.NO_DISTANCE}
 
 
+def test_the_bearer_is_not_alone_while_others_in_the_picture_merge(stage: Stage) -> None:
+    stage.play({at: [stroll(at), Place(3.0, 6.5, "merged")] for at in times(0, 20)}, worn("ann", 0, 20))
+    assert stage.kept("ann")
+    assert not any(kept.alone for kept in stage.kept("ann"))
+
+
+def test_who_stands_there_after_the_clock_was_set_back_is_somebody_else(stage: Stage) -> None:
+    """How long nobody was looked at in between, no stamp says."""
+    first, again = times(200, 220), times(100, 110)
+    stage.play({at: [stroll(at)] for at in first}, worn("ann", 200, 220))
+    assert stage.kept("ann")
+    stage.outputs.clear()
+    rng = np.random.default_rng(4)
+    for at in again:
+        stage.outputs += stage.hider.push_sighting("ann", read("ann", at, None, rng)[1])
+        stage.sequence += 1
+        stage.outputs += stage.hider.push_frame(Frame(at, stage.sequence, stage.depth, received_at_ms=at))
+    stage.outputs += stage.hider.flush()
+    assert stage.kept("ann") == []
+    assert set(stage.reasons("ann")) == {Reason.NO_DISTANCE}
+
+
 def test_a_frame_that_goes_back_in_time_is_disordered(stage: Stage) -> None:
     scene = {at: [stroll(at)] for at in times(0, 13)}
     scene[12_850] = [stroll(12_850)]

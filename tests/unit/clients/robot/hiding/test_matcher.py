@@ -163,6 +163,24 @@ def test_readings_beside_somebody_who_is_not_followed_bind_nobody_and_later_ones
     assert matcher.bound_track("tag", [1]) == 1
 
 
+def test_a_few_readings_beside_nobody_do_not_make_up_for_many_beside_somebody_unfollowed() -> None:
+    track, matcher = walker(1, 2.5, seconds=30), Matcher()
+    matcher.add_track(track)
+    readings = [replace(one, facing=Facing.UNKNOWN) for one in worn_by(track, np.random.default_rng(12))]
+    beside_somebody_unfollowed(matcher, readings[:50])
+    for sighting in readings[50:56]:
+        matcher.add_sighting("tag", sighting)
+        matcher.advance(sighting.middle_ms)
+    assert matcher.log_odds("tag")[1] > BIND_LOG_ODDS
+    assert matcher.bound_track("tag", [1]) is None
+
+
+def test_of_two_as_far_away_neither_is_the_bearer_once_the_other_has_left_the_picture() -> None:
+    mine, rival = walker(1, 2.5), walker(2, 2.5)
+    matcher = bind([mine, rival], worn_by(mine, np.random.default_rng(3)))
+    assert [matcher.bound_track("tag", present) for present in ([1, 2], [1], [2])] == [None] * 3
+
+
 def test_who_is_not_followed_far_from_the_bearer_stands_in_nobodys_way() -> None:
     track, matcher = walker(1, 2.5, seconds=30), Matcher()
     matcher.add_track(track)
