@@ -78,7 +78,7 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "contracts/privacy/access.py",
         "NOT_A_CUSTODIAN",
         0,
-        "tests/unit/contracts/privacy/test_access.py",
+        "tests/security/test_authorisation_entries.py::test_each_role_may_do_what_the_rule_says_and_no_more[access.released]",
     ),
     DroppedCheck(
         Kind.AUTHORISATION,
@@ -92,7 +92,7 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "contracts/privacy/consent.py",
         "BEYOND_MANDATE",
         0,
-        "tests/unit/contracts/privacy/test_consent.py",
+        "tests/unit/contracts/privacy/test_mandates.py",
     ),
     DroppedCheck(
         Kind.CONSENT, "contracts/privacy/consent.py", "CALL_INDIRECT", 0, "tests/unit/contracts/privacy/test_consent.py"
@@ -105,10 +105,18 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "tests/unit/contracts/privacy/test_consent.py",
     ),
     DroppedCheck(
-        Kind.CONSENT, "contracts/privacy/consent.py", "OWN_NO_STANDS", 0, "tests/unit/contracts/privacy/test_consent.py"
+        Kind.CONSENT,
+        "contracts/privacy/consent.py",
+        "OWN_NO_STANDS",
+        0,
+        "tests/unit/contracts/privacy/test_mandates.py",
     ),
     DroppedCheck(
-        Kind.CONSENT, "contracts/privacy/consent.py", "WORD_OLDER", 0, "tests/unit/contracts/privacy/test_consent.py"
+        Kind.CONSENT,
+        "contracts/privacy/consent.py",
+        "WORD_OLDER",
+        0,
+        "tests/unit/contracts/privacy/test_consent_order.py",
     ),
     DroppedCheck(
         Kind.ERASURE,
@@ -129,7 +137,7 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "contracts/privacy/erasure.py",
         "NOT_A_DECIDING_CONTRACT",
         0,
-        "tests/unit/contracts/privacy/test_erasure.py",
+        "tests/security/test_authorisation_entries.py::test_only_the_contracts_of_the_rule_may_call_it_in_somebodys_name[erasure.order]",
     ),
     DroppedCheck(
         Kind.ERASURE,
@@ -192,35 +200,35 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "contracts/privacy/records.py",
         "NOT_A_ROBOT",
         0,
-        "tests/unit/contracts/privacy/test_records.py",
+        "tests/security/test_authorisation_entries.py::test_each_role_may_do_what_the_rule_says_and_no_more[records.open_visit]",
     ),
     DroppedCheck(
         Kind.ERASURE,
         "contracts/privacy/records.py",
         "NOT_THE_ERASURE_CONTRACT",
         0,
-        "tests/unit/contracts/privacy/test_records.py",
+        "tests/security/test_authorisation_entries.py::test_only_the_contracts_of_the_rule_may_call_it_in_somebodys_name[records.begin_erasure]",
     ),
     DroppedCheck(
         Kind.AUTHORISATION,
         "contracts/privacy/records.py",
         "NOT_THE_OWNER",
         0,
-        "tests/unit/contracts/privacy/test_records.py",
+        "tests/unit/contracts/privacy/test_erasure.py",
     ),
     DroppedCheck(
         Kind.AUTHORISATION,
         "contracts/privacy/records.py",
         "NOT_THE_ROBOT",
         0,
-        "tests/unit/contracts/privacy/test_records.py",
+        "tests/security/test_authorisation_entries.py::test_each_role_may_do_what_the_rule_says_and_no_more[records.record]",
     ),
     DroppedCheck(
         Kind.ERASURE,
         "contracts/privacy/records.py",
         "RECORD_NOT_EXPIRED",
         0,
-        "tests/unit/contracts/privacy/test_records.py",
+        "tests/unit/contracts/privacy/test_erasure.py",
     ),
     DroppedCheck(
         Kind.AUTHORISATION,
@@ -306,7 +314,7 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         Kind.PROOFS, "node/p2p/identity.py", "PEER_CERTIFICATE_REVOKED", 0, "tests/unit/node/p2p/test_identity.py"
     ),
     DroppedCheck(Kind.PROOFS, "node/p2p/identity.py", "PEER_REMOVED", 0, "tests/unit/node/p2p/test_identity.py"),
-    DroppedCheck(Kind.QUOTAS, "node/p2p/wire.py", "PEER_MESSAGE_INVALID", 3, "tests/unit/node/p2p/test_floods.py"),
+    DroppedCheck(Kind.QUOTAS, "node/p2p/wire.py", "PEER_MESSAGE_INVALID", 3, "tests/unit/node/p2p/test_wire.py"),
     DroppedCheck(
         Kind.AUTHORISATION,
         "node/upload_admission.py",

@@ -6,9 +6,13 @@ import msgspec
 import pytest
 
 from clients.bundle.chain_proofs import ProvedChain
+from clients.bundle.documents import ReceiptProof
+from consensus.block import Block, FinalityProof, Receipt, compute_receipts_root, compute_transactions_root
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
+from consensus.primitives.hashing import sha256
 from tests.unit.consensus.many_epochs import GENESIS_FILE, ManyEpochs, renamed
+from tests.unit.consensus.one_core import Peers
 
 
 class Story:
@@ -75,3 +79,35 @@ def test_a_proof_is_checked_once_and_as_its_bytes() -> None:
     for spoilt in (STORY.proofs[0] + b"\0", STORY.proofs[0][:-1], b"", msgspec.msgpack.encode([])):
         with pytest.raises(BlockRobotError):
             chain.final(spoilt)
+
+
+RECEIPT = Receipt(txid=sha256(b"transaction"), ok=True, code="OK", message="", line=None, gas_used=0, events=())
+WITH_RECEIPT = {
+    "receipts_root": compute_receipts_root((RECEIPT,)),
+    "transactions_root": compute_transactions_root([RECEIPT.txid]),
+}
+
+
+def receipt_proof(headers: list[Block], child: Block, peers: Peers) -> ReceiptProof:
+    finality = FinalityProof(
+        header_bytes=headers[-1].header_bytes, child_header_bytes=child.header_bytes, child_qc=peers.qc(child)
+    )
+    return ReceiptProof(
+        headers=[block.header_bytes.hex() for block in headers],
+        finality=encode(finality).hex(),
+        receipt=encode(RECEIPT).hex(),
+        index=0,
+        count=1,
+        receipt_path=[],
+        transaction_path=[],
+    )
+
+
+def test_a_receipt_stands_in_a_block_below_a_final_one_and_in_no_other_that_its_maker_writes() -> None:
+    peers = ManyEpochs().peers
+    one = peers.block(1, **WITH_RECEIPT)
+    two, other = peers.block(2, one), peers.block(2, peers.block(1))
+    proved = ProvedChain(GENESIS_FILE, []).receipt("x", receipt_proof([one, two], peers.block(3, two), peers))
+    assert (proved.receipt, proved.height) == (RECEIPT, 1)
+    with pytest.raises(BlockRobotError, match="do not follow each other"):
+        ProvedChain(GENESIS_FILE, []).receipt("x", receipt_proof([one, other], peers.block(3, other), peers))

@@ -8,6 +8,8 @@ import pytest
 
 from consensus.primitives.keys import PrivateKey
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, data_of
+from tests.unit.contracts.system import consortium
+from tests.unit.contracts.system.consortium import node_fields
 
 
 def test_a_record_is_erased_when_every_custodian_has_confirmed(hospital: Hospital, visit: Visit) -> None:
@@ -192,3 +194,17 @@ def test_who_goes_without_a_word_keeps_no_record_from_being_called_erased() -> N
     assert silent.public_key not in clinic.view("identity", "custodians")
     clinic.must(first, "erasure", "expired", [record_id], bytes(32))
     assert clinic.view("records", "get", record_id)["status"] == "erased"
+
+
+def test_only_who_was_a_custodian_at_the_request_and_still_is_confirms_an_erasure() -> None:
+    clinic = Clinic()
+    visit = clinic.open_visit(clinic.enrol("anna"))
+    asked = clinic.must(visit.key, "erasure", "request", [clinic.record(visit)], [])
+    clinic.must(clinic.admin, "membership", "propose", "remove_node", {"name": "custodian-1"})
+    clinic.must(clinic.admin, "membership", "propose", "add_node", node_fields("late", "ward", custodian=True))
+    gone, late = clinic.custodians[0], consortium.key_of("late/custodian")
+    assert late.public_key in clinic.view("identity", "custodians")
+    for custodian in (gone, late):
+        told = (asked.txid, 3, "nothing", 0, bytes(32))
+        assert clinic.send(custodian, "erasure", "receipt", *told).code == "NOT_A_CUSTODIAN"
+    assert clinic.view("erasure", "get", asked.txid)["receipts"] == {}

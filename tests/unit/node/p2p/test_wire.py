@@ -50,6 +50,18 @@ def test_frames_before_a_bad_one_are_still_delivered() -> None:
         next(frames)
 
 
+@pytest.mark.parametrize("kind", FrameKind)
+def test_before_the_hello_nothing_else_is_waited_for(kind: FrameKind) -> None:
+    decoder = FrameDecoder()
+    decoder.take(encode_frame(kind, b"x")[:-1])
+    if kind in {FrameKind.HELLO, FrameKind.REFUSAL}:
+        assert decoder.next_frame(is_greeted=False) is None
+        return
+    with pytest.raises(BlockRobotError, match="before it said hello"):
+        decoder.next_frame(is_greeted=False)
+    assert decoder.next_frame() is None
+
+
 def test_one_does_not_send_what_the_other_would_refuse() -> None:
     with pytest.raises(BlockRobotError) as caught:
         encode_frame(FrameKind.HEIGHT, bytes(FRAME_MAX_BYTES[FrameKind.HEIGHT] + 1))
