@@ -214,7 +214,7 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "contracts/privacy/records.py",
         "NOT_THE_OWNER",
         0,
-        "tests/unit/contracts/privacy/test_erasure.py",
+        "tests/unit/contracts/privacy/test_access.py",
     ),
     DroppedCheck(
         Kind.AUTHORISATION,

@@ -67,7 +67,7 @@ REPLACED: tuple[Replaced, ...] = (
         "the store's files are not swept",
         "            await self._store.sweep()\n",
         "",
-        "tests/offchain/test_sqlite_sweep.py",
+        "tests/offchain/test_custodian.py::test_the_whole_store_is_looked_through_once_a_block_however_much_it_erases",
     ),
     Replaced(
         Kind.ERASURE,

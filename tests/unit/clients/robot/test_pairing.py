@@ -57,6 +57,15 @@ def test_a_known_tag_outweighs_an_unknown_one() -> None:
     assert (decision.owners, decision.reason) == (("b",), "")
 
 
+def test_a_sighting_that_ended_is_remembered_for_the_frames_that_wait() -> None:
+    pairing = Pairing()
+    pairing.add_sighting("a", 5_000, 5_000)
+    pairing.add_frame(0, 10_000)
+    assert pairing.advance(15_900) == []
+    (decision,) = pairing.advance(16_001)
+    assert decision.owners == ("a",)
+
+
 def test_a_frame_older_than_memory_is_refused_and_counted() -> None:
     pairing = Pairing()
     pairing.add_frame(0, MEMORY_MS + 1_000)
