@@ -165,7 +165,7 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "contracts/privacy/mandates.py",
         "MANDATE_LAPSED",
         1,
-        "tests/unit/contracts/privacy/test_mandates.py",
+        "tests/unit/contracts/privacy/test_mandate_ends.py",
     ),
     DroppedCheck(
         Kind.MANDATES,
@@ -320,6 +320,6 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "node/upload_admission.py",
         "EMPTY_FRAME_NOT_APPROVED",
         0,
-        "tests/unit/node/api/test_routes.py",
+        "tests/unit/node/api/test_frame_approval.py",
     ),
 )

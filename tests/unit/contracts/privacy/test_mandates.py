@@ -327,14 +327,6 @@ def test_the_next_proposal_closes_one_that_is_over_and_waits_for_one_that_is_not
     assert family.propose() != after, "a proposal that nobody approved in time stops nobody"
 
 
-def test_nobody_agrees_to_a_mandate_whose_time_is_over(family: Family) -> None:
-    hospital = family.hospital
-    until_ms = hospital.bucket() + DAY_MS
-    proposed = family.propose(until_ms=until_ms)
-    hospital.time_ms = until_ms - 100
-    assert family.refusal(family.second, "approve", proposed) == "MANDATE_LAPSED"
-
-
 def test_each_of_the_three_agrees_in_time(family: Family) -> None:
     hospital, late = family.hospital, family.propose()
     proposed_ms = hospital.time_ms
