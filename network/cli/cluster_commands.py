@@ -285,9 +285,7 @@ def _lies(row: NodeStatusReport, accused_by: Sequence[str]) -> list[str]:
     """Say who knows that a node contradicted itself, and that it was told to."""
     told = []
     if row.behaviour:
-        told.append(
-            f"{row.name} was told to lie ({row.behaviour}); that ends with: blockrobot fault restart {row.name}"
-        )
+        told.append(f"{row.name} was told to lie ({row.behaviour}).")
     if accused_by:
         many = "say" if len(accused_by) > 1 else "says"
         names = ", ".join(accused_by)

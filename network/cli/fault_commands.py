@@ -32,12 +32,14 @@ def _control(folder: Path | None, seed: int = 0) -> FaultControl:
 
 
 def _do(control: FaultControl, action: Action, *, as_json: bool) -> None:
-    """Do one thing, wait for a node that was started, and say what was done."""
-    asyncio.run(carry_out_requested(control, action))
+    """Do one thing, wait for the nodes that were started, and say what was done."""
+    started = asyncio.run(carry_out_requested(control, action))
     if as_json:
         print_json({"ok": True, "done": action.describe()})
-    else:
-        console.print(f"Done: {escape(action.describe())}.")
+        return
+    console.print(f"Done: {escape(action.describe())}.")
+    if started and isinstance(action, Heal):
+        console.print(f"Restarted, for only so does a liar become honest: {escape(', '.join(started))}.")
 
 
 @click.group()

@@ -11,7 +11,7 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
-from network.faults.actions import Action, ActionReader, FillDisk, GoByzantine, Restart, Skew, check_seed
+from network.faults.actions import Action, ActionReader, FillDisk, GoByzantine, Heal, Restart, Skew, check_seed
 from network.faults.control import FaultControl
 from network.faults.plan import STEP_FIELDS, action_of
 
@@ -47,13 +47,22 @@ def read_action(fields: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Acti
     return action_of(ActionReader(names), kind, table), seed
 
 
-async def carry_out_requested(control: FaultControl, action: Action) -> None:
-    """Do one thing, and wait for the node that it starts. Raises what `FaultControl.carry_out` and `wait_answering` do."""
+async def carry_out_requested(control: FaultControl, action: Action) -> tuple[str, ...]:
+    """Do one thing, wait for the nodes that it starts, and return these: a liar becomes honest by a new start only.
+
+    Raises what `FaultControl.carry_out` and `wait_answering` do.
+    """
+    started: tuple[str, ...] = ()
     match action:
         case Skew(node=node, offset_ms=offset_ms) if offset_ms:
             control.require_running(node)
         case FillDisk(node=node, is_full=True):
             control.require_running(node)
+        case Restart(node=node) | GoByzantine(node=node):
+            started = (node,)
+        case Heal(nodes=nodes):
+            started = tuple(name for name in nodes or control.cluster.names if control.cluster.behaviour(name))
     await control.carry_out(action)
-    if isinstance(action, Restart | GoByzantine):
-        await control.cluster.wait_answering(action.node)
+    for name in started:
+        await control.cluster.wait_answering(name)
+    return started

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import re
+import subprocess
+import sys
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -465,7 +467,9 @@ async def test_a_liar_who_contradicts_itself_is_seen_suspended_and_stays_so_when
             await asyncio.to_thread(CliRunner().invoke, main, ["status", "--dir", str(console.network.folder)])
         ).output
         assert re.search(r"node-4 \W+suspended", said)
-        assert "node-4 was told to lie (equivocate)" in said
+        assert "node-4 was told to lie (equivocate)." in said
+        assert "Broken on purpose: node-4." in said
+        assert (said.count("blockrobot fault heal"), "fault restart" in said) == (1, False)
         assert re.search(r"node-1.* say that\s+node-4\s+contradicted\s+itself", said)
         assert await page.get_by_text("All is well").count() == 0
         status = await console.network.status("node-1")
@@ -477,5 +481,10 @@ async def test_a_liar_who_contradicts_itself_is_seen_suspended_and_stays_so_when
         await expect_state(page, "node-4", "suspended")
         await expect(page.get_by_text("A node is suspended")).to_be_visible()
         await page.goto("about:blank")
+        where = ["--dir", str(console.network.folder)]
+        for typed in (["byzantine", "node-3", "garbage"], ["heal"]):
+            blockrobot = [sys.executable, "-m", "network.cli.main", "fault", *typed, *where]
+            said = await asyncio.to_thread(subprocess.check_output, blockrobot, text=True)
+        assert "Restarted, for only so does a liar become honest: node-3." in said
     finally:
         await console.close()
