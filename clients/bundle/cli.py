@@ -135,7 +135,8 @@ def _lines(verdict: Verdict) -> list[str]:
         f"({counted(len(verdict.signers), 'signature')})",
     ]
     if verdict.consents.member:
-        words = counted(told["consent_receipts"], "word on consent with its receipt", "words on consent with receipts")
+        said = counted(told["consent_receipts"], "word", "words")
+        words = f"{said} on consent from after registering, with the chain's receipts"
         lines.append(f"  - the consents of member {verdict.consents.member} are as told; {words}")
         lines += _signed_lines(told["signed_consent_receipts"])
         if verdict.visits_of_member:
@@ -166,8 +167,10 @@ def _signed_lines(rows: list[dict[str, Any]]) -> list[str]:
     if not rows:
         return []
     whose = f"by her and by {_plain(rows[0]['organisation'])}, which registered her"
-    said = "receipt of consent is signed" if len(rows) == 1 else "receipts of consent are signed"
-    first = f"  - {len(rows)} {said} by both sides, {whose}, and say what the ledger says:"
+    is_one = len(rows) == 1
+    said = "receipt of consent is signed" if is_one else "receipts of consent are signed"
+    agree = "says what the ledger says" if is_one else "say what the ledger says"
+    first = f"  - {len(rows)} {said} by both sides, {whose}, and {agree}:"
     return [first, *(f"      {_plain(_receipt_line(row))}" for row in rows)]
 
 

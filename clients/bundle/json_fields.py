@@ -60,7 +60,11 @@ ANSWERS: tuple[CommandAnswer, ...] = (
                 "numbers of the visits that are proved to be that member's",
                 absent=_FOR_RECEIPTS,
             ),
-            Field("consent_receipts", Kind.COUNT, "how many words on consent, each with the chain's receipt"),
+            Field(
+                "consent_receipts",
+                Kind.COUNT,
+                "how many words on consent, each with the chain's receipt; of an export those from after registering",
+            ),
             Field(
                 "signed_consent_receipts",
                 Kind.ROWS,

@@ -367,7 +367,11 @@ _READING = (
             Field("audit_entries", Kind.COUNT, "how many events"),
             Field("accesses", Kind.COUNT, "how many requests for pictures"),
             Field("erasures", Kind.COUNT, "how many requests for erasure"),
-            Field("consent_receipts", Kind.COUNT, "how many words on consent, each with the chain's receipt"),
+            Field(
+                "consent_receipts",
+                Kind.COUNT,
+                "how many words on consent from after registering, each with the chain's receipt",
+            ),
             Field("signed_consent_receipts", Kind.COUNT, "how many receipts that both sides signed"),
             Field("proved_until_height", Kind.HEIGHT, "the block as of which it is proved"),
             Field("genesis_id", Kind.HEX, "the genesis hash of its network"),

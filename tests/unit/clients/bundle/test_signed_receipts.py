@@ -131,10 +131,19 @@ def test_verify_says_in_plain_words_what_they_show(taken: Taken) -> None:
     output = " ".join(CliRunner().invoke(verify, [str(taken.path)]).output.split())
     organisation = verify_bundle(taken.path).signed[0].organisation
     assert f"4 receipts of consent are signed by both sides, by her and by {organisation}, which reg" in output
+    assert "are as told; 3 words on consent from after registering, with the chain's receipts" in output
     assert "withdrawn: everything by every sensor" in output
     told = json.loads(CliRunner().invoke(verify, [str(taken.path), "--json"]).output)
     assert [row["status"] for row in told["signed_consent_receipts"]] == ["given", "given", "refused", "withdrawn"]
     assert all(row["is_registrars"] for row in told["signed_consent_receipts"])
+
+
+async def test_of_one_receipt_is_spoken_in_the_singular(ward: NoticeWard, tmp_path: Path) -> None:
+    await make(ward, tmp_path / "mine.zip", NO_PICTURES)
+    output = " ".join(CliRunner().invoke(verify, [str(tmp_path / "mine.zip")]).output.split())
+    assert "0 words on consent from after registering" in output
+    assert "1 receipt of consent is signed by both sides" in output
+    assert "which registered her, and says what the ledger says:" in output
 
 
 # What is refused
