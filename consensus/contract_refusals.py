@@ -75,7 +75,7 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
         "NOT_OF_THE_MANDATE": "Let one of the two persons or an officer of their organisation end it.",
         "NOT_THE_REPRESENTATIVE": "Use the wallet of the person whom the mandate names: `blockrobot wallet mandates list`.",
         "OFFICER_CONCERNED": "Let two other officers give it.",
-        "REPRESENTED_WRONG": "Name the handle of a person with a card of her own, as `blockrobot wallet handle` shows it.",
+        "REPRESENTED_WRONG": "Name the handle of a person with a card of her own, as their `wallet handle` shows it.",
         "REPRESENTATIVE_WRONG": "Name the handle of another subject, member of the staff or officer for whom nobody acts.",
         "BEYOND_MANDATE": "Name an earlier end with --until: `blockrobot wallet mandates list` shows the mandate's.",
         "OWN_NO_STANDS": "Leave that purpose out: only the person can say yes to it, with the own wallet.",

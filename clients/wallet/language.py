@@ -19,6 +19,7 @@ import click
 from clients.wallet.calling import as_called
 from consensus.contract_refusals import refusal_code
 from consensus.errors import BlockRobotError
+from consensus.records.vouchers import ROLES
 
 LANGUAGES = ("en", "pt")
 DEFAULT_LANGUAGE = "en"
@@ -104,6 +105,9 @@ def refusal(code: str, key: str, /, **values: str | int) -> BlockRobotError:
 
 
 def _say_because(key: str, language: str, values: Mapping[str, Any]) -> str:
+    role = values.get("role")
+    if role in ROLES:
+        values = {**values, "role": text(f"role.{role}", language=language)}
     return text(f"{_BECAUSE}.{key}", language=language, **values)
 
 

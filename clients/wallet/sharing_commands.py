@@ -201,7 +201,7 @@ def share(
 ) -> None:
     """Share records of one visit with a member of the staff or an officer, for a purpose and a time.
 
-    The other reads the handle out to you (blockrobot wallet handle). You are told what that means, and asked, before.
+    The other reads the handle out to you (wallet handle). You are told what that means, and asked, before.
 
     Example: blockrobot wallet share --visit 02ab34cd --with HANDLE --as "Dr Weber" --purpose care --for 7d
     """

@@ -119,7 +119,7 @@ function inPlainWords(error, wanted, people) {
   const isHandle = HANDLE.test(wanted.with.replace(/[\s-]/g, ""));
   if (error.code === "SHARE_NOT_POSSIBLE" && !isHandle && !isKnown(wanted.with)) return { detail: t("share.noHandle", { wanted: wanted.with }), nextStep: t("share.readAgain") };
   if (error.code === "SHARE_NOT_POSSIBLE" && wanted.name && isKnown(wanted.name) && isHandle) return { detail: t("share.nameTaken", { name: wanted.name }), nextStep: t("share.otherName") };
-  return { detail: error.detail, nextStep: t("share.readAgain") };
+  return { detail: error.detail, nextStep: t(error.code === "SHARE_WITH_NON_MEMBER" ? "share.onlyStaff" : "share.readAgain") };
 }
 
 function field(id, label, input) {

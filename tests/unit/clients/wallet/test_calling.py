@@ -57,11 +57,15 @@ def test_no_text_names_the_command_of_another_wallet(language: str) -> None:
     assert told >= 40
 
 
+def refused(code: str) -> BlockRobotError:
+    return BlockRobotError("CALL_REFUSED", f"{code}: no.", contract_code=code)
+
+
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_no_error_names_the_command_of_another_wallet(language: str) -> None:
     told = 0
     errors = [BlockRobotError(code) for code in CATALOGUE]
-    errors += [BlockRobotError("CALL_REFUSED", f"{code}: no.", contract_code=code) for code in NEXT_STEPS]
+    errors += [refused(code) for code in NEXT_STEPS]
     with typed_for("ann"):
         for error in errors:
             said = " ".join(describe_error(error, language))
@@ -96,7 +100,11 @@ def test_a_guardian_s_sheet_tells_no_profile_and_no_folder_of_the_owner() -> Non
 def test_what_another_has_to_type_names_no_profile_of_ours() -> None:
     with typed_for("ann"):
         for language in LANGUAGES:
-            assert "`wallet handle`" in describe_error(BlockRobotError("SHARE_WITH_NON_MEMBER"), language)[1]
+            for code in ("SHARE_WITH_NON_MEMBER", "HANDLE_MISTYPED", "HANDLE_NOT_FOUND"):
+                assert "`wallet handle`" in describe_error(BlockRobotError(code), language)[1]
+            for code in (*CATALOGUE, *NEXT_STEPS):
+                error = BlockRobotError(code) if code in CATALOGUE else refused(code)
+                assert "--profile ann handle" not in describe_error(error, language)[1], code
 
 
 def test_a_file_is_checked_against_the_network_that_the_wallet_trusts(tmp_path: Path) -> None:

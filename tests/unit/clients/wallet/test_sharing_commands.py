@@ -227,6 +227,8 @@ def test_a_non_member_is_refused_with_a_next_step(people: People) -> None:
     arguments = [record_id.hex(), "--with", handle, "--purpose", "care", "--for", "7d", "--yes"]
     refused = people.run(people.ward.wallet, "share", *arguments)
     assert (refused.exit_code, "SHARE_WITH_NON_MEMBER" in refused.output) == (4, True)
+    assert "This member's role is subject." in refused.output
+    assert "Next step: Name a member of the staff or an officer." in " ".join(refused.output.split())
     assert "wallet handle" in refused.output
     assert "only staff and officers" in people.run(visitor, "handle").output
 
