@@ -38,6 +38,8 @@ _WORDS = {
         "tiver este código pode inscrever-se em seu lugar: não o dê a ninguém, e destrua-o depois.",
     ),
 }
+_ROLES = {"pt": {"subject": "utente", "staff": "membro do pessoal", "robot": "robô", "officer": "encarregado"}}
+"""Roles in words, as the wallet says them."""
 
 
 def qr_text(code: str) -> str:
@@ -47,10 +49,14 @@ def qr_text(code: str) -> str:
 
 def build_card(code: str, *, role: str, organisation: str, until_ms: int) -> str:
     """Return the page that prints as a card, in both languages."""
-    told = {"role": role, "organisation": organisation, "until": show_moment(until_ms)}
+    told = {"organisation": organisation, "until": show_moment(until_ms)}
+    lines = {
+        language: html.escape(line.format(role=_ROLES.get(language, {}).get(role, role), **told))
+        for language, (_, line, _) in _WORDS.items()
+    }
     words = "".join(
-        f'<section lang="{language}"><h1>{title}</h1><p>{html.escape(line.format(**told))}</p><p>{advice}</p></section>'
-        for language, (title, line, advice) in _WORDS.items()
+        f'<section lang="{language}"><h1>{title}</h1><p>{lines[language]}</p><p>{advice}</p></section>'
+        for language, (title, _, advice) in _WORDS.items()
     )
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Enrolment card</title>'

@@ -5,12 +5,19 @@ Each place holds the first paragraph of its command's help, so that the list of 
 
 from __future__ import annotations
 
+import difflib
 import pkgutil
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import click
 from click.shell_completion import CompletionItem
+
+_COMPLETION_MAX_CHARS = 45
+"""As click cuts them."""
+_SUMMARY_MAX_CHARS = 1_000
+_LIKE_MIN = 0.6
+_ALIKE_MAX_COUNT = 3
 
 
 class CommandPlace(NamedTuple):
@@ -39,8 +46,8 @@ class LazyGroup(click.Group):
         command: click.Command = pkgutil.resolve_name(self.places[cmd_name].where)
         return command
 
-    def summary(self, name: str, limit: int) -> str:
-        """Return a command's line in the list, of so many letters at most."""
+    def summary(self, name: str, limit: int = _SUMMARY_MAX_CHARS) -> str:
+        """Return a command's first sentence, of so many letters at most."""
         return click.Command(None, help=self.places[name].summary).get_short_help_str(limit)
 
     def visible_commands(self) -> list[str]:
@@ -52,12 +59,11 @@ class LazyGroup(click.Group):
         return {"Commands": self.visible_commands()}
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the commands with a line on each, section by section."""
+        """Write the commands with a sentence on each, whole, section by section."""
         width = max(map(len, self.visible_commands()))
-        limit = formatter.width - 6 - width
         for heading, names in self.command_sections().items():
             with formatter.section(heading):
-                formatter.write_dl([(name.ljust(width), self.summary(name, limit)) for name in names])
+                formatter.write_dl([(name.ljust(width), self.summary(name)) for name in names])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -66,7 +72,21 @@ class LazyGroup(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.NoSuchCommand as unknown:
-            raise click.NoSuchCommand(unknown.command_name, possibilities=self.places, ctx=ctx) from None
+            raise click.NoSuchCommand(
+                unknown.command_name, self._say_unknown(unknown.command_name, ctx), ctx=ctx
+            ) from None
+
+    def _say_unknown(self, name: str, ctx: click.Context) -> str:
+        """Say that there is no such command, as click does, but with the nearest first."""
+        alike = sorted(self.commands_meant(ctx), key=lambda meant: -_likeness(name, meant))
+        near = [meant for meant in alike if _likeness(name, meant) >= _LIKE_MIN][:_ALIKE_MAX_COUNT]
+        guesses = ", ".join(map(repr, near))
+        hint = {0: "", 1: f" Did you mean {guesses}?"}.get(len(near), f" (Did you mean one of: {guesses}?)")
+        return f"No such command {name!r}.{hint}"
+
+    def commands_meant(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - a root group looks further
+        """Return the commands among which an unknown one is looked for."""
+        return list(self.places)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Complete commands and options: to import every command would keep a shell waiting."""
@@ -78,5 +98,6 @@ class LazyGroup(click.Group):
         return [*named, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
-_COMPLETION_MAX_CHARS = 45
-"""As click cuts them."""
+def _likeness(name: str, meant: str) -> float:
+    """Return how alike a name and a command's last word are spelt, from 0 to 1."""
+    return difflib.SequenceMatcher(None, name, meant.rpartition(" ")[2]).ratio()

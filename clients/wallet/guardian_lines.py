@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+from typing import Any, NamedTuple
 
 from clients.wallet.guardians import GuardianSet
 from clients.wallet.keystore import WalletContent
 from clients.wallet.language import text
 from clients.wallet.shares import show_identifier
-from pages.moments import show_moment
 
 
-def guardian_lines(content: WalletContent, language: str | None = None) -> list[str]:
+class GuardianLine(NamedTuple):
+    """A sentence, and the moment that stands before it (None: none): a page shows it as it does all moments."""
+
+    sentence: str
+    at_ms: int | None = None
+
+
+def guardian_lines(content: WalletContent, language: str | None = None) -> list[GuardianLine]:
     """Return who holds words of this wallet and what to do next, in sentences (`language` None: the one in use)."""
+    say = functools.partial(text, language=language)
     era, told = len(content.former), []
     if not any(one.era == era for one in content.guardian_sets):
-        told += text("guardians.none", language=language).split("\n")
+        told += [GuardianLine(line) for line in say("guardians.none").split("\n")]
     for one in content.guardian_sets:
         told.append(_line(one, language))
         if not one.is_whole:
             count = len(one.guardians)
-            told.append(text("guardians.cut_short", language=language, handed=one.handed_count, count=count))
+            told.append(GuardianLine(say("guardians.cut_short", handed=one.handed_count, count=count)))
         if one.era != era:
-            told.append(text("guardians.former", language=language))
+            told.append(GuardianLine(say("guardians.former")))
     if content.guardian_sets:
-        told.append(text("guardians.stay", language=language))
+        told.append(GuardianLine(say("guardians.stay")))
     return told
 
 
-def _line(one: GuardianSet, language: str | None) -> str:
+def _line(one: GuardianSet, language: str | None) -> GuardianLine:
     values: dict[str, Any] = {"identifier": show_identifier(one.identifier), "threshold": one.threshold}
     if not one.guardians:
-        return text("guardians.line_unknown", language=language, **values)
-    values |= {"count": len(one.guardians), "names": ", ".join(one.guardians), "moment": show_moment(one.made_at_ms)}
-    return text("guardians.line", language=language, **values)
+        return GuardianLine(text("guardians.line_unknown", language=language, **values))
+    values |= {"count": len(one.guardians), "names": ", ".join(one.guardians)}
+    return GuardianLine(text("guardians.line", language=language, **values), one.made_at_ms)

@@ -42,6 +42,7 @@ from clients.wallet.shares import (
     split_words,
 )
 from consensus.errors import BlockRobotError
+from pages.moments import show_moment
 
 
 def _read(ctx: click.Context) -> WalletContent:
@@ -91,8 +92,8 @@ def list_(ctx: click.Context, as_json: bool) -> None:
     if as_json:
         print_json({"ok": True, "sets": [set_json(one, era) for one in content.guardian_sets]})
         return
-    for line in guardian_lines(content):
-        console.print(escape(line))
+    for sentence, at_ms in guardian_lines(content):
+        console.print(escape(sentence if at_ms is None else f"{show_moment(at_ms)}  {sentence}"))
 
 
 def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:

@@ -125,7 +125,8 @@ SECTIONS = {
     "To watch and to break a network": ("console", "explore", "fault", "demo"),
     "Contract developers": ("contract",),
     "Researchers": ("experiment", "bench", "privacy", "sim"),
-    "Everybody": ("completion", "reference"),
+    "Everybody": ("completion",),
+    "Developers of BlockRobot": ("reference",),
 }
 
 

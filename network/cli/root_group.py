@@ -37,6 +37,15 @@ class RootGroup(LazyGroup):
         """Return the headings of the help, and the commands under each."""
         return self.sections
 
+    def commands_meant(self, ctx: click.Context) -> list[str]:
+        """Return all commands of all groups: `records` is one of the wallet's."""
+        meant = super().commands_meant(ctx)
+        for name in self.list_commands(ctx):
+            command = self.get_command(ctx, name)
+            if isinstance(command, click.Group):
+                meant += [f"{name} {inner}" for inner in command.list_commands(ctx)]
+        return meant
+
     def main(
         self,
         args: Sequence[str] | None = None,

@@ -76,7 +76,7 @@ class Demo:
     async def run(self) -> None:
         """Run all steps in order. What a step raises becomes a failed check, and the story ends there."""
         steps: list[tuple[str, Callable[[], Any]]] = [
-            ("the recording is rendered", self.render),
+            ("the recording is being rendered", self.render),
             ("the network starts", self.start_network),
             ("people and robot are enrolled", self.enrol),
             ("the robot records", self.record),

@@ -99,7 +99,7 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
             "refreshed_at_ms": snapshot.read_at_ms or None,
             "warnings": [*member_gone_line(wallet, language), *words_lines(content, language)],
             "counts": _counts(session),
-            "guardians": guardian_lines(content, language),
+            "guardians": [line._asdict() for line in guardian_lines(content, language)],
             "notice": None
             if notice is None
             else {

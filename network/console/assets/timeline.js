@@ -2,7 +2,7 @@
 // a replay share it. Must never move by itself once somebody looks at the past, but by Play.
 
 import { focusOn, h, replace } from "./shared/dom.js";
-import { formatClock, formatDuration } from "./shared/format.js";
+import { formatClock, formatDuration, zoneOffset } from "./shared/format.js";
 import { ROUTINE_KINDS } from "./words.js";
 
 const FRAME_MS = 100;
@@ -32,14 +32,14 @@ export function createTimeline({ from, to, events, onShow, live = false }) {
     slider.max = Math.ceil((state.to - state.from) / FRAME_MS) * FRAME_MS;
     slider.value = isAtEnd() ? slider.max : state.at - state.from;
     const place = live && isAtEnd() ? "now" : `${formatDuration(state.at - state.from)} of ${formatDuration(state.to - state.from)}`;
-    const words = `${formatClock(state.at)}, ${place}`;
+    const words = `${formatClock(state.at)} ${zoneOffset(state.at)}, ${place}`;
     if (time.textContent !== words) time.textContent = words;
     slider.setAttribute("aria-valuetext", words);
     if (now) now.setAttribute("aria-disabled", String(isAtEnd()));
     element.classList.toggle("past", live && !isAtEnd());
     const last = state.notable.findLast((event) => event.at_ms <= state.at);
     const warning = live && !isAtEnd() ? "You look at the past; what you break is broken now. " : "";
-    replace(latest, warning, last ? `${formatClock(last.at_ms)}  ${last.text}` : "");
+    replace(latest, warning, last ? `${formatClock(last.at_ms)} ${zoneOffset(last.at_ms)}  ${last.text}` : "");
   }
 
   function go(ms) {

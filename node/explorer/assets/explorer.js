@@ -1,7 +1,7 @@
 // The explorer: gets in, follows the chain, shows the page that the address names. Never keeps a token but in memory.
 
 import { announce, focusOn, h, replace } from "./shared/dom.js";
-import { formatClock, formatDuration, zoneName } from "./shared/format.js";
+import { formatClock, formatDuration, zoneName, zoneOffset } from "./shared/format.js";
 import { api, entry, enter, followNeighbours } from "./api.js";
 import { RETRY_MAX_MS, feed } from "./feed.js";
 import { go, problemView } from "./pieces.js";
@@ -121,7 +121,7 @@ function buildNav() {
 /** Say how the page stands with the node: following, cut off, or out of session. */
 function showState() {
   const { problem, status } = feed;
-  let words = entry.kind === "member" ? `session until ${formatClock(entry.endsMs)}` : "public explorer";
+  let words = entry.kind === "member" ? `session until ${formatClock(entry.endsMs)} ${zoneOffset(entry.endsMs)}` : "public explorer";
   let tone = "good";
   if (entry.kind === "member" && status && entry.endsMs - status.now_ms < LAST_MINUTE_MS) [words, tone] = ["the session ends within a minute", "warn"];
   if (feed.isOver) [words, tone] = ["session ended", "bad"];

@@ -2,7 +2,7 @@
 
 import { h, replace } from "./shared/dom.js";
 import { lineChart } from "./shared/chart.js";
-import { formatClock, plural } from "./shared/format.js";
+import { formatClock, plural, zoneOffset } from "./shared/format.js";
 import { api } from "./api.js";
 import { feed } from "./feed.js";
 import { badge, card, chartWidth, go, number, row, seatMarks, seatName, sheet } from "./pieces.js";
@@ -66,7 +66,7 @@ function figureCards(epochs) {
   const newest = feed.headers.at(-1);
   const timed = feed.headers.findLast(isTimed);
   return [
-    figure("Newest final block", go(`block/${status.head}`, number(status.head)), newest ? `made at ${formatClock(newest.timestamp_ms)}` : ""),
+    figure("Newest final block", go(`block/${status.head}`, number(status.head)), newest ? `made at ${formatClock(newest.timestamp_ms)} ${zoneOffset(newest.timestamp_ms)}` : ""),
     rounds && figure("Round", number(rounds.round), `of epoch ${rounds.epoch}; ${seatName(epochs.get(rounds.epoch), rounds.leader)} leads it. Not final: this is where the node stands.`),
     finalityFigure(timed),
     rounds && figure("Given up by this node", plural(rounds.timed_out_count, "round", "rounds"), "since its start, for their leader was late; lost is a round only if a quorum gave it up"),

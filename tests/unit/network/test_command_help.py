@@ -77,6 +77,26 @@ def test_an_unknown_command_is_answered_with_those_that_are_spelt_alike(words: s
         assert f"'{name}'" in told.output
 
 
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("recrods", "No such command 'recrods'. Did you mean 'wallet records'?"),
+        ("records", "Did you mean one of: 'wallet records', "),
+        ("walet", "(Did you mean one of: 'wallet', 'fault'"),
+        ("zzzzzzzz", "No such command 'zzzzzzzz'.\n"),
+    ],
+)
+def test_an_unknown_command_is_looked_for_in_every_group_and_the_nearest_comes_first(typed: str, said: str) -> None:
+    told = CliRunner().invoke(main, [typed])
+    assert (told.exit_code, said in told.output) == (2, True), told.output
+
+
+@pytest.mark.parametrize("words", [words for words, group in GROUPS.items() if isinstance(group, LazyGroup)])
+def test_no_sentence_of_a_list_of_commands_is_cut(words: str) -> None:
+    shown = CliRunner().invoke(main, [*words.split(), "--help"]).output
+    assert "..." not in shown.partition("Options:")[2].replace("BR1-...", "")
+
+
 @pytest.mark.parametrize("words", LEAVES)
 def test_every_command_shows_how_it_is_called(words: str) -> None:
     shown = LEAVES[words].get_help(click.Context(LEAVES[words], info_name=words))

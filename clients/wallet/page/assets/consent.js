@@ -17,7 +17,7 @@ export async function showConsent(context) {
   const said = h("div", { role: "status" });
   let isWorking = false;
 
-  const draw = () => replace(node, noticeCard(), said, h("p", { class: "lead" }, t("consent.lead")), context.overview.counts.records > 0 && h("p", { class: "earlier" }, t("consent.earlier", { count: context.overview.counts.records }), " ", h("a", { href: "#/" }, t("nav.recordings"))), switches(), takeBack(), receipts());
+  const draw = () => replace(node, noticeCard(), said, h("p", { class: "lead" }, t("consent.lead")), context.overview.counts.records > 0 && h("p", { class: "earlier" }, t("consent.earlier", { count: context.overview.counts.records }), " ", h("a", { href: "#/" }, t("nav.recordings"))), isBesideDepth() && h("p", { class: "quiet", id: "needs-depth" }, t("consent.needsDepth")), switches(), takeBack(), receipts());
 
   const noticeCard = () => {
     const { notice } = data;
@@ -38,12 +38,13 @@ export async function showConsent(context) {
     focusOn(node.querySelector(".choices button"));
   };
 
+  const isBesideDepth = () => Object.keys(data.purposes).some((purpose) => sensorsOf(purpose).some((sensor) => sensor !== DEPTH));
+
   const switches = () => Object.entries(data.purposes).map(([purpose, sentence]) => {
     const sensors = sensorsOf(purpose);
     return h("section", { class: "card choices", "aria-labelledby": `purpose-${purpose}` },
       h("h2", { id: `purpose-${purpose}` }, purposeName(purpose, sentence)),
       groundOf(purpose),
-      sensors.some((sensor) => sensor !== DEPTH) && h("p", { class: "quiet", id: `depth-${purpose}` }, t("consent.needsDepth")),
       sensors.map((sensor) => choiceRow(purpose, sensor)));
   });
 
@@ -67,7 +68,7 @@ export async function showConsent(context) {
     const isYes = choice?.status === "given";
     const isNo = choice !== undefined && !isYes;
     const name = `${sensorName(sensor)}, ${purposeName(purpose)}`;
-    return h("div", { class: "choice", role: "group", "aria-label": name, "aria-describedby": sensor === DEPTH ? null : `depth-${purpose}` },
+    return h("div", { class: "choice", role: "group", "aria-label": name, "aria-describedby": sensor === DEPTH ? null : "needs-depth" },
       h("div", { class: "choice-words" }, h("strong", {}, sensorName(sensor)), h("div", { class: `quiet ${choice?.holds_now ? "yes-words" : ""}` }, wordsOf(choice, data.height)),
         choice?.lacks_depth && h("div", { class: "without-depth" }, t("consent.withoutDepth")),
         data.askable[purpose] !== undefined && !isAskable(purpose, sensor) && h("div", { class: "quiet" }, t("consent.unnamedSensor", { organisation: data.notice.organisation }))),

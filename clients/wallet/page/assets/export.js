@@ -4,7 +4,7 @@ import { announce, focusOn, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { formatBytes } from "./shared/format.js";
 import { follow, forget, getBytes, post, postWithPassphrase } from "./api.js";
-import { dateOf, problemCard, progressOf, sentences, tell } from "./pieces.js";
+import { dateOf, moment, problemCard, progressOf, sentences, tell } from "./pieces.js";
 import { chosen, drop } from "./selection.js";
 import { t } from "./texts.js";
 
@@ -74,7 +74,7 @@ export async function showExport(context) {
     announce(t("export.done"));
   };
 
-  const guardians = h("section", { class: "card", "aria-labelledby": "guardians" }, h("h2", { id: "guardians" }, t("guardians.title")), h("p", { class: "quiet" }, t("guardians.lead")), sentences(context.overview.guardians));
+  const guardians = h("section", { class: "card", "aria-labelledby": "guardians" }, h("h2", { id: "guardians" }, t("guardians.title")), h("p", { class: "quiet" }, t("guardians.lead")), sentences(context.overview.guardians.map((line) => (line.at_ms === null ? line.sentence : `${moment(line.at_ms)}: ${line.sentence}`))));
   return { title: t("export.title"), node: h("div", {}, h("p", { class: "lead" }, t("export.lead")), form, result, guardians) };
 }
 

@@ -56,6 +56,8 @@ def test_a_text_file_has_the_code_alone(tmp_path: Path, card: Card) -> None:
 def test_a_card_asks_nobody_for_anything_and_is_in_both_languages(card: Card) -> None:
     page = build_card(encode_card_code(card), role="subject", organisation="<b>ward</b>", until_ms=UNTIL_MS)
     assert "<script" not in page
+    assert "Role: subject." in page
+    assert "Papel: utente." in page
     assert "<b>" not in page
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")
     assert 'lang="en"><h1>Enrolment card' in page

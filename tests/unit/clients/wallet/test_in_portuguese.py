@@ -353,7 +353,7 @@ def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monk
     assert english == tell_notice(notice) == told.as_json()["lines"]
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
     head, *lines, last = told.lines()
-    assert head.startswith("O que hospital lhe comunica")
+    assert head.startswith("O que a organização hospital lhe comunica")
     assert (len(lines), lines[0].startswith("  Responsável: ")) == (len(english), True)
     assert all(right.words in "".join(lines) for right in notice.rights)
     for line, before in zip(lines, english, strict=True):
