@@ -368,9 +368,7 @@ _READING = (
             Field("accesses", Kind.COUNT, "how many requests for pictures"),
             Field("erasures", Kind.COUNT, "how many requests for erasure"),
             Field(
-                "consent_receipts",
-                Kind.COUNT,
-                "how many words on consent from after registering, each with the chain's receipt",
+                "consent_receipts", Kind.COUNT, "how many words on consent after registering, with the chain's receipts"
             ),
             Field("signed_consent_receipts", Kind.COUNT, "how many receipts that both sides signed"),
             Field("proved_until_height", Kind.HEIGHT, "the block as of which it is proved"),

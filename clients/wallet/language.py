@@ -19,7 +19,6 @@ import click
 from clients.wallet.calling import as_called
 from consensus.contract_refusals import refusal_code
 from consensus.errors import BlockRobotError
-from consensus.records.vouchers import ROLES
 
 LANGUAGES = ("en", "pt")
 DEFAULT_LANGUAGE = "en"
@@ -105,9 +104,9 @@ def refusal(code: str, key: str, /, **values: str | int) -> BlockRobotError:
 
 
 def _say_because(key: str, language: str, values: Mapping[str, Any]) -> str:
-    role = values.get("role")
-    if role in ROLES:
-        values = {**values, "role": text(f"role.{role}", language=language)}
+    role = f"role.{values.get('role')}"
+    if role in load(DEFAULT_LANGUAGE):
+        values = {**values, "role": text(role, language=language)}
     return text(f"{_BECAUSE}.{key}", language=language, **values)
 
 

@@ -203,6 +203,7 @@ async def test_consent_shows_the_notice_first_and_a_no_is_one_press(
         await expect(page.locator(".earlier")).to_contain_text(f"{there} recording")
         await expect(page.locator(".earlier")).to_contain_text("from before")
         await expect(page.locator("#main")).not_to_contain_text("no robot records you.")
+        await expect(page.get_by_text("By depth the robot tells people apart.")).to_have_count(1)
         yes = page.get_by_role("button", name="Yes: Microphone, Care and treatment")
         no = page.get_by_role("button", name="No: Microphone, Care and treatment")
         await expect(yes).to_be_disabled()
