@@ -367,9 +367,7 @@ _READING = (
             Field("audit_entries", Kind.COUNT, "how many events"),
             Field("accesses", Kind.COUNT, "how many requests for pictures"),
             Field("erasures", Kind.COUNT, "how many requests for erasure"),
-            Field(
-                "consent_receipts", Kind.COUNT, "how many words on consent after registering, with the chain's receipts"
-            ),
+            Field("consent_receipts", Kind.COUNT, "how many words on consent after registering, with receipts"),
             Field("signed_consent_receipts", Kind.COUNT, "how many receipts that both sides signed"),
             Field("proved_until_height", Kind.HEIGHT, "the block as of which it is proved"),
             Field("genesis_id", Kind.HEX, "the genesis hash of its network"),
