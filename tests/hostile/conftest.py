@@ -1,16 +1,5 @@
-"""Programs are measured with little to collect: what tests before left in this process would be walked each time."""
+"""Programs are measured with little to collect."""
 
-from __future__ import annotations
+from tests.frozen_heap import frozen_heap
 
-import gc
-from collections.abc import Iterator
-
-import pytest
-
-
-@pytest.fixture(scope="module", autouse=True)
-def frozen_heap() -> Iterator[None]:
-    gc.collect()
-    gc.freeze()
-    yield
-    gc.unfreeze()
+__all__ = ["frozen_heap"]

@@ -441,8 +441,8 @@ REPLACED: tuple[Replaced, ...] = (
         Kind.FOREIGN_TEXT,
         "clients/registrar/card_sheet.py",
         "an organisation's name is HTML on a card",
-        "html.escape(line.format(**told))",
-        "line.format(**told)",
+        "html.escape(line.format(role=_ROLES.get(language, {}).get(role, role), **told))",
+        "line.format(role=_ROLES.get(language, {}).get(role, role), **told)",
         "tests/unit/clients/registrar/test_card_sheet.py",
     ),
     Replaced(

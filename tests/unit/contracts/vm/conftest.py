@@ -17,6 +17,9 @@ from contracts.vm import (
     compile_contract,
     invoke,
 )
+from tests.frozen_heap import frozen_heap
+
+__all__ = ["frozen_heap"]
 
 CALLER = b"\x02" + b"c" * 32
 CONTEXT = CallContext(caller=CALLER, height=7, time_ms=1_700_000_000_000, txid=b"t" * 32, chain_id=b"i" * 32)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 
 import pytest
@@ -141,7 +140,6 @@ def test_what_would_reach_python_is_refused_where_it_is_deployed(body):
 @pytest.mark.parametrize("body", STOPPED)
 def test_what_would_run_for_ever_is_stopped_by_a_code_with_a_line_and_in_time(bench, body):
     bench.deploy("it", f"@export\ndef f():\n    {body}\n")
-    gc.collect()
     started = time.thread_time()
     outcome = bench.call("it.f")
     spent = time.thread_time() - started
