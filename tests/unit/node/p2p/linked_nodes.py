@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
-import secrets
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -12,31 +11,18 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import encode_value
 from network.authority import Authority, create_authority, issue_node_certificate
 from node.budget import Source
 from node.config import NodeConfig
 from node.directory import Directory, content_of_genesis
-from node.p2p.accepting import bind_listener
 from node.p2p.network import PeerNetwork, wall_now_ms
 from node.p2p.wire import FrameKind, RequestKind
+from tests.cluster.network_under_test import find_base_port
 from tests.unit.node.small_genesis import node_entry, small_genesis
 
 WAIT_S = 10.0
-_PORTS = range(25_000, 32_000)
-
-
-def free_port() -> int:
-    """Return a free port below those that the system hands out by itself: nobody's outgoing connection takes it."""
-    while True:
-        port = secrets.choice(_PORTS)
-        try:
-            bind_listener("127.0.0.1", port).close()
-        except BlockRobotError:
-            continue
-        return port
 
 
 class Membership:
@@ -190,7 +176,7 @@ class LinkedNodes:
 
     def declare(self, name: str, organisation: str, status: str = "active") -> None:
         """Let the state name a node, at the port that it has or a new one."""
-        self.ports.setdefault(name, free_port())
+        self.ports.setdefault(name, find_base_port(1))
         self.state.put_node(name, organisation, self.ports[name], status)
 
     async def start(self, names: dict[str, str]) -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from network.authority import create_authority
 from node.p2p.wire import FrameKind
-from tests.unit.node.p2p.linked_nodes import LinkedNodes, days, eventually, free_port
+from tests.cluster.network_under_test import find_base_port
+from tests.unit.node.p2p.linked_nodes import LinkedNodes, days, eventually
 
 THREE = {"n1": "hospital", "n2": "university", "n3": "hospital"}
 DAY_MS = 24 * 3600 * 1000
@@ -122,7 +123,7 @@ async def test_a_node_that_moved_is_found_at_its_new_address(network: LinkedNode
     await all_linked(network, "n1", "n2")
     moved = network.nodes["n2"]
     await moved.links.stop()
-    network.ports["n2"] = free_port()
+    network.ports["n2"] = find_base_port(1)
     network.declare("n2", "university")
     network.finalize()
     await network.start({"n2": "university"})
@@ -158,7 +159,7 @@ async def test_a_half_written_certificate_disturbs_nothing(network: LinkedNodes)
 
 
 async def test_an_expired_certificate_is_refused_by_name_until_it_is_renewed(network: LinkedNodes) -> None:
-    network.ports["n2"] = free_port()
+    network.ports["n2"] = find_base_port(1)
     network.certify("n2", "university", lifetime=days(-0.5))
     await network.start(THREE)
     await all_linked(network, "n1", "n3")
@@ -173,7 +174,7 @@ async def test_an_expired_certificate_is_refused_by_name_until_it_is_renewed(net
 
 
 async def test_a_link_ends_with_its_certificate(network: LinkedNodes) -> None:
-    network.ports["n2"] = free_port()
+    network.ports["n2"] = find_base_port(1)
     network.certify("n2", "university", lifetime=days(10))
     await network.start(THREE)
     await all_linked(network, *THREE)
