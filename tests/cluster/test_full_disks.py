@@ -29,7 +29,6 @@ async def test_one_full_disk_silences_its_node_until_it_is_freed(story: Story, d
     await story.end()
 
 
-@pytest.mark.smoke
 async def test_when_every_journal_is_full_nothing_is_said_and_freed_all_go_on(story: Story) -> None:
     await story.work("node-1", "node-3")
     await story.until_told()

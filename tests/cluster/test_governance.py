@@ -8,8 +8,6 @@ import sys
 import time
 from typing import Any
 
-import pytest
-
 from consensus.messages import VOTE_TAG, vote_parts
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
@@ -49,7 +47,6 @@ async def _producer(network: NetworkUnderTest, name: str) -> dict[str, Any]:
     return next(row for row in listed["producers"] if row["node"] == name)
 
 
-@pytest.mark.smoke
 async def test_two_organisations_change_a_setting_of_a_running_network(network: NetworkUnderTest) -> None:
     proposed = await must(network, "settings", "propose", "base_timeout_ms", "700", "--as", "hospital")
     proposal = proposed["proposal"]

@@ -113,7 +113,6 @@ async def test_an_old_journal_is_noticed_by_what_the_others_remember(network: Ne
     await _require_its_votes(network, name, "node-2")
 
 
-@pytest.mark.smoke
 async def test_a_lost_journal_starts_with_the_flag_only(network: NetworkUnderTest) -> None:
     name, config = "node-2", network.cluster.config("node-2")
     await _work(network, "node-1", 3)

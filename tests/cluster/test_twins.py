@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
-import pytest
 
 from network.cluster import fetch_status
 from network.faults.actions import Kill, Restart
@@ -82,7 +81,6 @@ async def _is_noticed(story: Story, twin: NodeConfig) -> bool:
     return any('"outdated"' in text for text in logs) or (await _seat(story))["status"] == "suspended"
 
 
-@pytest.mark.smoke
 async def test_two_nodes_with_one_producer_key_make_no_fork_and_never_go_unnoticed(
     story: Story, tmp_path: Path
 ) -> None:

@@ -17,7 +17,7 @@ from network.layout import create_network
 from tests.cluster.network_under_test import NetworkUnderTest, find_base_port
 from tests.security.intruder import Intruder
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 WALLET = "blockrobot wallet"
 PASSPHRASE = "a passphrase nobody should see"

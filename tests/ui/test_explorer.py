@@ -57,7 +57,6 @@ async def refuse_something(network: RecordedNetwork) -> dict[str, Any]:
     return await network.network.finalize("node-1", network.network.transaction())
 
 
-@pytest.mark.smoke
 async def test_the_command_opens_the_explorer_once_by_a_file_that_only_its_owner_can_read(
     pages: Pages, watch: Watch, recorded_network: RecordedNetwork
 ) -> None:

@@ -8,7 +8,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import pytest
 from PIL import Image
 
 from tests.ui.recorded_network import RecordedNetwork
@@ -88,7 +87,6 @@ async def test_two_commands_on_one_wallet_both_end_well(recorded_network: Record
     assert all("Visit 1" in plain(one) for one in both)
 
 
-@pytest.mark.smoke
 async def test_erasing_says_what_goes_asks_and_shows_receipts(recorded_network: RecordedNetwork) -> None:
     ann = recorded_network
     name = ann.records[-1].record_id.hex()
