@@ -12,12 +12,22 @@ from clients.sdk.governance import MembershipView, ProposalRow, read_membership
 from clients.sdk.http import NetworkClient
 from clients.sdk.rows import PROOF_KEYS_MAX_COUNT
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.catalogue import SOURCE_APPROVED_PREFIX, SOURCE_PREFIX, TABLE_KEY
-from contracts.execution.changes import DUE_KEY, TRIALS_KEY, is_full_record, version_key
+from consensus.state.lifecycle import (
+    DUE,
+    MACHINE_SOURCE,
+    MACHINE_SOURCE_PART,
+    MACHINE_TABLE,
+    MACHINE_TRIALS,
+    SOURCE,
+    SOURCE_PART,
+    UPLOAD_PART,
+    UPLOADS,
+    VERSION,
+    VERSIONS,
+)
+from contracts.execution.changes import is_full_record
 from contracts.execution.describing import (
-    VERSIONS_PREFIX,
     ChangeDue,
     ContractRow,
     EntryRow,
@@ -29,8 +39,6 @@ from contracts.execution.describing import (
 )
 from contracts.execution.registry import compute_source_hash, find_shipped_source
 from contracts.vm import compile_contract
-
-LIFECYCLE = b"lifecycle\x00"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,17 +87,17 @@ async def _values(client: NetworkClient, keys: Iterable[bytes], key: PrivateKey)
 async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsView:
     """Return all contracts with what is due and proposed. Raises NOT_FOUND on a chain without a lifecycle."""
     membership = await read_membership(client, key)
-    found, _ = await _values(client, [TABLE_KEY, DUE_KEY, TRIALS_KEY], key)
-    table = found[TABLE_KEY]
+    found, _ = await _values(client, [MACHINE_TABLE.flat, DUE.flat, MACHINE_TRIALS.flat], key)
+    table = found[MACHINE_TABLE.flat]
     if table is None:
         raise BlockRobotError("NOT_FOUND", "This chain has no contract for its contracts; it is older than that.")
-    numbers = {name: VERSIONS_PREFIX + name.encode() for name in table}
+    numbers = {name: VERSIONS.key(name) for name in table}
     versions, height = await _values(client, numbers.values(), key)
     rows = contract_rows(table, {name: read_newest(versions[place]) for name, place in numbers.items()})
     return ContractsView(
         height=height,
         contracts=tuple(rows),
-        due=tuple(due_rows(found[DUE_KEY], found[TRIALS_KEY])),
+        due=tuple(due_rows(found[DUE.flat], found[MACHINE_TRIALS.flat])),
         membership=membership,
         failed=await _read_failed(client, key, rows),
     )
@@ -97,7 +105,7 @@ async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsVie
 
 async def _read_failed(client: NetworkClient, key: PrivateKey, rows: Iterable[ContractRow]) -> tuple[VersionRow, ...]:
     """Return the newest versions that failed; an entry of another form says nothing."""
-    newest = {version_key(row.name, row.versions): row for row in rows if row.versions > row.version}
+    newest = {VERSION.key(row.name, row.versions): row for row in rows if row.versions > row.version}
     records, _ = await _values(client, newest, key)
     known = {place: record for place, record in records.items() if is_full_record(record)}
     found = [version_row(newest[place].name, newest[place].versions, record) for place, record in known.items()]
@@ -106,11 +114,11 @@ async def _read_failed(client: NetworkClient, key: PrivateKey, rows: Iterable[Co
 
 async def read_edition(client: NetworkClient, key: PrivateKey, name: str, version: int) -> Edition:
     """Return a version of a contract with its source; 0 is the one in force. Raises CONTRACT_NOT_FOUND."""
-    count_key = VERSIONS_PREFIX + name.encode()
-    found, _ = await _values(client, [TABLE_KEY, count_key], key)
+    count_key = VERSIONS.key(name)
+    found, _ = await _values(client, [MACHINE_TABLE.flat, count_key], key)
     newest = read_newest(found[count_key])
-    number = version or (found[TABLE_KEY] or {}).get(name, [newest])[0]
-    place = version_key(name, number) if 0 < number <= newest else b""
+    number = version or (found[MACHINE_TABLE.flat] or {}).get(name, [newest])[0]
+    place = VERSION.key(name, number) if 0 < number <= newest else b""
     record = (await _values(client, [place], key))[0][place] if place else None
     if record is None:
         what = f"contract {name!r}" if newest == 0 else f"version {version} of {name!r}, only 1 to {newest}"
@@ -118,12 +126,13 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
     row = version_row(name, number, record)
     source = find_shipped_source(row.source_hash)
     if source is None:
-        places = [SOURCE_PREFIX + row.source_hash, SOURCE_APPROVED_PREFIX + row.source_hash]
-        entries = (await _values(client, places, key))[0]
+        kept, approved = MACHINE_SOURCE.key(row.source_hash), SOURCE.key(row.source_hash)
+        entries = (await _values(client, [kept, approved], key))[0]
         # A version that was never in force stands only where it was approved.
-        place = places[0] if entries[places[0]] is not None else places[1]
-        parts = 0 if entries[place] is None else entries[place]["parts"]
-        source = await _join(client, key, place + b"/", parts, row.source_hash)
+        place, part = (kept, MACHINE_SOURCE_PART) if entries[kept] is not None else (approved, SOURCE_PART)
+        count = 0 if entries[place] is None else entries[place]["parts"]
+        keys = [part.key(row.source_hash, number) for number in range(count)]
+        source = await _join(client, key, keys, row.source_hash)
     return Edition(f"{name} version {number}", source, row.abi, row)
 
 
@@ -136,18 +145,16 @@ async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: Propos
         name, version = str(proposal.arguments["name"]), int(proposal.arguments.get("version", 0))
         return replace(await read_edition(client, key, name, version), proposal=proposal)
     source_hash, name = proposal.arguments["source_hash"], str(proposal.arguments["name"])
-    organisation = proposal.organisation.encode()
-    place = LIFECYCLE + b"uploads/" + organisation
+    place = UPLOADS.key(proposal.organisation)
     uploads = (await _values(client, [place], key))[0][place] or []
     parts = next((entry["parts"] for entry in uploads if entry["source_hash"] == source_hash), 0)
-    prefix = LIFECYCLE + b"upload/" + organisation + b"/" + source_hash
-    source = await _join(client, key, prefix, parts, source_hash)
+    keys = [UPLOAD_PART.key(proposal.organisation, source_hash, number) for number in range(parts)]
+    source = await _join(client, key, keys, source_hash)
     edition = edition_of_source(source, name, f"{name} as proposed in {proposal.id.hex()[:12]}")
     return replace(edition, proposal=proposal)
 
 
-async def _join(client: NetworkClient, key: PrivateKey, prefix: bytes, parts: int, source_hash: bytes) -> str:
-    keys = [prefix + u32(place) for place in range(parts)]
+async def _join(client: NetworkClient, key: PrivateKey, keys: list[bytes], source_hash: bytes) -> str:
     found = (await _values(client, keys, key))[0] if keys else {}
     try:
         source = b"".join(found[place] or b"" for place in keys).decode()

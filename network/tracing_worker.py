@@ -17,9 +17,10 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import genesis_from_json
 from consensus.limits import CALL_GAS_MAX
 from consensus.primitives.encoding import decode, decode_value
+from consensus.state.lifecycle import MACHINE_TABLE
 from consensus.transaction import decode_transaction
 from contracts.execution.call_host import CallHost
-from contracts.execution.catalogue import TABLE_KEY, Catalogue, read_source_of
+from contracts.execution.catalogue import Catalogue, read_source_of
 from contracts.execution.executor import execute_transaction
 from contracts.execution.machine import ContractMachine
 from contracts.execution.opening import open_block
@@ -148,7 +149,7 @@ def _trace_in(state: MemoryState, chain_id: bytes, block: Block, wanted: Outcome
 
 def _watched(state: CallHost, recorder: Recorder) -> tuple[dict[str, CompiledContract], dict[str, str]]:
     """Compile the contracts that answer on a state so that they tell the recorder; also return their sources."""
-    table = decode_value(state.get(TABLE_KEY) or b"\x80")
+    table = decode_value(state.get(MACHINE_TABLE.flat) or b"\x80")
     sources = {name: read_source_of(state, row[1]) for name, row in table.items() if row[2]}
     return {
         name: compile_contract(source, name, watch=recorder.watch(name)) for name, source in sources.items()

@@ -467,9 +467,8 @@ class NetworkClient:
 
         return await self._ask_until_fresh(ask)
 
-    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
-        """Return one proved value under a contract's key, or None if it is absent."""
-        flat = contract.encode() + b"\x00" + state_key
+    async def state_value(self, flat: bytes, key: PrivateKey) -> Any:
+        """Return the proved value of one flat key, or None if it is absent."""
         return (await self.state_values([flat], key)).values[flat]
 
     async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:

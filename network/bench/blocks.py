@@ -19,6 +19,7 @@ from consensus.limits import BLOCK_TRANSACTIONS_MAX_COUNT, SEALED_METADATA_BYTES
 from consensus.primitives.encoding import encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.state import identity
 from consensus.transaction import Transaction, sign_transaction
 from contracts.execution.results import BlockResult
 from contracts.state.view import Overlay, StateView
@@ -88,8 +89,8 @@ class BlockBench:
             made = Overlay.apply(
                 parent,
                 {
-                    b"identity\x00member/" + _ROBOT.public_key: encode_value(robot),
-                    b"identity\x00purpose/" + _PURPOSE.encode(): encode_value(True),
+                    identity.MEMBER.key(_ROBOT.public_key): encode_value(robot),
+                    identity.PURPOSE.key(_PURPOSE): encode_value(True),
                 },
             )
             await self._commit(made.state_root, made.writes, made.page_writes)

@@ -21,6 +21,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
 from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, frame_commitment
 from consensus.records.envelopes import NONCE_BYTES, RECORD_ID_BYTES, seal_data_key, seal_frame
+from consensus.state import erasure
 
 PURPOSE = "demo"
 LIFETIME_MS = 60_000
@@ -130,7 +131,7 @@ class ClipRobot:
         """Wait until every custodian's receipt is final. Raises TRANSACTION_NOT_FINAL_IN_TIME."""
         deadline_s = time.perf_counter() + ERASURE_TIMEOUT_S
         while True:
-            entry = await self.client.state_value("erasure", b"erasure/" + erasure_id, owner)
+            entry = await self.client.state_value(erasure.REQUEST.key(erasure_id), owner)
             if entry is not None and entry["status"] == "complete":
                 return
             if time.perf_counter() > deadline_s:

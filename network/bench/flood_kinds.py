@@ -19,6 +19,7 @@ from consensus.block import Block, IndexedSignature, QuorumCertificate
 from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
 from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.keys import PrivateKey
+from consensus.state import identity
 from consensus.transaction import TransactionBody, TransactionWire, sign_transaction
 from node.p2p.wire import (
     FRAME_MAX_BYTES,
@@ -301,13 +302,13 @@ ROUTES: dict[str, HttpFlood] = {
         "POST",
         "/v1/state-proofs",
         _JSON,
-        _json(lambda _target: {"keys": [(b"identity\x00member/" + secrets.token_bytes(33)).hex() for _ in range(64)]}),
+        _json(lambda _target: {"keys": [identity.MEMBER.key(secrets.token_bytes(33)).hex() for _ in range(64)]}),
     ),
     "proveNotices": HttpFlood(
         "POST",
         "/v1/notice-proofs",
         _JSON,
-        _json(lambda target: {"keys": [(b"identity\x00registrar/" + target.member).hex()] * 8}),
+        _json(lambda target: {"keys": [identity.REGISTRAR.key(target.member).hex()] * 8}),
     ),
     "queryContract": HttpFlood(
         "POST",

@@ -13,6 +13,7 @@ from typing import Any
 
 from consensus.limits import CALL_GAS_MAX, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.encoding import encode_value, u64
+from consensus.state import identity
 from contracts.execution.registry import PRIVACY_CONTRACTS, load_contracts, read_source
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
 from network.bench.blocks import measure_block_calls_per_s
@@ -85,8 +86,8 @@ class RecordBench:
         self.count = 0
         robot: dict[str, Any] = {"handle": b"h" * 32, "role": "robot", "org": "bench", "status": "active"}
         robot |= {"since": _NOW_MS}
-        self.host.entries[b"identity\x00member/" + ROBOT] = encode_value(robot)
-        self.host.entries[b"identity\x00purpose/" + PURPOSE.encode()] = encode_value(True)
+        self.host.entries[identity.MEMBER.key(ROBOT)] = encode_value(robot)
+        self.host.entries[identity.PURPOSE.key(PURPOSE)] = encode_value(True)
         self.invoke("open_visit", [OWNER, b"\x02" + b"e" * 32, 7, _NOW_MS, PURPOSE])
         self._opened = self.host.entries.copy()
 

@@ -13,6 +13,7 @@ from consensus.limits import BLOCK_GAS_MAX, BLOCK_TRANSACTIONS_MAX_COUNT, SEALED
 from consensus.primitives.encoding import encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.state import identity
 from consensus.transaction import Transaction, decode_transaction, sign_transaction
 from contracts.execution.executor import execute_block
 from contracts.execution.registry import load_contracts
@@ -35,9 +36,9 @@ Execute = Callable[[StateView, int, int, list[Transaction]], BlockResult]
 def build_state(entries_count: int) -> MemoryState:
     """Return a state in which the robot has an open visit with each owner, among so many other entries."""
     robot = {"handle": bytes(32), "role": "robot", "org": "bench", "status": "active", "since": 0}
-    entries = {b"identity\x00filler/" + sha256(u64(number)): u64(number) for number in range(entries_count)}
-    entries[b"identity\x00member/" + _ROBOT.public_key] = encode_value(robot)
-    entries[b"identity\x00purpose/" + PURPOSE.encode()] = encode_value(True)
+    entries = {b"filler\x00" + sha256(u64(number)): u64(number) for number in range(entries_count)}
+    entries[identity.MEMBER.key(_ROBOT.public_key)] = encode_value(robot)
+    entries[identity.PURPOSE.key(PURPOSE)] = encode_value(True)
     state = MemoryState()
     state.apply(entries)
     visits = [_sign("open_visit", [owner, _OWNERS[0], 7, NOW_MS, PURPOSE]) for owner in _OWNERS]

@@ -27,7 +27,7 @@ from clients.sdk.pin_file import write_pin_file
 from clients.sdk.terminal import console, json_option, plain_errors
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.catalogue import TABLE_KEY
+from consensus.state.lifecycle import MACHINE_TABLE
 from contracts.kit.telling import told
 from network.cli.contract_signers import find_signers, read_with_first, signer_options
 from network.cli.governing import to_json
@@ -201,7 +201,7 @@ async def _warn_of_unknown(client: NetworkClient, key: PrivateKey, contract: str
     if contract is None:
         return
     try:
-        table = (await client.state_values([TABLE_KEY], key)).values[TABLE_KEY] or {}
+        table = (await client.state_values([MACHINE_TABLE.flat], key)).values[MACHINE_TABLE.flat] or {}
     except BlockRobotError:
         return  # Whoever may not read the state, or meets no node, is told so by what follows, or needs no warning.
     if contract not in table:

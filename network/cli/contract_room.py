@@ -8,12 +8,12 @@ from __future__ import annotations
 from clients.sdk.governance import MembershipView, ProposalRow
 from clients.sdk.http import NetworkClient
 from consensus.errors import BlockRobotError
+from consensus.state.identity import ADMIN
+from consensus.state.lifecycle import UPLOADS
 from network.cli.governing import Seat, command_group, shown_id, summary_of
 
 OPEN_OF_ONE_MAX_COUNT = 4
 UPLOADS_MAX_COUNT = 4
-ADMIN_PREFIX = b"identity\x00admin/"
-UPLOADS_PREFIX = b"lifecycle\x00uploads/"
 
 
 async def require_room(client: NetworkClient, seat: Seat, membership: MembershipView, source_hash: bytes) -> None:
@@ -21,14 +21,14 @@ async def require_room(client: NetworkClient, seat: Seat, membership: Membership
 
     Raises GOVERNANCE_PROPOSALS_TOO_MANY.
     """
-    admin_key = ADMIN_PREFIX + seat.key.public_key
+    admin_key = ADMIN.key(seat.key.public_key)
     organisation = (await client.state_values([admin_key], seat.key)).values[admin_key] or seat.organisation
     own = [row for row in membership.proposals if row.organisation == organisation]
     if len(own) >= OPEN_OF_ONE_MAX_COUNT:
         oldest = min(own, key=lambda row: row.height)
         text = f"{organisation} has {len(own)} open proposals, and more than {OPEN_OF_ONE_MAX_COUNT} it may not have."
         raise BlockRobotError("GOVERNANCE_PROPOSALS_TOO_MANY", f"{text} {_way_out(oldest, organisation)}")
-    place = UPLOADS_PREFIX + organisation.encode()
+    place = UPLOADS.key(organisation)
     uploads = (await client.state_values([place], seat.key)).values[place] or []
     hashes = [entry["source_hash"] for entry in uploads]
     if source_hash in hashes or len(hashes) < UPLOADS_MAX_COUNT:

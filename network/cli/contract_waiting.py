@@ -13,15 +13,13 @@ import click
 from clients.sdk.governance import Decision
 from clients.sdk.http import NetworkClient
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.catalogue import TABLE_KEY
+from consensus.state.lifecycle import MACHINE_TABLE, VERSION
 
 WAIT_MAX_S = 90.0
 WAIT_AHEAD_MAX_BLOCKS = 20
 LOOK_EVERY_S = 1.0
 TELL_EVERY_S = 10.0
-RECORD_PREFIX = b"lifecycle\x00version/"
 
 no_wait_option = click.option(
     "--no-wait", is_flag=True, help="Do not wait until the change is final: only say with which block it comes."
@@ -52,16 +50,16 @@ async def await_change(
     height = decision.due_height
     if height is None or height > decision.height + WAIT_AHEAD_MAX_BLOCKS:
         return None
-    record_key = RECORD_PREFIX + name.encode() + b"/" + u32(decision.due_version)
+    record_key = VERSION.key(name, decision.due_version)
     ends = time.monotonic() + WAIT_MAX_S
     told_at = -TELL_EVERY_S
     while True:
         seen = "the nodes do not answer"
         try:
             await client.catch_up(key)
-            found = await client.state_values([TABLE_KEY, record_key], key)
+            found = await client.state_values([MACHINE_TABLE.flat, record_key], key)
             if found.height >= height:
-                return _arrival(name, decision, found.values[TABLE_KEY] or {}, found.values[record_key] or {})
+                return _arrival(name, decision, found.values[MACHINE_TABLE.flat] or {}, found.values[record_key] or {})
             seen = f"the newest final block is {found.height}"
         except BlockRobotError as error:
             if not error.entry.retryable:

@@ -25,6 +25,7 @@ from consensus.records.notices import (
     tell_changes,
     tell_notice,
 )
+from consensus.state import identity
 from consensus.visible_text import split_lines
 from network.activities import Activities, read_activities, tell_activities
 from network.cli.cluster_commands import folder_option
@@ -118,7 +119,7 @@ def check(file: Path, as_json: bool) -> None:
 
 
 async def _own_organisation(client: NetworkClient, seat: Seat) -> str:
-    name = await client.state_value("identity", b"admin/" + seat.key.public_key, seat.key)
+    name = await client.state_value(identity.ADMIN.key(seat.key.public_key), seat.key)
     if not isinstance(name, str):
         raise BlockRobotError("GOVERNANCE_NOT_ADMIN")
     return name

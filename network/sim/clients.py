@@ -14,6 +14,7 @@ from consensus.block import Receipts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
+from consensus.state import records
 from network.sim.contract_workload import contract_turnover
 from network.sim.cpu import COSTS, charge
 from network.sim.history import Acknowledged, Asked, ClipTaken, CodeFault, Submitted, ValueRead
@@ -30,7 +31,7 @@ PATIENCE_MS = 2_500.0
 RETRY_MS = (20.0, 250.0)
 READ_SHARE = 0.2
 UPLOAD_SHARE = 0.75
-READ_KEY = b"records\x00announcement-count"
+READ_KEY = records.ANNOUNCEMENT_COUNT.flat
 
 
 def decisions_of(size: NetworkSize, governance: str) -> Iterator[tuple[Call, ...]]:

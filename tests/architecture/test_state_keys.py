@@ -16,16 +16,6 @@ STATE = Path("consensus", "state")
 CONTRACTS = frozenset(rows.flat.partition(b"\x00")[0].decode() for rows in LAYOUT)
 TO_BE_MOVED = frozenset(
     {
-        "network/bench/blocks.py",
-        "network/bench/custody_clips.py",
-        "network/bench/flood_kinds.py",
-        "network/bench/vm.py",
-        "network/bench/vm_blocks.py",
-        "network/chain_contracts.py",
-        "network/cli/contract_room.py",
-        "network/cli/contract_waiting.py",
-        "network/cli/notice_commands.py",
-        "network/sim/clients.py",
         "node/api/routes/notices.py",
         "node/api/standing.py",
         "node/candidacy.py",

@@ -9,6 +9,7 @@ from aiohttp.test_utils import TestServer
 from clients.sdk.failover import failure_of, may_ask_another
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.schedule import Schedule
+from consensus.state import records
 from tests.unit.clients.sdk.conftest import DEAD_URL, make_transaction, refusal_of
 from tests.unit.node.api.small_network import SUBJECT
 
@@ -86,7 +87,7 @@ async def test_what_more_nodes_refuse_than_may_be_faulty_is_refused(
 
 async def test_a_dead_node_is_passed_over(nodes: Any) -> None:
     client = nodes.client(urls={"n2": DEAD_URL, **nodes.urls})
-    assert (await client.state_value("records", b"announcement-count", SUBJECT)) == 3
+    assert (await client.state_value(records.ANNOUNCEMENT_COUNT.flat, SUBJECT)) == 3
 
 
 @pytest.mark.parametrize("code", ["NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"])

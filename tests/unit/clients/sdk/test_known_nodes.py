@@ -14,6 +14,7 @@ from clients.sdk.pin import open_pin, write_pin
 from consensus.errors import BlockRobotError
 from consensus.light_client import LightClient
 from consensus.primitives.encoding import encode_value
+from consensus.state import records
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow, OrganisationRow
 from node.api.routes import proofs
 from tests.unit.clients.sdk.conftest import DEAD_URL
@@ -92,7 +93,7 @@ async def test_a_removed_node_is_asked_no_more(town: Town) -> None:
     await client.newest_header(SUBJECT)
     assert names_of(client) == ["n1", "n2"]
     seen = len(town.nodes["n0"].seen)
-    assert await client.state_value("records", b"announcement-count", SUBJECT) == 3
+    assert await client.state_value(records.ANNOUNCEMENT_COUNT.flat, SUBJECT) == 3
     assert await client.query("echo", "back", [1], SUBJECT) == [1]
     assert len(town.nodes["n0"].seen) == seen
 

@@ -16,6 +16,7 @@ from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.state import access, records
 from node.interface import DecodedSnapshot
 from tests.unit.clients.sdk.conftest import make_transaction, refusal_of
 from tests.unit.node.api.small_network import (
@@ -197,14 +198,14 @@ async def test_the_key_of_a_grant_opens_its_sessions_as_that_grants(nodes: Any) 
     entry = {"owner": OWNER.public_key, "grantee": key.public_key, "records": [], "ended_ms": 1 << 50}
     await nodes["n0"].node.ledger.extend(writes={flat("access", b"grant/" + grant_id): encode_value(entry)})
     client = nodes.client(urls={"n0": nodes["n0"].url})
-    assert await refusal_of(client.state_value("access", b"grant/" + grant_id, key)) == "SESSION_REFUSED"
+    assert await refusal_of(client.state_value(access.GRANT.key(grant_id), key)) == "SESSION_REFUSED"
     named = GrantKey(key, grant_id)
-    assert await client.state_value("access", b"grant/" + grant_id, named) == entry
-    assert await client.state_value("records", b"empty-frame/" + bytes(32), named) is None
-    assert await refusal_of(client.state_value("records", b"empty-frames/" + bytes(33), named)) == "NOT_PERMITTED"
-    assert await refusal_of(client.state_value("access", b"grant/" + grant_id, key)) == "SESSION_REFUSED"
+    assert await client.state_value(access.GRANT.key(grant_id), named) == entry
+    assert await client.state_value(records.EMPTY_FRAME.key(bytes(32)), named) is None
+    assert await refusal_of(client.state_value(records.EMPTY_FRAMES.key(bytes(33)), named)) == "NOT_PERMITTED"
+    assert await refusal_of(client.state_value(access.GRANT.key(grant_id), key)) == "SESSION_REFUSED"
     await client.forget_key(key.public_key)
-    assert await client.state_value("access", b"grant/" + grant_id, named) == entry
+    assert await client.state_value(access.GRANT.key(grant_id), named) == entry
     assert [seen.path for seen in nodes["n0"].seen].count("/v1/sessions") == 4
 
 
@@ -216,10 +217,10 @@ async def test_two_grants_of_one_owner_to_one_key_are_each_read_in_a_session_of_
     client = nodes.client(urls={"n0": nodes["n0"].url})
     first, second = [GrantKey(key, grant_id) for grant_id in ids]
     for _ in range(2):
-        assert await client.state_value("access", b"grant/" + ids[0], first) == entry
-        assert await client.state_value("access", b"grant/" + ids[1], second) == entry
+        assert await client.state_value(access.GRANT.key(ids[0]), first) == entry
+        assert await client.state_value(access.GRANT.key(ids[1]), second) == entry
     assert [seen.path for seen in nodes["n0"].seen].count("/v1/sessions") == 2, "neither drops the other's"
-    assert await refusal_of(client.state_value("access", b"grant/" + ids[1], first)) == "NOT_PERMITTED"
+    assert await refusal_of(client.state_value(access.GRANT.key(ids[1]), first)) == "NOT_PERMITTED"
 
 
 async def test_a_key_without_standing_is_told_so(nodes: Any) -> None:
@@ -229,7 +230,7 @@ async def test_a_key_without_standing_is_told_so(nodes: Any) -> None:
 async def test_no_two_keys_ever_meet_on_one_connection(nodes: Any) -> None:
     client = nodes.client()
     await client.query("echo", "back", [], SUBJECT)
-    await client.state_value("records", b"visit/" + OWNER.public_key, OWNER)
+    await client.state_value(records.VISIT.key(OWNER.public_key), OWNER)
     await client.submit(client.transactions.build(OWNER, "access", "request", [[], "care"]))
     await client.submit(make_transaction(client))
     await client.query("echo", "back", [], SUBJECT)
@@ -283,7 +284,7 @@ async def test_a_lie_of_one_node_is_found_and_another_is_asked(nodes: Any, monke
         return [replace(one, value=encode_value("a lie").hex()) for one in found]
 
     monkeypatch.setattr(proofs, "prove_keys", lie_once)
-    assert await client.state_value("records", b"announcement-count", SUBJECT) == 3
+    assert await client.state_value(records.ANNOUNCEMENT_COUNT.flat, SUBJECT) == 3
     assert len(calls) == 2
     assert [error.code for error in client.troubles.values()] == ["PROOF_INVALID"], "it is named"
 
@@ -328,7 +329,7 @@ async def test_a_client_follows_the_chain_into_other_hands_by_itself(nodes: Any)
     assert (await client.wait_final(after.txid)).height == 9
     later = nodes.client(pinned=client.pinned)
     assert later.light_client.epoch == client.light_client.epoch
-    assert await later.state_value("records", b"announcement-count", SUBJECT) == 3
+    assert await later.state_value(records.ANNOUNCEMENT_COUNT.flat, SUBJECT) == 3
     assert (await later.wait_final(before.txid)).height == 1
 
 
