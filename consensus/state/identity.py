@@ -8,7 +8,6 @@ from consensus.state.keys import HASH, KEY, TEXT, Prefix, Reader, Row, StateKey
 
 IDENTITY = "identity"
 SHORT_HANDLE = 10
-OFFICES = ("custodian", "registrar", "admin")
 SUBJECT = "subject"
 
 
@@ -66,11 +65,13 @@ REGISTRAR: Prefix[str] = Prefix(IDENTITY, "registrar/", (KEY,), str)
 REMOVED: Prefix[int] = Prefix(IDENTITY, "removed/", (TEXT,), int)
 """When (ms) an organisation was last removed."""
 CUSTODIAN: Prefix[CustodianRow] = Prefix(IDENTITY, "custodian/", (KEY,), CustodianRow)
-"""A custodian, also one that is none any more: see `CUSTODIANS`."""
 CUSTODIANS: StateKey[list[bytes]] = StateKey(IDENTITY, "custodians", list[bytes])
+"""The keys of all custodians, sorted."""
 ROBOT_NAME: Prefix[RobotNameRow] = Prefix(IDENTITY, "robot-name/", (KEY,), RobotNameRow)
 PURPOSE: Prefix[bool] = Prefix(IDENTITY, "purpose/", (TEXT,), bool)
+"""There for each purpose that the genesis file names."""
 CHANGES: StateKey[int] = StateKey(IDENTITY, "changes", int)
+"""How often a member's keys or status changed."""
 LAYOUT = (
     MEMBER,
     HANDLE,

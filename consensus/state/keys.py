@@ -7,7 +7,7 @@ type, is refused with ENCODING_INVALID.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
@@ -28,6 +28,7 @@ Values = Mapping[bytes, Any]
 """Decoded values by flat key, as proofs have them: None for what is proved absent, nothing for what was not asked for."""
 Form = tuple[int | bytes, ...]
 """The parts of a key after its prefix: sizes, `TEXT`, and bytes that are always the same, such as a slash."""
+ALL_ROWS_COUNT = 1 << 60
 
 
 class Reader(Protocol):
@@ -35,6 +36,14 @@ class Reader(Protocol):
 
     def get(self, key: bytes, /) -> bytes | None:
         """Return the encoded value, or None."""
+        ...
+
+
+class Scanner(Protocol):
+    """Whatever can be asked for all that stands under keys that begin alike."""
+
+    def scan(self, prefix: bytes, limit: int, /) -> Iterator[tuple[bytes, bytes]]:
+        """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
         ...
 
 
@@ -69,9 +78,9 @@ class Rows(Generic[T]):
 
     def __init__(self, contract: str, name: str, form: Form, kind: Any) -> None:
         self.name = f"{contract} {name}"
-        self.flat = contract.encode() + b"\x00" + name.encode()
-        self._form = form
-        self._kind = kind
+        self.flat = flat_prefix(contract) + name.encode()
+        self.form = form
+        self.kind = kind
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kind)
         self._pattern = re.compile(re.escape(self.flat) + b"".join(map(_pattern_of, form)), re.DOTALL)
 
@@ -91,11 +100,11 @@ class Rows(Generic[T]):
 
         Fields that a later version of the contract added say nothing here.
         """
-        if isinstance(value, dict) and isinstance(self._kind, type) and issubclass(self._kind, Row):
-            value = {name: value[name] for name in self._kind.__struct_fields__ if name in value}
+        if isinstance(value, dict) and isinstance(self.kind, type) and issubclass(self.kind, Row):
+            value = {name: value[name] for name in self.kind.__struct_fields__ if name in value}
         try:
             # Without `builtin_types` a text would pass for base64 of bytes.
-            row: T = msgspec.convert(value, self._kind, builtin_types=(bytes,))
+            row: T = msgspec.convert(value, self.kind, builtin_types=(bytes,))
         except msgspec.ValidationError as error:
             raise self._invalid(error) from None
         return row
@@ -110,8 +119,10 @@ class Rows(Generic[T]):
 
     def _read(self, state: Reader, key: bytes) -> T | None:
         data = state.get(key)
-        if data is None:
-            return None
+        return None if data is None else self._from(data)
+
+    def _from(self, data: bytes) -> T:
+        """Read a row from its encoded value as `convert` does; what has exactly its fields at once."""
         try:
             return self._decoder.decode(data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -141,11 +152,11 @@ class Prefix(Rows[T]):
 
     def key(self, *parts: bytes | str | int) -> bytes:
         """Return the flat key with these parts: bytes and texts as they are, numbers big-endian, so that keys sort."""
-        if len(self._form) == 1 and len(parts) == 1 and type(parts[0]) is bytes:
+        if len(self.form) == 1 and len(parts) == 1 and type(parts[0]) is bytes:
             return self.flat + parts[0]
         left = iter(parts)
         key = self.flat
-        for size in self._form:
+        for size in self.form:
             key += size if isinstance(size, bytes) else _encode_part(size, next(left))
         return key
 
@@ -171,6 +182,21 @@ class Prefix(Rows[T]):
     def has(self, state: Reader, *parts: bytes | str | int) -> bool:
         """Tell whether anything stands under the key with these parts."""
         return state.get(self.key(*parts)) is not None
+
+    def rows(
+        self, state: Scanner, first: bytes = b"", limit: int = ALL_ROWS_COUNT
+    ) -> Iterator[tuple[tuple[bytes, ...], T]]:
+        """Yield the parts of each key that begins so with its row, as `convert` reads it, in key order.
+
+        Raises ENCODING_INVALID, also for a key of another form.
+        """
+        for key, data in state.scan(self.start(first), limit):
+            yield self.split(key), self._from(data)
+
+
+def flat_prefix(contract: str) -> bytes:
+    """Return what every flat key of this contract starts with."""
+    return contract.encode() + b"\x00"
 
 
 def to_value(row: Any) -> Any:

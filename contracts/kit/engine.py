@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from consensus.primitives.encoding import decode_value, encode_value
+from consensus.state.keys import flat_prefix
 from contracts.execution.call_host import CallHost
 from contracts.kit.recorder import LineFigures, Recorder
 from contracts.kit.telling import told_short
@@ -137,7 +138,7 @@ class Engine:
 
     def read_state(self, contract: str) -> tuple[list[tuple[bytes, bytes]], bytes]:
         """Return what a contract has stored (its own keys, encoded values), and the 32-byte root of the whole state."""
-        prefix = contract.encode() + b"\x00"
+        prefix = flat_prefix(contract)
         rows = [(key[len(prefix) :], value) for key, value in self._state.scan(prefix, SCAN_MAX_COUNT)]
         return rows, self._state.state_root
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from consensus.primitives.hashing import sha256
+from consensus.state.keys import flat_prefix
 from contracts.vm.abi import Abi, Accepts, Entry, EntryKind, count_choices, parse_type, plain_types, type_text
 from contracts.vm.checker import check_source, check_thoroughly
 from contracts.vm.compiler_expressions import FunctionCode
 from contracts.vm.compiler_statements import compile_function
 from contracts.vm.faults import ContractSourceError, Diagnostic, Fault
-from contracts.vm.host import flat_prefix
 from contracts.vm.meter import CallContext, Runtime
 from contracts.vm.names import FunctionFacts, SourceFacts
 from contracts.vm.operations import BINARY, UNARY

@@ -56,11 +56,6 @@ def _is_event_name(name: str) -> bool:
     return _EVENT_NAME.fullmatch(name) is not None
 
 
-def flat_prefix(contract: str) -> bytes:
-    """Return what every flat key of this contract starts with."""
-    return contract.encode() + b"\x00"
-
-
 def _key_fault(key: Any) -> Fault:
     if type(key) is not bytes:
         return Fault(TYPE_ERROR, f"A state key is bytes, not {type_name(key)}.")

@@ -10,11 +10,11 @@ from functools import lru_cache
 from typing import Any
 
 from consensus.primitives.hashing import tagged_hash
+from consensus.state.keys import flat_prefix
 from contracts.vm.abi import Abi
 from contracts.vm.checker import check_name
 from contracts.vm.compiled import CompiledContract, compile_contract
 from contracts.vm.faults import ContractSourceError, Diagnostic
-from contracts.vm.host import flat_prefix
 
 SOURCE_TAG = "blockrobot/contract-source"
 SOURCES_KEPT_COUNT = 64

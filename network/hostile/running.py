@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from consensus.primitives.encoding import encode_value
+from consensus.state.keys import flat_prefix
 from contracts.execution.call_host import CallHost
 from contracts.state.view import MemoryState, Overlay, StateView
 from contracts.vm import CallContext, CompiledContract, ContractSourceError, Outcome, compile_contract, invoke
@@ -49,7 +50,7 @@ class Finding:
 def make_state(program: Program) -> MemoryState:
     """Return a state in memory that holds what the program finds stored."""
     state = MemoryState()
-    prefix = CONTRACT.encode() + b"\x00"
+    prefix = flat_prefix(CONTRACT)
     state.apply({prefix + key: encode_value(value) for key, value in program.state.items()})
     return state
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -104,3 +105,33 @@ def test_whoever_was_registered_before_the_removal_of_the_organisation_has_no_ro
     assert identity.active_role(state(since=8) | removed, OWNER) == "staff"
     assert identity.active_role(state(role="subject") | removed, OWNER) == "subject"
     assert identity.active_role(state(status="left"), OWNER) == ""
+
+
+class Table(dict[bytes, bytes]):
+    """A state in memory that can be scanned."""
+
+    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
+        return iter([(key, value) for key, value in sorted(self.items()) if key.startswith(prefix)][:limit])
+
+
+def test_all_rows_under_a_prefix_come_in_key_order_with_the_parts_of_their_keys() -> None:
+    other = b"\x03" + bytes(32)
+    entry = {"record_id": b"", "kind": "denied", "time": 1, "height": 2, "data": {}, "of_later": 1}
+    table = Table(
+        {audit.ENTRY.key(owner, number): encode_value(entry) for owner in (other, OWNER) for number in (1, 0)}
+    )
+    table[audit.COUNT.key(OWNER)] = encode_value(2)
+    found = list(audit.ENTRY.rows(table))
+    assert [parts for parts, _ in found] == [(owner, u32(number)) for owner in (OWNER, other) for number in (0, 1)]
+    assert {row.kind for _, row in found} == {"denied"}
+    assert [parts for parts, _ in audit.ENTRY.rows(table, other)] == [(other, u32(0)), (other, u32(1))]
+    assert len(list(audit.ENTRY.rows(table, limit=3))) == 3
+    table[audit.ENTRY.start(OWNER)] = encode_value(entry)
+    with pytest.raises(BlockRobotError, match="is no key of audit entry/"):
+        list(audit.ENTRY.rows(table))
+
+
+def test_a_row_that_cannot_be_read_ends_the_walk() -> None:
+    table = Table({audit.COUNT.key(OWNER): encode_value("two")})
+    with pytest.raises(BlockRobotError, match="audit count/"):
+        list(audit.COUNT.rows(table))
