@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from consensus.errors import BlockRobotError
+from consensus.state.keys import Reader
+from consensus.state.lifecycle import MACHINE_TABLE
 from consensus.transaction import Transaction
-from contracts.execution.catalogue import TABLE_KEY
 from contracts.execution.changed_calls import explain_misfit
-from contracts.execution.changes import Reader
 from contracts.execution.describing import VersionRow, active_contract, read_version
 
 ROWS_KEPT_COUNT = 128
@@ -46,7 +46,7 @@ class CallCheck:
             raise BlockRobotError("CONTRACT_CALL_OUTDATED", f"{told[0]}: {told[1]}")
 
     def _find(self, state: Reader, name: str) -> _Known | None:
-        table = state.get(TABLE_KEY)
+        table = state.get(MACHINE_TABLE.flat)
         if table != self._table or len(self._known) >= ROWS_KEPT_COUNT:
             self._table, self._known = table, {}
         if name not in self._known:

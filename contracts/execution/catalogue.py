@@ -13,17 +13,15 @@ from threading import Lock
 from typing import Any
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode_value, encode_value, u32
+from consensus.primitives.encoding import decode_value, encode_value
+from consensus.state.keys import Prefix, Reader
+from consensus.state.lifecycle import MACHINE_SOURCE, MACHINE_SOURCE_PART, MACHINE_TABLE, SOURCE, SOURCE_PART, SourceRow
 from contracts.execution.call_host import CallHost
-from contracts.execution.changes import Reader, is_count, read_value
+from contracts.execution.changes import is_count, read_value
 from contracts.execution.registry import find_shipped_source
 from contracts.vm import CompiledContract
 from contracts.vm.sources import compile_once, compute_source_hash
 
-TABLE_KEY = b"machine\x00table"
-TABLE_SHOWN_KEY = b"lifecycle\x00table"
-SOURCE_PREFIX = b"machine\x00source/"
-SOURCE_APPROVED_PREFIX = b"lifecycle\x00source/"
 SOURCE_PART_BYTES = 6000
 SOURCE_PARTS_MAX_COUNT = 64
 TABLES_KEPT_COUNT = 4
@@ -52,8 +50,8 @@ def find_source(state: Reader, source_hash: bytes) -> str | None:
     shipped = find_shipped_source(source_hash)
     if shipped is not None:
         return shipped
-    for prefix in (SOURCE_PREFIX, SOURCE_APPROVED_PREFIX):
-        data = _join_parts(state, prefix + source_hash)
+    for place, part in ((MACHINE_SOURCE, MACHINE_SOURCE_PART), (SOURCE, SOURCE_PART)):
+        data = _join_parts(state, source_hash, place, part)
         if compute_source_hash(data) == source_hash:
             # Other bytes than text of this hash are no source.
             try:
@@ -63,24 +61,24 @@ def find_source(state: Reader, source_hash: bytes) -> str | None:
     return None
 
 
-def _join_parts(state: Reader, place: bytes) -> bytes:
-    """Return the bytes that stand in parts under a key, or none if any is missing or of another form."""
-    entry = read_value(state, place)
+def _join_parts(state: Reader, source_hash: bytes, place: Prefix[SourceRow], part: Prefix[bytes]) -> bytes:
+    """Return the bytes of a source that stands in parts, or none if any is missing or of another form."""
+    entry = read_value(state, place.key(source_hash))
     count = entry.get("parts") if isinstance(entry, dict) else 0
     if not is_count(count) or count > SOURCE_PARTS_MAX_COUNT:
         return b""
-    parts = [read_value(state, place + b"/" + u32(number)) for number in range(count)]
-    return b"".join(parts) if all(isinstance(part, bytes) for part in parts) else b""
+    parts = [read_value(state, part.key(source_hash, number)) for number in range(count)]
+    return b"".join(parts) if all(isinstance(each, bytes) for each in parts) else b""
 
 
 def keep_source(host: CallHost, source: str, source_hash: bytes) -> None:
     """Write a source of a version that comes into force where no contract reaches it."""
-    place = SOURCE_PREFIX + source_hash
+    place = MACHINE_SOURCE.key(source_hash)
     if find_shipped_source(source_hash) is None and host.get(place) is None:
         data = source.encode()
         parts = [data[first : first + SOURCE_PART_BYTES] for first in range(0, len(data), SOURCE_PART_BYTES)]
         for number, part in enumerate(parts):
-            host.put(place + b"/" + u32(number), encode_value(part))
+            host.put(MACHINE_SOURCE_PART.key(source_hash, number), encode_value(part))
         host.put(place, encode_value({"parts": len(parts), "size_bytes": len(data)}))
 
 
@@ -97,7 +95,7 @@ class Catalogue:
 
         Raises GENESIS_INVALID if the state names none, STORAGE_DAMAGED if a source is missing.
         """
-        data = state.get(TABLE_KEY)
+        data = state.get(MACHINE_TABLE.flat)
         if data is None:
             raise BlockRobotError("GENESIS_INVALID", "The state names no contracts.")
         with self._lock:

@@ -11,8 +11,8 @@ from functools import lru_cache
 from typing import Any
 
 from consensus.errors import BlockRobotError
+from consensus.state.keys import Reader
 from contracts.execution.catalogue import ActiveContracts
-from contracts.execution.changes import Reader
 from contracts.execution.describing import EntryRow, VersionRow, read_version
 from contracts.vm.abi import Accepts, parse_type
 from contracts.vm.reading import parse_alone

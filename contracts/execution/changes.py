@@ -1,6 +1,6 @@
 """What the machine takes for a change of contracts: rows of one exact form. Must never fail on what a contract wrote.
 
-The contract `lifecycle` asks for changes under `DUE_KEY`, and any version of it may write there what it likes: a row of
+The contract `lifecycle` asks for changes under `due`, and any version of it may write there what it likes: a row of
 another form is no row. What the machine decides by stands under keys of its own, which no contract reaches: the table
 of the contracts in force, their sources, and the trials, each with the version that comes back when it ends.
 """
@@ -8,15 +8,12 @@ of the contracts in force, their sources, and the trials, each with the version 
 from __future__ import annotations
 
 import re
-from typing import Any, Protocol, TypeGuard
+from typing import Any, TypeGuard
 
-from consensus.primitives.encoding import decode_value, u32
+from consensus.primitives.encoding import decode_value
+from consensus.state.keys import Reader
+from consensus.state.lifecycle import DUE, MACHINE, MACHINE_TRIALS, VERSION
 
-DUE_KEY = b"lifecycle\x00due"
-TRIALS_KEY = b"machine\x00trials"
-TRIALS_SHOWN_KEY = b"lifecycle\x00trials"
-VERSION_PREFIX = b"lifecycle\x00version/"
-MACHINE = "machine"
 GOVERNING = (
     "access",
     "audit",
@@ -54,13 +51,6 @@ _RECORD_FIELDS = {
 Row = dict[str, Any]
 
 
-class Reader(Protocol):
-    """Whatever can be asked for the value under a flat key."""
-
-    def get(self, key: bytes, /) -> bytes | None:
-        """Return the encoded value, or None."""
-
-
 def read_value(state: Reader, key: bytes) -> Any:
     """Return the value under a flat key, or None."""
     data = state.get(key)
@@ -88,13 +78,13 @@ def is_change(row: object) -> bool:
 
 
 def changes_in(value: object) -> list[Row]:
-    """Return the changes in what stands under `DUE_KEY`, in its order; what has another form is left out."""
+    """Return the changes in what stands under `due`, in its order; what has another form is left out."""
     return [row for row in value if is_change(row)] if isinstance(value, list) else []
 
 
 def read_due(state: Reader) -> list[Row]:
     """Return what the contract `lifecycle` asks for."""
-    return changes_in(read_value(state, DUE_KEY))
+    return changes_in(read_value(state, DUE.flat))
 
 
 def read_trials(state: Reader) -> list[Row]:
@@ -102,17 +92,12 @@ def read_trials(state: Reader) -> list[Row]:
 
     `version` is the one that comes back, at the time `from_ms`.
     """
-    return read_value(state, TRIALS_KEY) or []
-
-
-def version_key(name: str, version: int) -> bytes:
-    """Return the flat key of a version's entry."""
-    return VERSION_PREFIX + name.encode() + b"/" + u32(version)
+    return read_value(state, MACHINE_TRIALS.flat) or []
 
 
 def read_record(state: Reader, name: str, version: int) -> Row | None:
     """Return a version's entry as the contract `lifecycle` keeps it, or None if it names no source."""
-    record = read_value(state, version_key(name, version))
+    record = read_value(state, VERSION.key(name, version))
     return record if isinstance(record, dict) and _is_hash(record.get("source_hash")) else None
 
 

@@ -9,19 +9,16 @@ from typing import Any
 from consensus.errors import BlockRobotError
 from consensus.limits import CONTRACT_NAME_MAX_CHARS
 from consensus.primitives.encoding import decode_value
-from contracts.execution.catalogue import TABLE_KEY, read_source_of
+from consensus.state.keys import Reader
+from consensus.state.lifecycle import DUE, MACHINE_TABLE, MACHINE_TRIALS, VERSION, VERSIONS
+from contracts.execution.catalogue import read_source_of
 from contracts.execution.changes import (
-    DUE_KEY,
-    TRIALS_KEY,
-    Reader,
     changes_in,
     is_count,
     is_full_record,
     read_value,
-    version_key,
 )
 
-VERSIONS_PREFIX = b"lifecycle\x00versions/"
 ROWS_KEPT_COUNT = 256
 
 
@@ -104,30 +101,30 @@ def contract_rows(table: dict[str, Any], versions: dict[str, int]) -> list[Contr
 
 
 def due_rows(due: object, trials: object) -> list[ChangeDue]:
-    """Make the rows of what is due: of the values under `DUE_KEY` and `TRIALS_KEY`."""
+    """Make the rows of what is due: of the values under `DUE` and `MACHINE_TRIALS`."""
     names = ChangeDue.__dataclass_fields__
     rows = [*changes_in(due), *(trials if isinstance(trials, list) else [])]
     return [ChangeDue(**{field: row[field] for field in names}) for row in rows]
 
 
 def read_newest(value: object) -> int:
-    """Return the number of a contract's newest version from the value under its `VERSIONS_PREFIX`; 0 if there is none."""
+    """Return the number of a contract's newest version from the value under `VERSIONS`; 0 if there is none."""
     return value if is_count(value) else 0
 
 
 def list_contracts(state: Reader) -> list[ContractRow]:
     """Return all contracts that ever were in force, by name."""
-    table = read_value(state, TABLE_KEY) or {}
+    table = read_value(state, MACHINE_TABLE.flat) or {}
     return contract_rows(table, {name: _newest(state, name) for name in table})
 
 
 def _newest(state: Reader, name: str) -> int:
-    return read_newest(read_value(state, VERSIONS_PREFIX + name.encode()))
+    return read_newest(read_value(state, VERSIONS.key(name)))
 
 
 def list_due(state: Reader) -> list[ChangeDue]:
     """Return what waits for its height or time."""
-    return due_rows(read_value(state, DUE_KEY), read_value(state, TRIALS_KEY))
+    return due_rows(read_value(state, DUE.flat), read_value(state, MACHINE_TRIALS.flat))
 
 
 def read_version(state: Reader, name: str, version: int) -> VersionRow:
@@ -138,8 +135,8 @@ def read_version(state: Reader, name: str, version: int) -> VersionRow:
     if not 0 < len(name) <= CONTRACT_NAME_MAX_CHARS:
         raise BlockRobotError("CONTRACT_NOT_FOUND")
     newest = _newest(state, name)
-    number = version or (read_value(state, TABLE_KEY) or {}).get(name, [newest])[0]
-    data = state.get(version_key(name, number)) if 0 < number <= newest else None
+    number = version or (read_value(state, MACHINE_TABLE.flat) or {}).get(name, [newest])[0]
+    data = state.get(VERSION.key(name, number)) if 0 < number <= newest else None
     if data is None:
         what = f"contract {name!r}" if newest == 0 else f"version {version} of {name!r}, only 1 to {newest}"
         raise BlockRobotError("CONTRACT_NOT_FOUND", f"The chain has no {what}.")
@@ -148,7 +145,7 @@ def read_version(state: Reader, name: str, version: int) -> VersionRow:
 
 def active_contract(state: Reader, name: str) -> tuple[int, bool, int] | None:
     """Return [the version in force, whether it answers, since which height] of a contract, or None."""
-    row = (read_value(state, TABLE_KEY) or {}).get(name)
+    row = (read_value(state, MACHINE_TABLE.flat) or {}).get(name)
     return None if row is None else (row[0], row[2], row[3])
 
 

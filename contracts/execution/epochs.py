@@ -14,9 +14,9 @@ from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import is_public_key
 from consensus.schedule import Schedule
 from consensus.settings import ChainSettings, Epoch, check_settings
+from consensus.state.producers import EPOCH
 from contracts.state.view import StateReader
 
-EPOCH_KEY = b"producers\x00epoch"
 _MANUAL = "manual"
 _SETTINGS = ChainSettings.__struct_fields__
 
@@ -31,7 +31,7 @@ def _epoch_of(value: Any) -> Epoch:
 
 
 def is_fit_to_follow(before: bytes, after: bytes | None) -> bool:
-    """Tell whether the chain can go on with what a block leaves under `EPOCH_KEY`, instead of what stood there before it.
+    """Tell whether the chain can go on with what a block leaves under `EPOCH`, instead of what stood there before it.
 
     That is the epoch in force, or the next one: producers with keys that are keys, and settings within their ranges.
     """
@@ -72,7 +72,7 @@ def _can_produce(epoch: Epoch, current: Epoch) -> bool:
 
 def read_epoch(state: StateReader) -> Epoch:
     """Return the epoch that follows from this state. Raises GENESIS_INVALID if it names none."""
-    data = state.get(EPOCH_KEY)
+    data = state.get(EPOCH.flat)
     if data is None:
         raise BlockRobotError("GENESIS_INVALID", "The state names no epoch.")
     return _epoch_of(decode_value(data))
@@ -83,7 +83,7 @@ def next_epoch(writes: Mapping[bytes, bytes | None], current: int) -> Epoch | No
 
     `writes` are the block's flat keys with encoded values, as in `BlockResult.writes`.
     """
-    data = writes.get(EPOCH_KEY)
+    data = writes.get(EPOCH.flat)
     if data is None:
         return None
     epoch = _epoch_of(decode_value(data))

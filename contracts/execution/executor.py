@@ -12,11 +12,12 @@ from msgspec.structs import replace
 
 from consensus.block import ContractEvent, Receipt, compute_receipts_root
 from consensus.errors import BlockRobotError
+from consensus.state.producers import EPOCH
 from consensus.transaction import Transaction
 from contracts.execution.call_host import CallHost
 from contracts.execution.catalogue import ActiveContracts
 from contracts.execution.changed_calls import ARGUMENTS_INVALID, ENTRY_UNKNOWN, explain_absence, explain_call
-from contracts.execution.epochs import EPOCH_KEY, is_fit_to_follow
+from contracts.execution.epochs import is_fit_to_follow
 from contracts.execution.results import (
     PROTOCOL_LIMITS,
     BlockContext,
@@ -100,9 +101,9 @@ def execute_transaction(
         if told is not None:
             gas_used = min(outcome.gas_used + EXPLANATION_GAS, gas_limit)
             outcome = replace(outcome, message=told[1], gas_used=gas_used)
-    if outcome.ok and host.has_written(EPOCH_KEY):
-        before = host.get_before(EPOCH_KEY)
-        if before is not None and not is_fit_to_follow(before, host.get(EPOCH_KEY)):
+    if outcome.ok and host.has_written(EPOCH.flat):
+        before = host.get_before(EPOCH.flat)
+        if before is not None and not is_fit_to_follow(before, host.get(EPOCH.flat)):
             outcome = replace(outcome, ok=False, code=EPOCH_INVALID, message=_EPOCH_REFUSED)
     return _receipt_of(transaction, outcome)
 

@@ -9,8 +9,8 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
+from consensus.state.lifecycle import MACHINE_TABLE, TABLE
 from contracts.execution.call_host import CallHost
-from contracts.execution.catalogue import TABLE_KEY, TABLE_SHOWN_KEY
 from contracts.execution.registry import describe_shipped, require_contracts
 from contracts.state.trie import apply_batch
 from contracts.state.view import MemoryState
@@ -77,7 +77,7 @@ def build_genesis_state(genesis: Genesis) -> GenesisState:
         if not outcome.ok:
             raise BlockRobotError("GENESIS_INVALID", f"The contracts refuse the genesis file: {outcome.message}")
         host.keep()
-    host.put(TABLE_KEY, host.writes[TABLE_SHOWN_KEY] or b"")
+    host.put(MACHINE_TABLE.flat, host.writes[TABLE.flat] or b"")
     host.keep()
     update = apply_batch(state, state.state_root, host.writes)
     return GenesisState(

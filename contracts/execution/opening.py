@@ -12,30 +12,25 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
+from consensus.state.keys import Reader
+from consensus.state.lifecycle import DUE, MACHINE_TABLE, MACHINE_TRIALS, TABLE, TRIALS, VERSION
+from consensus.state.producers import EPOCH
 from contracts.execution.call_host import CallHost
 from contracts.execution.catalogue import (
-    TABLE_KEY,
-    TABLE_SHOWN_KEY,
     ActiveContracts,
     Catalogue,
     find_source,
     keep_source,
 )
 from contracts.execution.changes import (
-    DUE_KEY,
     GOVERNING,
     TRIAL_MS,
-    TRIALS_KEY,
-    TRIALS_SHOWN_KEY,
-    Reader,
     Row,
     read_due,
     read_record,
     read_trials,
     read_value,
-    version_key,
 )
-from contracts.execution.epochs import EPOCH_KEY
 from contracts.execution.results import IN_CHANGE, BlockContext, ExecutionFault, note_nothing
 from contracts.vm import CallContext, CompiledContract, ContractSourceError, InternalFault, invoke
 from contracts.vm.sources import compile_once
@@ -81,7 +76,7 @@ def open_block(
     changes = [row for row in ready if row["kind"] != "keep"][:1]
     if ready:
         host.begin()
-        _put(host, DUE_KEY, [row for row in due if row not in keeps and row not in changes])
+        _put(host, DUE.flat, [row for row in due if row not in keeps and row not in changes])
         host.keep()
     for row in keeps:
         _keep_version(host, row)
@@ -116,9 +111,9 @@ def _show(host: CallHost) -> None:
     So a version that comes back finds what it wrote itself, whatever the one on trial made of it.
     """
     host.begin()
-    _put(host, TABLE_SHOWN_KEY, read_value(host, TABLE_KEY))
-    _put(host, TRIALS_SHOWN_KEY, read_trials(host))
-    _put(host, DUE_KEY, read_due(host))
+    _put(host, TABLE.flat, read_value(host, MACHINE_TABLE.flat))
+    _put(host, TRIALS.flat, read_trials(host))
+    _put(host, DUE.flat, read_due(host))
     host.keep()
 
 
@@ -126,7 +121,7 @@ def _change_version(host: CallHost, name: str, version: int, change: Callable[[R
     record = read_record(host, name, version)
     if record is not None:
         change(record)
-        _put(host, version_key(name, version), record)
+        _put(host, VERSION.key(name, version), record)
 
 
 def _mark(host: CallHost, name: str, version: int, status: str, height: int) -> None:
@@ -136,13 +131,13 @@ def _mark(host: CallHost, name: str, version: int, status: str, height: int) -> 
 def _take_effect(host: CallHost, catalogue: Catalogue, context: BlockContext, row: Row) -> None:
     """Disable a contract, or put a version of it into force; if that fails only this is written down."""
     name, version = row["name"], row["version"]
-    table: Table = read_value(host, TABLE_KEY)
+    table: Table = read_value(host, MACHINE_TABLE.flat)
     before = table.get(name)
     host.begin()
     if row["kind"] == "disable":
         if before is not None and name not in GOVERNING:
             table[name] = [before[0], before[1], False, context.height]
-            _put(host, TABLE_KEY, table)
+            _put(host, MACHINE_TABLE.flat, table)
             _mark(host, name, before[0], "disabled", context.height)
         host.keep()
         return
@@ -170,12 +165,12 @@ def _fail(host: CallHost, context: BlockContext, name: str, version: int, failur
 
 
 def _put_in_force(host: CallHost, context: BlockContext, name: str, version: int, source_hash: bytes) -> None:
-    table: Table = read_value(host, TABLE_KEY)
+    table: Table = read_value(host, MACHINE_TABLE.flat)
     before = table.get(name)
     if before is not None and before[0] != version:
         _mark(host, name, before[0], "superseded", context.height)
     table[name] = [version, source_hash, True, context.height]
-    _put(host, TABLE_KEY, table)
+    _put(host, MACHINE_TABLE.flat, table)
     _mark(host, name, version, "active", context.height)
 
 
@@ -208,7 +203,7 @@ def _migrate(
         txid=_NO_TRANSACTION,
         chain_id=context.chain_id,
     )
-    epoch = host.get(EPOCH_KEY)
+    epoch = host.get(EPOCH.flat)
     outcome = invoke(
         {**catalogue.active(host), name: compiled},
         name,
@@ -219,7 +214,7 @@ def _migrate(
         gas_limit=MIGRATION_GAS_MAX,
         mode="migrate",
     )
-    if outcome.ok and host.get(EPOCH_KEY) != epoch:
+    if outcome.ok and host.get(EPOCH.flat) != epoch:
         # The block may be one that closes an epoch: no other can begin there.
         return "MIGRATION_REFUSED: A migration cannot change the producers or the settings."
     if outcome.ok:
@@ -239,21 +234,21 @@ def _set_trial(host: CallHost, context: BlockContext, name: str, now: list[Any],
     if kept != now:
         row = {"kind": "return", "name": name, "version": kept[0], "source_hash": kept[1]}
         trials.append({**row, "from_height": 0, "from_ms": context.time_ms + TRIAL_MS})
-    _put(host, TRIALS_KEY, trials)
+    _put(host, MACHINE_TRIALS.flat, trials)
 
 
 def _keep_version(host: CallHost, row: Row) -> None:
     """End the trial of the version in force; a decision about another version is about nothing any more."""
-    table: Table = read_value(host, TABLE_KEY)
+    table: Table = read_value(host, MACHINE_TABLE.flat)
     if row["name"] in table and table[row["name"]][0] == row["version"]:
         host.begin()
-        _put(host, TRIALS_KEY, [trial for trial in read_trials(host) if trial["name"] != row["name"]])
+        _put(host, MACHINE_TRIALS.flat, [trial for trial in read_trials(host) if trial["name"] != row["name"]])
         host.keep()
 
 
 def _return(host: CallHost, context: BlockContext, trial: Row) -> None:
     """End a trial that nobody ended: the version before is in force again."""
     host.begin()
-    _put(host, TRIALS_KEY, [other for other in read_trials(host) if other["name"] != trial["name"]])
+    _put(host, MACHINE_TRIALS.flat, [other for other in read_trials(host) if other["name"] != trial["name"]])
     _put_in_force(host, context, trial["name"], trial["version"], trial["source_hash"])
     host.keep()

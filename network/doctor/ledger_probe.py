@@ -19,10 +19,12 @@ from consensus.block import Block, compute_header_id
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import verify_proof
+from consensus.state.keys import flat_prefix
+from consensus.state.membership import MEMBERSHIP
+from consensus.state.producers import EPOCH
 from consensus.visible_text import split_lines
-from contracts.execution.epochs import EPOCH_KEY, read_epoch
+from contracts.execution.epochs import read_epoch
 from node.config import NodeConfig, load_config, load_genesis
-from node.directory import MEMBERSHIP_PREFIX
 from node.epochs import read_head
 from node.storage.ledger_store import LedgerSnapshot
 from node.storage.lmdb_reader import LedgerFile
@@ -99,7 +101,7 @@ def _check_links(snapshot: LedgerSnapshot, height: int, roots: dict[int, str]) -
 
 def _check_state(snapshot: LedgerSnapshot, root: bytes) -> str:
     """Tell whether some of the state, proved from the stored trie, leads to the header's root."""
-    rows = [*snapshot.scan(MEMBERSHIP_PREFIX, KEYS_PROVED_COUNT), (EPOCH_KEY, snapshot.get(EPOCH_KEY))]
+    rows = [*snapshot.scan(flat_prefix(MEMBERSHIP), KEYS_PROVED_COUNT), (EPOCH.flat, snapshot.get(EPOCH.flat))]
     try:
         for key, value in rows:
             verify_proof(root, key, value, snapshot.prove(key))

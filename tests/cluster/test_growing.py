@@ -16,7 +16,7 @@ import pytest
 
 from clients.sdk import NetworkClient
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.epochs import EPOCH_KEY
+from consensus.state.producers import EPOCH
 from tests.cluster.commands import agree, must
 from tests.cluster.network_under_test import NetworkUnderTest, find_base_port
 from tests.cluster.story import Story
@@ -68,7 +68,7 @@ def report_gap(story: Story, what: str, from_s: float) -> None:
 
 async def proved_producers(wallet: NetworkClient, key: PrivateKey) -> dict[str, Any]:
     await wallet.catch_up(key)  # some node may be a block behind the one that was told of the change
-    found: dict[str, Any] = (await wallet.state_values([EPOCH_KEY], key)).values[EPOCH_KEY]
+    found: dict[str, Any] = (await wallet.state_values([EPOCH.flat], key)).values[EPOCH.flat]
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from clients.sdk import NetworkClient
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.epochs import EPOCH_KEY
+from consensus.state.producers import EPOCH
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 
 GAP_MAX_S = 6.0
@@ -96,8 +96,8 @@ async def test_a_producer_is_taken_out_and_comes_back_under_load_and_every_clien
     await _wait_epoch(network, 2, network.names)
     await asyncio.sleep(1.0)
     gap_s = await load.end()
-    state = await wallet.state_values([EPOCH_KEY], network.registrar)
-    assert state.values[EPOCH_KEY]["producers"][-1] == removed.producer_key
+    state = await wallet.state_values([EPOCH.flat], network.registrar)
+    assert state.values[EPOCH.flat]["producers"][-1] == removed.producer_key
     assert wallet.light_client.epoch.number == 2
     await wallet.close()
     async with NetworkClient(network.genesis, pinned=pinned_at_first) as later:
@@ -147,7 +147,7 @@ async def test_a_producer_that_was_taken_out_speaks_of_every_epoch_and_moves_nob
         status = await network.status(name)
         assert (status["epoch"], status["silent"]) == (2, None), name
     async with NetworkClient(network.genesis) as client:
-        state = await client.state_values([EPOCH_KEY], network.registrar)
-    assert removed.producer_key not in state.values[EPOCH_KEY]["producers"]
+        state = await client.state_values([EPOCH.flat], network.registrar)
+    assert removed.producer_key not in state.values[EPOCH.flat]["producers"]
     await _check_everywhere(network, load.acknowledged, honest)
     assert gap_s < GAP_MAX_S, f"nothing was acknowledged for {gap_s:.2f} s"

@@ -15,8 +15,8 @@ from consensus.messages import sign_block
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.settings import Epoch, compute_epoch_hash
+from consensus.state.producers import EPOCH
 from consensus.transaction import Transaction, sign_transaction
-from contracts.execution.epochs import EPOCH_KEY
 from node.execution import ExecutedBlock, Executor
 from node.storage.memory_store import MemoryStore
 from node.transaction_cache import TransactionCache
@@ -30,7 +30,7 @@ PROOF = FinalityProof(b"", b"", QuorumCertificate(epoch=0, round=2, block_id=b""
 
 def _change(epoch: Epoch = NEXT) -> Transaction:
     fields = msgspec.structs.asdict(epoch) | {"settings": msgspec.structs.asdict(epoch.settings), "height": 1}
-    return _transaction([[EPOCH_KEY, encode_value(fields)]])
+    return _transaction([[EPOCH.flat, encode_value(fields)]])
 
 
 def _transaction(writes: list[Any]) -> Transaction:

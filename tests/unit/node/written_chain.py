@@ -28,8 +28,8 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
 from consensus.settings import Epoch, compute_epoch_hash
+from consensus.state.producers import EPOCH
 from consensus.transaction import Transaction, sign_transaction
-from contracts.execution.epochs import EPOCH_KEY
 from contracts.execution.results import BlockResult
 from contracts.state.trie import apply_batch
 from contracts.state.view import MemoryState, StateView
@@ -124,7 +124,7 @@ class WrittenChain:
             writes = {b"records\x00%d" % self.random.randrange(400): self.random.randbytes(20) for _ in range(10)}
             writes[b"records\x00%d" % self.random.randrange(400)] = None
         if next_epoch is not None:
-            writes = {**writes, EPOCH_KEY: _epoch_value(next_epoch, len(self.blocks))}
+            writes = {**writes, EPOCH.flat: _epoch_value(next_epoch, len(self.blocks))}
         parent = self.blocks[-1].header
         timestamp_ms = parent.timestamp_ms + later_ms
         shares = [list(writes.items())[index::transactions] for index in range(transactions)]

@@ -6,7 +6,8 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value, u32
-from contracts.execution.catalogue import SOURCE_APPROVED_PREFIX, SOURCE_PREFIX, TABLE_KEY, Catalogue, read_source_of
+from consensus.state.lifecycle import MACHINE_SOURCE, MACHINE_TABLE, SOURCE
+from contracts.execution.catalogue import Catalogue, read_source_of
 from contracts.execution.registry import SHIPPED_CONTRACTS, compute_source_hash
 from contracts.state.view import MemoryState
 from contracts.vm import sources
@@ -59,19 +60,19 @@ def test_a_state_without_a_table_is_no_chain_of_ours() -> None:
 
 @pytest.mark.parametrize("damage", ["gone", "part", "changed"])
 def test_a_source_that_is_missing_or_another_is_never_run(chain: Consortium, damage: str) -> None:
-    place = SOURCE_PREFIX + compute_source_hash(VISITORS)
+    place = MACHINE_SOURCE.key(compute_source_hash(VISITORS))
     assert read_source_of(chain.state, compute_source_hash(VISITORS)) == VISITORS
     change = {
         "gone": {place: None},
         "part": {place + b"/" + u32(0): None},
         "changed": {place + b"/" + u32(0): encode_value(VISITORS_2.encode())},
     }[damage]
-    chain.state.apply({SOURCE_APPROVED_PREFIX + compute_source_hash(VISITORS): None} | change)
+    chain.state.apply({SOURCE.key(compute_source_hash(VISITORS)): None} | change)
     with pytest.raises(BlockRobotError, match="STORAGE_DAMAGED"):
         Catalogue().active(chain.state)
 
 
 def test_a_table_that_names_an_unknown_source_is_damaged(chain: Consortium) -> None:
-    chain.state.apply({TABLE_KEY: encode_value({"visitors": [1, bytes(32), True, 1]})})
+    chain.state.apply({MACHINE_TABLE.flat: encode_value({"visitors": [1, bytes(32), True, 1]})})
     with pytest.raises(BlockRobotError, match="STORAGE_DAMAGED"):
         Catalogue().active(chain.state)

@@ -10,9 +10,10 @@ from consensus.block import Receipt, compute_receipts_root
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode_value, encode_value
+from consensus.state.keys import Reader
 from consensus.transaction import Transaction
 from contracts.execution.call_host import CallHost
-from contracts.execution.catalogue import ActiveContracts, Catalogue, Reader
+from contracts.execution.catalogue import ActiveContracts, Catalogue
 from contracts.execution.executor import WIRE_BYTES_A_GAS, execute_block
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext, BlockResult, ExecutionLimits

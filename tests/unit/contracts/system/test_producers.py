@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from consensus.schedule import Schedule
-from contracts.execution.epochs import EPOCH_KEY, next_epoch, read_epoch
+from consensus.state.producers import EPOCH
+from contracts.execution.epochs import next_epoch, read_epoch
 from contracts.execution.executor import execute_block
 from tests.unit.contracts.system.consortium import Consortium, admin_of, node_fields, producer_of
 
@@ -172,7 +173,7 @@ def test_a_block_is_a_boundary_only_by_what_it_writes() -> None:
     result = execute_block(chain.state, chain.contracts, chain.context(), [transaction])
     assert result.receipts[0].ok
     assert next_epoch(result.writes, 0) is None
-    written = {EPOCH_KEY: chain.state.get(EPOCH_KEY)}
+    written = {EPOCH.flat: chain.state.get(EPOCH.flat)}
     assert next_epoch(written, 0) is None
     assert next_epoch(written, 7) == read_epoch(chain.state)
 

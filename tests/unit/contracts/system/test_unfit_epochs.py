@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from consensus.primitives.encoding import decode_value, encode_value
-from contracts.execution.epochs import EPOCH_KEY, is_fit_to_follow
+from consensus.state.producers import EPOCH
+from contracts.execution.epochs import is_fit_to_follow
 from contracts.execution.registry import read_source
 from tests.unit.contracts.system.consortium import Consortium, key_of, producer_of
 from tests.unit.contracts.system.deploying import upgrade
@@ -114,7 +115,7 @@ def test_two_calls_of_one_block_are_held_against_the_epoch_before_it() -> None:
 
 
 def test_manual_production_may_stay_but_not_begin(chain: Consortium) -> None:
-    before = dict(decode_value(chain.state.get(EPOCH_KEY) or b""))
+    before = dict(decode_value(chain.state.get(EPOCH.flat) or b""))
     manual = before | {"settings": settings(chain, production="manual")}
     following = manual | {"number": manual["number"] + 1, "leaderless": [0]}
     assert is_fit_to_follow(encode_value(manual), encode_value(following))
