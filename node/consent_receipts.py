@@ -19,12 +19,12 @@ from consensus.records.consent_receipts import (
 from consensus.records.consents import GIVEN
 from consensus.records.notices import (
     PublishedNotice,
-    newest_key,
     read_published,
     read_row,
     require_told,
-    version_key,
 )
+from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.identity import CUSTODIAN, organisation_of
 from consensus.transaction import decode_transaction
 from node.api.pruned import Keepers, require_kept
 from node.api.services import LedgerSnapshot, SignedReceipt
@@ -76,11 +76,10 @@ class ConsentReceipts:
 
     def _organisation(self, snapshot: LedgerSnapshot, caller: bytes) -> str:
         """Return the organisation of node and person. Raises CONSENT_RECEIPT_ELSEWHERE."""
-        own = _value(snapshot, b"identity\x00custodian/" + self._key.public_key)
-        person = _value(snapshot, b"identity\x00member/" + caller)
-        if own is None or person is None or own["org"] != person["org"]:
+        custodian = CUSTODIAN.at(snapshot, self._key.public_key)
+        if custodian is None or custodian.org != organisation_of(snapshot, caller):
             raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
-        return str(own["org"])
+        return custodian.org
 
 
 def _value(snapshot: LedgerSnapshot, key: bytes) -> Any:
@@ -90,11 +89,11 @@ def _value(snapshot: LedgerSnapshot, key: bytes) -> Any:
 
 def find_notice(snapshot: LedgerSnapshot, organisation: str, word: ConsentWord) -> PublishedNotice | None:
     """Return the version that was in force when a word was said, or None. Raises NOTICE_INVALID."""
-    row = read_row(organisation, _value(snapshot, newest_key(organisation)))
+    row = read_row(organisation, _value(snapshot, NOTICE.key(organisation)))
     following = None
     while row is not None and not is_notice_of(row, following, word):
         following = row
-        row = read_row(organisation, _value(snapshot, version_key(organisation, row.version - 1)))
+        row = read_row(organisation, _value(snapshot, NOTICE_TEXT.key(row.version - 1, organisation)))
     if row is None:
         return None
-    return read_published(organisation, _value(snapshot, version_key(organisation, row.version)))
+    return read_published(organisation, _value(snapshot, NOTICE_TEXT.key(row.version, organisation)))

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from consensus.primitives.keys import PrivateKey
+from consensus.state.records import EMPTY_FRAME
 from node.disk_reserve import DiskReserve
 from node.offchain.custodian import Custodian
 from node.offchain.erase_keys import ErasableKeys
-from node.offchain.robots import is_frame_approved_for_any
 from node.offchain.store import CustodyStore
 from node.storage.ledger_store import LedgerStore
 
@@ -28,7 +28,7 @@ class CustodyPlace:
 
         def is_frame_approved(digest: bytes) -> bool:
             with ledger.snapshot() as snapshot:
-                return is_frame_approved_for_any(snapshot, digest)
+                return EMPTY_FRAME.has(snapshot, digest)
 
         return Custodian(
             self.store,

@@ -14,11 +14,12 @@ from contextlib import AbstractContextManager, ExitStack, asynccontextmanager, c
 from functools import partial
 
 from consensus.errors import BlockRobotError
+from consensus.state.identity import handle_of, organisation_of
+from consensus.state.keys import Reader
+from consensus.state.records import RECORD, VISIT, is_frame_approved
 from consensus.upload_quotas import read_quotas
-from contracts.execution.standing import find_handle
 from node.finality import FinalityFeed
 from node.offchain.custodian import Custodian
-from node.offchain.robots import find_organisation, find_visit, is_frame_approved, may_upload
 from node.offchain.uploads import UploadTerms, Use
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 from node.upload_report import RefusedUploads
@@ -33,6 +34,15 @@ UPLOADS_OF_CONTENT_MAX_COUNT = 2
 
 HoldRoom = Callable[[bytes, int], AbstractContextManager[None]]
 """Keeps so many bytes of the disk free for an upload of this robot. Raises DISK_RESERVE_REACHED."""
+
+
+def may_upload(state: Reader, record_id: bytes, owner: bytes, robot: bytes) -> bool:
+    """Tell whether a clip is of a visit that this robot has open, or of a record that it made already."""
+    visit = VISIT.at(state, owner)
+    if visit is not None and visit.robot == robot and visit.status == "open":
+        return True
+    record = RECORD.at(state, record_id)
+    return record is not None and record.robot == robot
 
 
 class UploadAdmission:
@@ -52,12 +62,12 @@ class UploadAdmission:
     def organisation_of(self, robot: bytes) -> str:
         """Return the name of a robot's organisation, or an empty text for a key of no member."""
         with self._ledger.snapshot() as snapshot:
-            return find_organisation(snapshot, robot)
+            return organisation_of(snapshot, robot)
 
     def handle_of(self, robot: bytes) -> bytes:
         """Return the handle of a robot, which stays when its key is replaced."""
         with self._ledger.snapshot() as snapshot:
-            return find_handle(snapshot, robot)
+            return handle_of(snapshot, robot)
 
     def read_terms(self, robot: bytes) -> UploadTerms:
         """Return the quotas of the newest final state, and whose each robot is."""
@@ -142,7 +152,7 @@ class UploadAdmission:
         """Wait until the visit of a clip is open here. Raises VISIT_NOT_OPEN."""
 
         def judge(state: LedgerSnapshot) -> bool | None:
-            is_known = find_visit(state, owner) is not None
+            is_known = VISIT.has(state, owner)
             return may_upload(state, record_id, owner, robot) or (False if is_known else None)
 
         await self._wait_until(judge, "VISIT_NOT_OPEN")

@@ -17,7 +17,6 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import tagged_hash
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
-from consensus.state.consent import NOTICE, NOTICE_TEXT
 from consensus.visible_text import find_hidden, one_entry, split_lines
 
 NOTICE_TAG = "blockrobot/notice"
@@ -132,16 +131,6 @@ class PublishedNotice:
 
     row: NoticeRow
     notice: Notice
-
-
-def newest_key(organisation: str) -> bytes:
-    """Return the flat key of the version in force."""
-    return NOTICE.key(organisation)
-
-
-def version_key(organisation: str, version: int) -> bytes:
-    """Return the flat key of one version with its document."""
-    return NOTICE_TEXT.key(version, organisation)
 
 
 def notice_digest(document: bytes) -> bytes:

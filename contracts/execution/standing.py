@@ -13,14 +13,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 from consensus.errors import BlockRobotError
-from consensus.limits import GRANT_NOTICE_MS
-from consensus.primitives.encoding import decode_value, u64
+from consensus.primitives.encoding import u64
 from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.primitives.keys import recover
 from consensus.records.vouchers import CARD_TAG, VOUCHER_TAG
+from consensus.state.access import GrantRow, grant_of
+from consensus.state.identity import HANDLE, MEMBER, REGISTRAR, active_role, handle_of, is_registered, office_of
+from consensus.state.keys import Reader
+from consensus.state.producers import is_candidate
+from consensus.state.records import VISIT, decided_root
 from consensus.transaction import Transaction
 from contracts.state.view import StateReader
 
@@ -32,66 +36,11 @@ _REGISTER_ARGUMENTS_COUNT = 10
 _RECOVERED_KEPT_COUNT = 256
 
 
-class Reader(Protocol):
-    """Whatever can be asked for the value under a flat key."""
-
-    def get(self, key: bytes, /) -> bytes | None:
-        """Return the encoded value, or None."""
-
-
-def find_role(state: Reader, member: bytes) -> str:
-    """Return the role that a member has now, or an empty text: what the view `identity.role_of` says.
-
-    Only subjects outlast their organisation; who was registered before its removal stays out, should it come back.
-    """
-    data = state.get(b"identity\x00member/" + member)
-    entry = None if data is None else decode_value(data)
-    if entry is None or entry["status"] != "active":
-        return ""
-    removed = state.get(b"identity\x00removed/" + entry["org"].encode())
-    if entry["role"] != "subject" and removed is not None and entry["since"] <= decode_value(removed):
-        return ""
-    return str(entry["role"])
-
-
-def _is_registered(state: Reader, member: bytes) -> bool:
-    """Tell whether the key is an active member's, whatever became of the organisation that let him in."""
-    data = state.get(b"identity\x00member/" + member)
-    return data is not None and bool(decode_value(data)["status"] == "active")
-
-
-def find_root(state: Reader, key: bytes) -> bytes | None:
-    """Return the first key of the visit that this key decides of now: what the view `records.root_of` says.
-
-    None for a key of no visit, and for one that was replaced when its visit was transferred.
-    """
-    data = state.get(b"records\x00root/" + key)
-    root = key if data is None else bytes(decode_value(data))
-    if state.get(b"records\x00visit/" + root) is None:
-        return None
-    data = state.get(b"records\x00current/" + root)
-    current = root if data is None else decode_value(data)["owner"]
-    return root if current == key else None
-
-
 def _owns_visit(state: Reader, owner: bytes) -> bool:
-    return find_root(state, owner) is not None
+    return decided_root(state, owner) is not None
 
 
-def find_grant(state: Reader, grant_id: bytes, key: bytes, now_ms: int) -> dict[str, Any] | None:
-    """Return the grant of this id if it is this one-time key's: while it stands, and so long after as she says what she
-    deleted.
-
-    By its id, never by the key: another grant to the same key, or a visit under it, takes nothing from this one.
-    """
-    data = state.get(b"access\x00grant/" + grant_id) if len(grant_id) == HASH_SIZE_BYTES else None
-    grant: dict[str, Any] | None = None if data is None else decode_value(data)
-    if grant is None or grant["grantee"] != key or now_ms >= grant["ended_ms"] + GRANT_NOTICE_MS:
-        return None
-    return grant
-
-
-def _named_grant(state: Reader, transaction: Transaction, now_ms: int) -> dict[str, Any] | None:
+def _named_grant(state: Reader, transaction: Transaction, now_ms: int) -> GrantRow | None:
     """Return the sender's grant that a grantee's call names first, None for any other call."""
     body = transaction.body
     if body.contract != "access" or body.entry not in GRANTEE_ENTRIES:
@@ -101,12 +50,12 @@ def _named_grant(state: Reader, transaction: Transaction, now_ms: int) -> dict[s
     except BlockRobotError:
         return None
     grant_id = arguments[0] if arguments else None
-    return find_grant(state, grant_id, body.sender, now_ms) if isinstance(grant_id, bytes) else None
+    return grant_of(state, grant_id, body.sender, now_ms) if isinstance(grant_id, bytes) else None
 
 
 def _is_grantees_matter(state: Reader, transaction: Transaction, now_ms: int) -> bool:
     grant = _named_grant(state, transaction, now_ms)
-    return grant is not None and (transaction.body.entry == "noticed" or now_ms < grant["ended_ms"])
+    return grant is not None and (transaction.body.entry == "noticed" or now_ms < grant.ended_ms)
 
 
 def name_grantees(owner: bytes) -> bytes:
@@ -128,31 +77,24 @@ class Account:
     is_shared: bool = False
 
 
-def find_handle(state: Reader, key: bytes) -> bytes:
-    """Return the handle under which this key is, or was, a member's; an empty text for a key of no member."""
-    data = state.get(b"identity\x00member/" + key)
-    return b"" if data is None else bytes(decode_value(data)["handle"])
-
-
 def name_key(state: Reader, key: bytes) -> bytes:
     """Return what limits count for a key: its member's handle, whose admin, registrar or custodian it is, or its visit."""
-    if _is_registered(state, key):
-        return find_handle(state, key)
-    for role in (b"custodian", b"registrar", b"admin"):
-        data = state.get(b"identity\x00" + role + b"/" + key)
-        if data is not None:
-            entry = decode_value(data)
-            return role + b" of " + str(entry if isinstance(entry, str) else entry["name"]).encode()
-    if _is_producer(state, key):
+    member = MEMBER.at(state, key)
+    if member is not None and member.is_active:
+        return member.handle
+    office = office_of(state, key)
+    if office is not None:
+        return " of ".join(office).encode()
+    if is_candidate(state, key):
         return key
-    return find_root(state, key) or key
+    return decided_root(state, key) or key
 
 
 def _name_origin(state: Reader, root: bytes) -> bytes:
     """Return the name that all visits share which one robot opened."""
-    data = state.get(b"records\x00visit/" + root)
-    robot = b"" if data is None else bytes(decode_value(data)["robot"])
-    return b"visits of " + (find_handle(state, robot) or robot)
+    visit = VISIT.at(state, root)
+    robot = b"" if visit is None else visit.robot
+    return b"visits of " + (handle_of(state, robot) or robot)
 
 
 def _find_newcomer(transaction: Transaction) -> bytes:
@@ -171,12 +113,12 @@ def find_account(state: Reader, transaction: Transaction) -> Account:
     """
     grant = _named_grant(state, transaction, 0)
     if grant is not None:
-        root = bytes(grant["owner"])
-        return Account(name_grantees(root), is_of_visit=True, origin=_name_origin(state, root), is_shared=True)
+        origin = _name_origin(state, grant.owner)
+        return Account(name_grantees(grant.owner), is_of_visit=True, origin=origin, is_shared=True)
     sender = transaction.body.sender
     name = name_key(state, sender)
     # A robot may open a visit under anybody's key, which makes nobody else a visit's owner.
-    is_other = _is_registered(state, sender) or _has_office(state, sender) or _is_producer(state, sender)
+    is_other = is_registered(state, sender) or _has_office(state, sender) or is_candidate(state, sender)
     if not is_other and _owns_visit(state, sender):
         return Account(name, is_of_visit=True, origin=_name_origin(state, name))
     if not is_other and is_registration(transaction):
@@ -186,10 +128,10 @@ def find_account(state: Reader, transaction: Transaction) -> Account:
 
 _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
     "access": _owns_visit,
-    "consent": _is_registered,
+    "consent": is_registered,
     "erasure": _owns_visit,
     "records": _owns_visit,
-    "rights": lambda state, sender: _owns_visit(state, sender) or _is_registered(state, sender),
+    "rights": lambda state, sender: _owns_visit(state, sender) or is_registered(state, sender),
 }
 """Calls about oneself, and who may have them wait whatever his role."""
 
@@ -201,13 +143,7 @@ def _is_own_matter(state: Reader, sender: bytes, contract: str, entry: str) -> b
 
 
 def _has_office(state: Reader, sender: bytes) -> bool:
-    return any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin"))
-
-
-def _is_producer(state: Reader, sender: bytes) -> bool:
-    """Tell whether the key is a producer's or candidate's, suspended ones among them."""
-    data = state.get(b"producers\x00candidate/" + sender)
-    return data is not None and decode_value(data)["status"] != "removed"
+    return office_of(state, sender) is not None
 
 
 @lru_cache(maxsize=_RECOVERED_KEPT_COUNT)
@@ -232,13 +168,13 @@ def _find_registration_fault(state: StateReader, transaction: Transaction, chain
     if not well_formed or type(not_after_ms) is not int or not 0 <= not_after_ms < 1 << 53:
         return WITHOUT_STANDING
     chain_id, sender = transaction.body.chain_id, transaction.body.sender
-    if state.get(b"identity\x00handle/" + handle) is not None:
+    if HANDLE.has(state, handle):
         return "HANDLE_TAKEN"
     if chain_time_ms > not_after_ms:
         return "VOUCHER_EXPIRED"
     voucher = chain_id + handle + card_key + u64(not_after_ms) + role.encode()
     registrar = _recovers(VOUCHER_TAG, voucher_signature, voucher)
-    if registrar is None or state.get(b"identity\x00registrar/" + registrar) is None:
+    if registrar is None or not REGISTRAR.has(state, registrar):
         return "VOUCHER_FOREIGN"
     card = chain_id + handle + sender + spend + view + sealing
     return "" if _recovers(CARD_TAG, card_signature, card) == card_key else "VOUCHER_FOREIGN"
@@ -257,14 +193,14 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     a registration costs elliptic-curve operations (`is_registration`).
     """
     sender, body = transaction.body.sender, transaction.body
-    if find_role(state, sender):
+    if active_role(state, sender):
         return ""
     is_own = _is_own_matter(state, sender, body.contract, body.entry)
     if is_own or _is_grantees_matter(state, transaction, chain_time_ms):
         return ""
     if _has_office(state, sender):
         return ""
-    if body.contract == "producers" and body.entry in PRODUCER_ENTRIES and _is_producer(state, sender):
+    if body.contract == "producers" and body.entry in PRODUCER_ENTRIES and is_candidate(state, sender):
         return ""
     if is_registration(transaction):
         return _find_registration_fault(state, transaction, chain_time_ms)

@@ -12,6 +12,8 @@ from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
 from consensus.schedule import Schedule
+from consensus.state.membership import active_nodes, active_organisations
+from consensus.state.producers import CANDIDATE, EPOCH, KEYS, CandidateRow
 from contracts.execution.describing import list_contracts
 from node.api.explorer_documents import (
     CertificateDocument,
@@ -25,7 +27,6 @@ from node.api.explorer_documents import (
     TimeoutDocument,
 )
 from node.api.services import BlockHead, LedgerSnapshot, RoundWatch
-from node.api.standing import read_value
 
 MISSED_SHOWN_MAX_COUNT = 32
 
@@ -146,33 +147,28 @@ def describe_epoch(reader: HeaderReader, snapshot: LedgerSnapshot, genesis: Gene
 
 def _name_of(snapshot: LedgerSnapshot, genesis: Genesis, key: bytes) -> str:
     """Return the name of the node whose producer key this is or was; an empty text if nobody knows."""
-    entry = read_value(snapshot, "producers", b"candidate/" + key)
-    if isinstance(entry, dict) and isinstance(entry.get("name"), str):
-        return str(entry["name"])
+    candidate = CANDIDATE.at(snapshot, key)
+    if candidate is not None:
+        return candidate.name
     return next((node.name for node in genesis.nodes if node.producer_key == key), "")
 
 
 def describe_producers(snapshot: LedgerSnapshot) -> ProducersAnswer:
     """Return who produces or stands for it, as the contract `producers` has it."""
-    epoch = read_value(snapshot, "producers", b"epoch") or {"number": snapshot.header.epoch, "producers": []}
-    seats = {key: index for index, key in enumerate(epoch["producers"])}
-    entries = {key: read_value(snapshot, "producers", b"candidate/" + key) for key in _candidates(snapshot)}
+    epoch = EPOCH.read(snapshot)
+    seats = {} if epoch is None else {key: index for index, key in enumerate(epoch.producers)}
+    rows = {key: CANDIDATE.at(snapshot, key) for key in KEYS.read(snapshot) or []}
     return ProducersAnswer(
         height=snapshot.header.height,
-        epoch=epoch["number"],
-        producers=[_producer(key, entry, seats.get(key)) for key, entry in entries.items() if entry is not None],
+        epoch=snapshot.header.epoch if epoch is None else epoch.number,
+        producers=[_producer(key, row, seats.get(key)) for key, row in rows.items() if row is not None],
     )
 
 
-def _candidates(snapshot: LedgerSnapshot) -> list[bytes]:
-    return read_value(snapshot, "producers", b"keys") or []
-
-
-def _producer(key: bytes, entry: dict[str, object], seat: int | None) -> ProducerDocument:
-    fields = {name: entry[name] for name in ("name", "organisation", "status", "votes", "removals", "suspended_height")}
-    told = entry["evidence"]
+def _producer(key: bytes, row: CandidateRow, seat: int | None) -> ProducerDocument:
+    told = row.evidence
     evidence = None
-    if isinstance(told, dict) and told:
+    if told:
         evidence = EvidenceDocument(
             kind=told["kind"],
             epoch=told["epoch"],
@@ -181,7 +177,17 @@ def _producer(key: bytes, entry: dict[str, object], seat: int | None) -> Produce
             first_id=told["first_id"].hex(),
             second_id=told["second_id"].hex(),
         )
-    return ProducerDocument(key=key.hex(), seat=seat, evidence=evidence, **fields)  # type: ignore[arg-type]
+    return ProducerDocument(
+        key=key.hex(),
+        name=row.name,
+        organisation=row.organisation,
+        status=row.status,
+        seat=seat,
+        votes=row.votes,
+        removals=row.removals,
+        suspended_height=row.suspended_height,
+        evidence=evidence,
+    )
 
 
 def count_all(snapshot: LedgerSnapshot) -> CountsDocument:
@@ -199,9 +205,10 @@ _counted: dict[bytes, CountsDocument] = {}
 
 
 def _count(snapshot: LedgerSnapshot) -> CountsDocument:
+    epoch = EPOCH.read(snapshot)
     return CountsDocument(
-        organisations=len(read_value(snapshot, "membership", b"organisations") or ()),
-        nodes=len(read_value(snapshot, "membership", b"nodes") or ()),
-        producers=len((read_value(snapshot, "producers", b"epoch") or {}).get("producers", ())),
+        organisations=len(active_organisations(snapshot)),
+        nodes=len(active_nodes(snapshot)),
+        producers=0 if epoch is None else len(epoch.producers),
         contracts=len(list_contracts(snapshot)),
     )

@@ -10,22 +10,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
-from contracts.execution.standing import find_grant, find_role, find_root, name_grantees, name_key
+from consensus.state.access import grant_of
+from consensus.state.identity import ADMIN, CUSTODIAN, CUSTODIANS, REGISTRAR, active_role
+from consensus.state.keys import flat_prefix
+from consensus.state.membership import MEMBERSHIP
+from consensus.state.records import EMPTY_FRAME, decided_root
+from contracts.execution.standing import name_grantees, name_key
 from node.api.services import LedgerSnapshot
 
 SessionKind = Literal["member", "owner", "grantee", "former-grantee"]
 ROLE_ADMIN = "admin"
 ROLE_REGISTRAR = "registrar"
 ROLE_CUSTODIAN = "custodian"
-_ORGANISATIONS_MAX_COUNT = 256
-_NODES = (b"membership\x00",)
-_CUSTODIANS = (b"identity\x00custodians", b"identity\x00custodian/")
-_EMPTY_FRAMES = (b"records\x00empty-frame/",)
+_OPEN_ALWAYS = (flat_prefix(MEMBERSHIP),)
+_OPEN_TO_GRANTEES = (*_OPEN_ALWAYS, CUSTODIANS.flat, CUSTODIAN.flat, EMPTY_FRAME.flat)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,22 +42,6 @@ class Standing:
     account: bytes = field(default=b"", compare=False)
 
 
-def state_key(contract: str, key: bytes) -> bytes:
-    """Return the flat key of a contract's own key."""
-    return contract.encode() + b"\x00" + key
-
-
-def read_value(snapshot: LedgerSnapshot, contract: str, key: bytes) -> Any:
-    """Return the decoded value under a contract's key, or None."""
-    data = snapshot.get(state_key(contract, key))
-    return None if data is None else decode_value(data)
-
-
-def _is_admin(snapshot: LedgerSnapshot, key: bytes) -> bool:
-    organisations = snapshot.scan(state_key("identity", b"org/"), _ORGANISATIONS_MAX_COUNT)
-    return any(key in decode_value(value).get("admins", ()) for _, value in organisations)
-
-
 def find_key_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"") -> Standing | None:
     """Return what this 33-byte key stands for, or None. A key is a member or an owner, never both by design.
 
@@ -67,29 +53,29 @@ def find_key_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"
     if grant_id:
         return _find_grantee_standing(snapshot, key, grant_id)
     roles: set[str] = set()
-    role = find_role(snapshot, key)
+    role = active_role(snapshot, key)
     if role:
         roles.add(role)
-    if read_value(snapshot, "identity", b"registrar/" + key) is not None:
+    if REGISTRAR.has(snapshot, key):
         roles.add(ROLE_REGISTRAR)
-    if read_value(snapshot, "identity", b"custodian/" + key) is not None:
+    if CUSTODIAN.has(snapshot, key):
         roles.add(ROLE_CUSTODIAN)
-    if not roles and _is_admin(snapshot, key):
+    if not roles and ADMIN.has(snapshot, key):
         roles.add(ROLE_ADMIN)
     if roles:
         return Standing(kind="member", roles=frozenset(roles), account=name_key(snapshot, key))
-    if find_root(snapshot, key) is not None:
+    if decided_root(snapshot, key) is not None:
         return Standing(kind="owner", roles=frozenset(), account=name_key(snapshot, key))
     return None
 
 
 def _find_grantee_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes) -> Standing | None:
     now_ms = snapshot.header.timestamp_ms
-    grant = find_grant(snapshot, grant_id, key, now_ms)
+    grant = grant_of(snapshot, grant_id, key, now_ms)
     if grant is None:
         return None
-    kind: SessionKind = "grantee" if now_ms < grant["ended_ms"] else "former-grantee"
-    return Standing(kind=kind, roles=frozenset(), account=name_grantees(grant["owner"]))
+    kind: SessionKind = "grantee" if now_ms < grant.ended_ms else "former-grantee"
+    return Standing(kind=kind, roles=frozenset(), account=name_grantees(grant.owner))
 
 
 def require_readable(
@@ -102,11 +88,11 @@ def require_readable(
     """
     if standing not in {"grantee", "former-grantee"}:
         return
-    open_to_her = _NODES if standing == "former-grantee" else (*_NODES, *_CUSTODIANS, *_EMPTY_FRAMES)
-    grant = find_grant(snapshot, grant_id, reader, snapshot.header.timestamp_ms)
+    open_to_her = _OPEN_ALWAYS if standing == "former-grantee" else _OPEN_TO_GRANTEES
+    grant = grant_of(snapshot, grant_id, reader, snapshot.header.timestamp_ms)
     if grant is None:
         raise BlockRobotError("NOT_PERMITTED")
-    own = (grant["owner"], grant_id, *grant["records"])
+    own = (grant.owner, grant_id, *grant.records)
     for key in keys:
         if not key.startswith(open_to_her) and not any(name in key for name in own):
             raise BlockRobotError(

@@ -6,23 +6,17 @@ under that handle has to be of the staff, or an officer, now.
 
 from __future__ import annotations
 
-from typing import Any
-
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode_value
 from consensus.records.sharing import GRANTEE_ROLES, SharedRequest, hash_grant_member
-from contracts.execution.standing import Reader, find_role
-
-
-def _read(state: Reader, key: bytes) -> Any:
-    value = state.get(key)
-    return None if value is None else decode_value(value)
+from consensus.state.access import GRANT, REQUEST
+from consensus.state.identity import HANDLE, active_role
+from consensus.state.keys import Reader
 
 
 def require_open_grant(state: Reader, grant_id: bytes, now_ms: int) -> None:
     """Refuse parts for a grant that was revoked or is over; one that is not final yet passes. Raises GRANT_ENDED."""
-    grant = _read(state, b"access\x00grant/" + grant_id)
-    if grant is not None and (grant["status"] != "active" or grant["until_ms"] <= now_ms):
+    grant = GRANT.at(state, grant_id)
+    if grant is not None and not grant.is_open(now_ms):
         raise BlockRobotError("GRANT_ENDED")
 
 
@@ -31,18 +25,18 @@ def require_grantee(state: Reader, request: SharedRequest, grant_id: bytes, gran
 
     Raises ACCESS_NOT_GRANTED, NOT_PERMITTED, GRANT_ENDED, GRANTEE_NOT_A_MEMBER.
     """
-    grant = _read(state, b"access\x00grant/" + grant_id)
-    if grant is None or grant["grantee"] != grantee:
+    grant = GRANT.at(state, grant_id)
+    if grant is None or grant.grantee != grantee:
         raise BlockRobotError("NOT_PERMITTED", "The grant is for another key.")
-    asked = _read(state, b"access\x00access/" + request.access_id)
-    if asked is None or asked.get("grant", b"") != grant_id or request.record_id not in asked["records"]:
+    asked = REQUEST.at(state, request.access_id)
+    if asked is None or asked.grant != grant_id or request.record_id not in asked.records:
         raise BlockRobotError("ACCESS_NOT_GRANTED")
-    if grant["status"] != "active" or grant["until_ms"] <= now_ms:
+    if not grant.is_open(now_ms):
         raise BlockRobotError("GRANT_ENDED")
     try:
-        is_hers = hash_grant_member(request.salt, request.handle) == grant["member_hash"]
+        is_hers = hash_grant_member(request.salt, request.handle) == grant.member_hash
     except BlockRobotError:
         is_hers = False
-    member = _read(state, b"identity\x00handle/" + request.handle) if is_hers else None
-    if member is None or find_role(state, member) not in GRANTEE_ROLES:
+    member = HANDLE.at(state, request.handle) if is_hers else None
+    if member is None or active_role(state, member) not in GRANTEE_ROLES:
         raise BlockRobotError("GRANTEE_NOT_A_MEMBER")

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.standing import find_root
+from consensus.state.records import decided_root
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 
 PERSON = Person("anna")
@@ -28,9 +28,9 @@ def check(hospital: Hospital, chains: list[Chain]) -> None:
     for chain in chains:
         root = chain.visit.owner
         assert hospital.view("records", "current_of", root) == chain.keys[-1].public_key
-        decides = [key for key in chain.keys if find_root(hospital.state, key.public_key) is not None]
+        decides = [key for key in chain.keys if decided_root(hospital.state, key.public_key) is not None]
         assert decides == [chain.keys[-1]]
-        assert find_root(hospital.state, chain.keys[-1].public_key) == root
+        assert decided_root(hospital.state, chain.keys[-1].public_key) == root
         for key in chain.keys:
             receipt = hospital.send(key, "access", "request", chain.visit.records, "own-access")
             assert receipt.code == ("OK" if key is chain.keys[-1] else "VISIT_TRANSFERRED")

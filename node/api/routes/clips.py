@@ -8,12 +8,11 @@ from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, encode
 from consensus.records.clips import ClipUpload, check_clip_upload
-from contracts.execution.standing import find_root
+from consensus.state.records import RECORD, decided_root
 from node.api.access import OWNER, ROBOT
 from node.api.documents import UploadAnswer
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, bytes_answer, json_answer
 from node.api.services import CustodyService
-from node.api.standing import read_value
 
 _OVERHEAD_BYTES = 64 * 1024
 _RECORD_ID = Parameter("record_id", "path", "The record's id.", 16)
@@ -43,11 +42,11 @@ async def _download(call: Call) -> web.StreamResponse:
     custody = custody_of(call)
     record_id, access_id = call.bytes_of("record_id"), call.bytes_of("access_id")
     with call.services.ledger.snapshot() as snapshot:
-        record = read_value(snapshot, "records", b"record/" + record_id)
-        root = find_root(snapshot, call.caller)
+        record = RECORD.at(snapshot, record_id)
+        root = decided_root(snapshot, call.caller)
     if record is None:
         raise BlockRobotError("NOT_FOUND", "There is no record of this id.")
-    if root is None or record["owner"] != root:
+    if root is None or record.owner != root:
         raise BlockRobotError("NOT_PERMITTED", "The record belongs to another owner key.")
     return bytes_answer(encode(await custody.download(record_id, access_id, root)), MSGPACK)
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
+from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.identity import CUSTODIAN, REGISTRAR
 from node.api.access import ANYONE
 from node.api.documents import ProofsAnswer, ProofsRequest
 from node.api.routes.proofs import answer_proofs
@@ -14,10 +16,10 @@ from node.api.routing import JSON, Answer, Body, Call, Route
 
 PUBLIC_KEYS_MAX_COUNT = 8
 PUBLIC_PREFIXES = (
-    b"consent\x00notice/",
-    b"consent\x00notice-text/",
-    b"identity\x00custodian/",
-    b"identity\x00registrar/",
+    NOTICE.flat,
+    NOTICE_TEXT.flat,
+    CUSTODIAN.flat,
+    REGISTRAR.flat,
 )
 """Keys about organisations, their nodes and their words. What stands below them names nobody who is recorded."""
 

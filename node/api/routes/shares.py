@@ -7,12 +7,11 @@ from aiohttp import web
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.records.sharing import GrantUpload, SharedRequest, check_grant_upload
-from contracts.execution.standing import find_root
+from consensus.state.records import RECORD, decided_root
 from node.api.access import GRANTEE, OWNER
 from node.api.documents import UploadAnswer
 from node.api.routes.clips import custody_of
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, bytes_answer, json_answer
-from node.api.standing import read_value
 
 _UPLOAD_MAX_BYTES = 16 * 1024
 _REQUEST_MAX_BYTES = 1024
@@ -30,11 +29,11 @@ async def _upload(call: Call) -> web.StreamResponse:
         raise BlockRobotError("UPLOAD_INVALID", "The upload is for another grant or record than its address says.")
     check_grant_upload(upload)
     with call.services.ledger.snapshot() as snapshot:
-        record = read_value(snapshot, "records", b"record/" + record_id)
-        root = find_root(snapshot, call.caller)
+        record = RECORD.at(snapshot, record_id)
+        root = decided_root(snapshot, call.caller)
     if record is None:
         raise BlockRobotError("NOT_FOUND", "There is no record of this id.")
-    if root is None or record["owner"] != root:
+    if root is None or record.owner != root:
         raise BlockRobotError("NOT_PERMITTED", "The record belongs to another owner key.")
     return json_answer(UploadAnswer(record_id=record_id.hex(), status=await custody.stage_part(upload, root)))
 

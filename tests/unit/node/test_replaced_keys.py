@@ -11,15 +11,15 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.vouchers import CARD_TAG, sign_rotation
+from consensus.state.identity import handle_of, organisation_of
 from consensus.transaction import Transaction
 from consensus.upload_quotas import DAY_MS, MIB_BYTES, read_quotas
-from contracts.execution.standing import find_account, find_handle, has_standing
+from contracts.execution.standing import find_account, has_standing
 from contracts.state.view import MemoryState
 from node.api.standing import find_key_standing
 from node.byte_budget import VISITS_PART, ByteBudgets
 from node.intake import payer_of
 from node.mempool import Mempool, Screened
-from node.offchain.robots import find_organisation
 from node.offchain.uploads import DayUse, UploadTerms, require_quota
 from node.transaction_cache import TransactionCache
 from tests.unit.contracts.privacy.hospital import Hospital, Person
@@ -122,7 +122,7 @@ def test_no_map_of_limits_knows_a_new_key_from_the_one_before(holder: str) -> No
         standing = find_key_standing(SnapshotOf(story.hospital.state), key.public_key)
         assert standing is not None
         payer = payer_of(Screened(item, account, reserved=False, is_verified=False, is_waiting=False))
-        return [account, payer, standing.account, find_handle(state, key.public_key)]
+        return [account, payer, standing.account, handle_of(state, key.public_key)]
 
     before = names(key)
     assert all(key.public_key != name for name in before) or holder == "visit", "a visit's first key is its name"
@@ -181,7 +181,7 @@ def test_a_robot_with_a_new_key_has_no_new_quota_of_uploads() -> None:
     def refusal_of(robot: bytes) -> str:
         state = hospital.state
         terms = UploadTerms(
-            robot, quotas, lambda each: find_organisation(state, each), lambda each: find_handle(state, each)
+            robot, quotas, lambda each: organisation_of(state, each), lambda each: handle_of(state, each)
         )
         try:
             require_quota(1, terms, {}, used, hospital.time_ms)

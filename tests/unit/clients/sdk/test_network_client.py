@@ -18,6 +18,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.state import access, records
 from node.interface import DecodedSnapshot
+from tests.state_rows import row_of
 from tests.unit.clients.sdk.conftest import make_transaction, refusal_of
 from tests.unit.node.api.small_network import (
     ACCESS_ID,
@@ -195,7 +196,7 @@ async def test_a_session_that_is_about_to_end_is_renewed_beforehand(nodes: Any) 
 
 async def test_the_key_of_a_grant_opens_its_sessions_as_that_grants(nodes: Any) -> None:
     key, grant_id = PrivateKey(sha256(b"one-time key")), sha256(b"grant")
-    entry = {"owner": OWNER.public_key, "grantee": key.public_key, "records": [], "ended_ms": 1 << 50}
+    entry = row_of(access.GrantRow, owner=OWNER.public_key, grantee=key.public_key, ended_ms=1 << 50)
     await nodes["n0"].node.ledger.extend(writes={flat("access", b"grant/" + grant_id): encode_value(entry)})
     client = nodes.client(urls={"n0": nodes["n0"].url})
     assert await refusal_of(client.state_value(access.GRANT.key(grant_id), key)) == "SESSION_REFUSED"
@@ -211,7 +212,7 @@ async def test_the_key_of_a_grant_opens_its_sessions_as_that_grants(nodes: Any) 
 
 async def test_two_grants_of_one_owner_to_one_key_are_each_read_in_a_session_of_its_own(nodes: Any) -> None:
     key, ids = PrivateKey(sha256(b"one-time key")), [sha256(b"grant"), sha256(b"another grant")]
-    entry = {"owner": OWNER.public_key, "grantee": key.public_key, "records": [], "ended_ms": 1 << 50}
+    entry = row_of(access.GrantRow, owner=OWNER.public_key, grantee=key.public_key, ended_ms=1 << 50)
     writes = {flat("access", b"grant/" + grant_id): encode_value(entry) for grant_id in ids}
     await nodes["n0"].node.ledger.extend(writes=writes)
     client = nodes.client(urls={"n0": nodes["n0"].url})

@@ -33,8 +33,8 @@ from consensus.records.sharing import (
     check_grant_upload,
     hash_grant_member,
 )
+from consensus.state.identity import active_role
 from consensus.transaction import Transaction
-from contracts.execution.standing import find_role
 from contracts.state.view import MemoryState
 from node.api.standing import find_key_standing, require_readable
 from tests.unit.clients.bundle.ward import Custodians, Patient, ProvingHospital, ShortWire, Ward
@@ -84,7 +84,7 @@ class SharedCustody(Custodians):
         if grant["status"] != "active" or request.record_id not in access["records"]:
             raise BlockRobotError("GRANT_ENDED")
         member = self.chain.value("identity", b"handle/" + request.handle)
-        role = find_role(self.chain.state, member or b"")
+        role = active_role(self.chain.state, member or b"")
         if hash_grant_member(request.salt, request.handle) != grant["member_hash"] or role not in GRANTEE_ROLES:
             raise BlockRobotError("GRANTEE_NOT_A_MEMBER")
         self.asked_frames.append(request.with_frames)

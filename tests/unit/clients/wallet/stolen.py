@@ -20,8 +20,10 @@ from consensus.primitives.encoding import decode_value, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import seal_metadata
 from consensus.records.metadata import RecordMetadata, compute_metadata_hash
+from consensus.state.identity import active_role
+from consensus.state.records import decided_root
 from consensus.transaction import Transaction
-from contracts.execution.standing import find_role, find_root, has_standing
+from contracts.execution.standing import has_standing
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 
@@ -101,8 +103,8 @@ class Chain:
         """Nothing is open."""
 
     def _open_session(self, key: PrivateKey, *, member: bool = False) -> None:
-        role = find_role(self.hospital.state, key.public_key)
-        if not role and (member or find_root(self.hospital.state, key.public_key) is None):
+        role = active_role(self.hospital.state, key.public_key)
+        if not role and (member or decided_root(self.hospital.state, key.public_key) is None):
             raise BlockRobotError("SESSION_REFUSED")
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:

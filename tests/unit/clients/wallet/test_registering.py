@@ -29,8 +29,8 @@ from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keys import draw_words
 from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import Wallet
-from consensus.records.notices import newest_key
 from consensus.records.vouchers import encode_card_code
+from consensus.state.consent import NOTICE
 from network.demo_notice import demo_notice
 from tests.unit.clients.bundle.receipting import NoticeWard
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -119,7 +119,7 @@ def test_the_notice_comes_before_the_word(desk: Desk) -> None:
     for words in (demo_notice().controller.name, demo_notice().officer.contact, "Art. 6(1)(a)", "Art. 77", "desk"):
         assert words in told
     assert told.index(demo_notice().authority.name) < told.index("You are registered")
-    asked = [key for key in desk.ward.network.public_keys if key == newest_key("ward")]
+    asked = [key for key in desk.ward.network.public_keys if key == NOTICE.key("ward")]
     assert asked, "it is read before there is a session"
     assert desk.wallet.store.content.notice_shown_version == 1
 

@@ -14,7 +14,7 @@ from clients.wallet.rotating import Rotating
 from clients.wallet.rotating_commands import exposed
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
-from contracts.execution.standing import find_root
+from consensus.state.records import decided_root
 from tests.unit.clients.wallet.stolen import Holder, Story
 from tests.unit.clients.wallet.test_rotating import OLD_WORDS, no_pause, no_words, refusal, rotate
 
@@ -116,7 +116,7 @@ async def test_a_thief_who_moves_it_under_the_old_words_meanwhile_is_outrun(stor
         count += 1
         if count in {1, 2}:
             story.chain.submit_and_wait = real  # type: ignore[method-assign]
-            root = find_root(story.hospital.state, transaction.body.sender)  # type: ignore[attr-defined]
+            root = decided_root(story.hospital.state, transaction.body.sender)  # type: ignore[attr-defined]
             await rob(root)
             story.chain.submit_and_wait = first_he  # type: ignore[method-assign,assignment]
         return await real(transaction)  # type: ignore[arg-type]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from consensus.records.notices import encode_notice, newest_key, notice_digest, read_published, read_row, version_key
+from consensus.primitives.encoding import decode_value
+from consensus.records.notices import encode_notice, notice_digest, read_published, read_row
+from consensus.state.consent import NOTICE, NOTICE_TEXT
 from network.demo_notice import demo_notice
 from tests.unit.contracts.privacy.hospital import Hospital, data_of, key_of
 
@@ -13,10 +15,10 @@ def test_versions_follow_each_other_and_all_stay(hospital: Hospital) -> None:
     hospital.must(hospital.admin, "consent", "publish_notice", second)
     told = {"organisation": "ward", "version": 1, "hash": notice_digest(first)}
     assert data_of(receipt, "notice_published") == told
-    row = read_row("ward", hospital.value("consent", newest_key("ward").partition(b"\x00")[2]))
+    row = read_row("ward", decode_value(hospital.state.get(NOTICE.key("ward")) or b""))
     assert row is not None
     assert (row.version, row.digest, row.height) == (2, notice_digest(second), hospital.height)
-    kept = read_published("ward", hospital.value("consent", version_key("ward", 1).partition(b"\x00")[2]))
+    kept = read_published("ward", decode_value(hospital.state.get(NOTICE_TEXT.key(1, "ward")) or b""))
     assert kept is not None
     assert (kept.row.version, kept.notice) == (1, demo_notice())
 

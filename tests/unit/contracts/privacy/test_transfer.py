@@ -8,8 +8,9 @@ import pytest
 
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import scan_announcement, sign_transfer
+from consensus.state.records import decided_root
 from contracts.execution.registry import read_source
-from contracts.execution.standing import find_root, has_standing
+from contracts.execution.standing import has_standing
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, data_of, key_of
 
 NEW_ANNA = Person("anna with new words")
@@ -88,9 +89,9 @@ def test_a_key_waits_with_a_transfer_only_while_it_decides(hospital: Hospital, v
     assert not stands(new)
     hospital.must(visit.key, "records", "transfer", *arguments)
     assert (stands(visit.key), stands(new), stands(new, "access", "request")) == (False, True, True)
-    assert find_root(hospital.state, new.public_key) == visit.owner
-    assert find_root(hospital.state, visit.owner) is None
-    assert find_root(hospital.state, key_of("stranger").public_key) is None
+    assert decided_root(hospital.state, new.public_key) == visit.owner
+    assert decided_root(hospital.state, visit.owner) is None
+    assert decided_root(hospital.state, key_of("stranger").public_key) is None
 
 
 def test_what_was_asked_and_restricted_before_stays_with_the_visit(hospital: Hospital, visit: Visit) -> None:

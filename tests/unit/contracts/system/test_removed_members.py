@@ -6,7 +6,8 @@ import pytest
 
 from consensus.primitives.hashing import sha256
 from consensus.records.vouchers import issue_card, sign_card
-from contracts.execution.standing import find_role, has_standing
+from consensus.state.identity import active_role
+from contracts.execution.standing import has_standing
 from node.api.standing import find_key_standing
 from tests.unit.contracts.system.consortium import (
     DAY_MS,
@@ -65,7 +66,7 @@ def test_the_pool_and_the_api_know_the_same_roles_as_the_contracts(consortium: C
 
     def agree_on(expected: str) -> None:
         assert consortium.view("identity", "role_of", member) == expected
-        assert find_role(consortium.state, member) == expected
+        assert active_role(consortium.state, member) == expected
         standing = find_key_standing(consortium.state, member)
         assert (set() if standing is None else standing.roles) == ({expected} if expected else set())
         assert has_standing(consortium.state, transaction, consortium.time_ms) == bool(expected)

@@ -32,6 +32,8 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload
 from consensus.records.commitments import ciphertext_leaves
 from consensus.settings import Epoch, compute_epoch_hash
+from consensus.state.identity import MemberRow
+from consensus.state.records import RecordRow, VisitRow
 from consensus.transaction import Transaction, decode_transaction
 from contracts.state.view import MemoryState
 from node.api.services import ApiServices, LedgerSnapshot, PoolStatus, SubmitResult
@@ -40,6 +42,7 @@ from node.finality import FinalityFeed
 from node.interface import FinalizedLedger
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore
+from tests.state_rows import row_of
 
 NOW_MS = 1_760_000_000_000
 PRODUCERS = tuple(PrivateKey(sha256(b"producer" + bytes([index]))) for index in range(4))
@@ -65,7 +68,10 @@ def first_state() -> dict[bytes, bytes]:
     """A subject, a robot, one who left, officials, two visits with a record, three announcements."""
 
     def member(role: str, status: str) -> dict[str, Any]:
-        return {"role": role, "org": "ward", "since": 1, "status": status, "handle": bytes([role == "robot"]) * 32}
+        handle = bytes([role == "robot"]) * 32
+        return row_of(MemberRow, role=role, org="ward", since=1, status=status, handle=handle)
+
+    visit = row_of(VisitRow, robot=ROBOT.public_key, status="open")
 
     values: dict[bytes, Any] = {
         flat("identity", b"member/" + SUBJECT.public_key): member("subject", "active"),
@@ -73,10 +79,11 @@ def first_state() -> dict[bytes, bytes]:
         flat("identity", b"member/" + LEFT.public_key): member("subject", "left"),
         flat("identity", b"registrar/" + REGISTRAR.public_key): "ward",
         flat("identity", b"custodian/" + CUSTODIAN.public_key): {"name": "n0", "org": "ward"},
+        flat("identity", b"admin/" + ADMIN.public_key): "ward",
         flat("identity", b"org/ward"): {"admins": [ADMIN.public_key], "registrars": [REGISTRAR.public_key]},
-        flat("records", b"visit/" + OWNER.public_key): {"robot": ROBOT.public_key, "status": "open"},
-        flat("records", b"visit/" + OTHER_OWNER.public_key): {"robot": ROBOT.public_key, "status": "open"},
-        flat("records", b"record/" + RECORD_ID): {"owner": OWNER.public_key, "status": "active"},
+        flat("records", b"visit/" + OWNER.public_key): visit,
+        flat("records", b"visit/" + OTHER_OWNER.public_key): visit,
+        flat("records", b"record/" + RECORD_ID): row_of(RecordRow, owner=OWNER.public_key),
         flat("records", b"announcement-count"): 3,
     }
     for number in range(3):

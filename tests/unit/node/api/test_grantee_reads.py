@@ -9,11 +9,13 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
+from consensus.state.access import GrantRow
 from node.api.standing import require_readable
+from tests.state_rows import row_of
 
 NOW_MS, ENDED_MS = 1_000_000, 2_000_000
 GRANT_ID, READER, OWNER, RECORD = bytes(32), b"r" * 33, b"o" * 33, b"1" * 16
-GRANT = {"grantee": READER, "owner": OWNER, "records": [RECORD], "ended_ms": ENDED_MS}
+GRANT = row_of(GrantRow, grantee=READER, owner=OWNER, records=[RECORD], ended_ms=ENDED_MS)
 OWN = [
     b"records\x00record/" + RECORD,
     b"records\x00visit/" + OWNER,

@@ -12,8 +12,11 @@ from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.session import sign_session
+from consensus.state.access import GrantRow
+from consensus.state.records import VisitRow
 from node.api import sessions
 from node.api.sessions import SESSIONS_OF_KEY_MAX_COUNT, SessionTable
+from tests.state_rows import row_of, stored
 from tests.unit.node.api.small_network import OWNER, RECORD_ID, SUBJECT, SmallNode, flat
 
 OTHER_VISIT = PrivateKey(sha256(b"other visit")).public_key
@@ -29,11 +32,8 @@ def id_of(number: int) -> bytes:
 
 async def share(node: SmallNode, *numbers: int, ended_ago_ms: int = -60_000) -> None:
     """Finalize that something of the visit is shared with these keys."""
-    entry: dict[str, Any] = {
-        "owner": OWNER.public_key,
-        "records": [RECORD_ID],
-        "ended_ms": node.ledger.header.timestamp_ms - ended_ago_ms,
-    }
+    ended_ms = node.ledger.header.timestamp_ms - ended_ago_ms
+    entry = row_of(GrantRow, owner=OWNER.public_key, records=[RECORD_ID], ended_ms=ended_ms)
     writes = {
         flat("access", b"grant/" + id_of(each)): encode_value(entry | {"grantee": key_of(each).public_key})
         for each in numbers
@@ -142,7 +142,7 @@ async def test_long_after_the_end_there_is_no_session(api: Any, node: SmallNode,
 async def test_a_key_is_a_grantees_only_of_the_grant_that_it_names(node: SmallNode) -> None:
     """So neither a visit that a robot opens under her key, nor another grant to it, is in her way."""
     await share(node, 0, 1)
-    await node.ledger.extend(writes={flat("records", b"visit/" + key_of(0).public_key): encode_value({})})
+    await node.ledger.extend(writes={flat("records", b"visit/" + key_of(0).public_key): stored(VisitRow)})
     table = SessionTable(node.ledger.genesis.chain_id, "n0", node.clock, node.services.ledger)
     assert table.resolve(open_in(table, node, key_of(0), id_of(0))).kind == "grantee"
     assert table.resolve(open_in(table, node, key_of(0))).kind == "owner"

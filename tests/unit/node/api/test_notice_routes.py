@@ -12,7 +12,9 @@ from consensus.errors import BlockRobotError
 from consensus.light_client import LightClient
 from consensus.primitives.encoding import decode, encode_value
 from consensus.primitives.trie import Proof
-from consensus.records.notices import encode_notice, newest_key, notice_digest, read_published, version_key
+from consensus.records.notices import encode_notice, notice_digest, read_published
+from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.identity import REGISTRAR as REGISTRAR_ROWS
 from network.demo_notice import demo_notice
 from node.api import create_api
 from node.consent_receipts import ConsentReceipts
@@ -27,8 +29,8 @@ async def prove(api: Any, keys: list[bytes]) -> Any:
 async def test_who_has_no_session_reads_a_notice_with_its_proof(api: Any, node: SmallNode) -> None:
     document = encode_notice(demo_notice())
     row = {"version": 1, "hash": notice_digest(document), "height": 1, "time": 2, "document": document}
-    await node.ledger.extend(writes={version_key("ward", 1): encode_value(row)})
-    keys = [version_key("ward", 1), newest_key("ward"), flat("identity", b"registrar/" + REGISTRAR.public_key)]
+    await node.ledger.extend(writes={NOTICE_TEXT.key(1, "ward"): encode_value(row)})
+    keys = [NOTICE_TEXT.key(1, "ward"), NOTICE.key("ward"), REGISTRAR_ROWS.key(REGISTRAR.public_key)]
     answer = await (await prove(api, keys)).json()
     client, values = LightClient(node.ledger.genesis), []
     for key, proved in zip(keys, answer["proofs"], strict=True):
@@ -53,13 +55,13 @@ async def test_who_has_no_session_reads_a_notice_with_its_proof(api: Any, node: 
     ],
 )
 async def test_nothing_of_a_person_is_proved_without_a_session(api: Any, key: bytes) -> None:
-    answer = await prove(api, [newest_key("ward"), key])
+    answer = await prove(api, [NOTICE.key("ward"), key])
     assert (answer.status, (await answer.json())["code"]) == (403, "NOT_PERMITTED")
 
 
 async def test_a_stranger_may_not_ask_for_many_proofs_at_once(api: Any) -> None:
-    assert (await prove(api, [newest_key("ward")] * 8)).status == 200
-    answer = await prove(api, [newest_key("ward")] * 9)
+    assert (await prove(api, [NOTICE.key("ward")] * 8)).status == 200
+    answer = await prove(api, [NOTICE.key("ward")] * 9)
     assert (answer.status, (await answer.json())["code"]) == (400, "REQUEST_INVALID")
 
 

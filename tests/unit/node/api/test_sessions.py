@@ -6,11 +6,13 @@ from typing import Any
 
 import pytest
 
-from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.session import sign_session
+from consensus.state.identity import MemberRow
+from consensus.state.records import VisitRow
 from node.api import challenges, sessions
+from tests.state_rows import stored
 from tests.unit.node.api.small_network import (
     LEFT,
     OWNER,
@@ -105,7 +107,7 @@ async def test_a_session_ends_after_ten_minutes(api: Any, node: SmallNode, open_
 
 async def test_a_session_ends_when_its_member_leaves(api: Any, node: SmallNode, open_session: Any) -> None:
     headers = await open_session(SUBJECT)
-    left = encode_value({"role": "subject", "status": "left"})
+    left = stored(MemberRow, role="subject", status="left")
     await node.ledger.extend(writes={flat("identity", b"member/" + SUBJECT.public_key): left})
     answer = await api.get("/v1/finality", headers=headers)
     assert (answer.status, (await answer.json())["code"]) == (403, "SESSION_REFUSED")
@@ -163,7 +165,7 @@ async def test_many_keys_of_one_person_close_no_session_of_another(
     """She has a key for each visit, and one session for each: members with two looked like the largest."""
     monkeypatch.setattr(sessions, "SESSIONS_MAX_COUNT", 8)
     visits = [PrivateKey(sha256(b"visit %d" % number)) for number in range(20)]
-    opened = encode_value({"robot": ROBOT.public_key, "status": "open"})
+    opened = stored(VisitRow, robot=ROBOT.public_key)
     await node.ledger.extend(writes={flat("records", b"visit/" + key.public_key): opened for key in visits})
     members = [await open_session(key) for key in (SUBJECT, SUBJECT, ROBOT, ROBOT)]
     own = [await open_session(key) for key in visits]

@@ -19,6 +19,7 @@ from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.session import sign_session
+from consensus.state.producers import CANDIDATE, EPOCH, KEYS, CandidateRow, EpochRow
 from consensus.transaction import sign_transaction
 from contracts.vm.faults import VM_CODES
 from node.api import create_api, rate_limit, server
@@ -29,7 +30,8 @@ from node.costs import ROUTE_DEFAULT_US
 from node.interface import DecodedSnapshot
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerSnapshot
-from tests.unit.node.api.small_network import NOW_MS, OWNER, PRODUCERS, SUBJECT, SmallLedger, SmallNode, flat
+from tests.state_rows import stored
+from tests.unit.node.api.small_network import NOW_MS, OWNER, PRODUCERS, SUBJECT, SmallLedger, SmallNode
 
 Client = TestClient[web.Request, web.Application]
 EVIDENCE = {"kind": "vote", "epoch": 0, "round": 7, "height": 3, "first_id": bytes(32), "second_id": bytes([1] * 32)}
@@ -133,20 +135,11 @@ async def test_a_block_is_found_by_its_id_and_an_unknown_one_is_not(public: Publ
 
 async def test_producers_are_told_with_votes_suspension_and_evidence(public: Public) -> None:
     key = PRODUCERS[0].public_key
-    entry = {
-        "name": "n0",
-        "organisation": "ward",
-        "votes": ["ward"],
-        "removals": [],
-        "status": "suspended",
-        "suspended_height": 3,
-        "evidence": EVIDENCE,
-    }
-    epoch = {"number": 0, "producers": [key], "leaderless": [], "settings": {}, "height": 0}
-    writes = {b"keys": [key], b"candidate/" + key: entry, b"epoch": epoch}
-    await public.node.ledger.extend(
-        writes={flat("producers", name): encode_value(value) for name, value in writes.items()}
-    )
+    fields = {"votes": ["ward"], "status": "suspended", "suspended_height": 3, "evidence": EVIDENCE}
+    entry = stored(CandidateRow, name="n0", organisation="ward", **fields)
+    epoch = stored(EpochRow, producers=[key])
+    writes = {KEYS.flat: encode_value([key]), CANDIDATE.key(key): entry, EPOCH.flat: epoch}
+    await public.node.ledger.extend(writes=writes)
     answer = await public.ask("producers")
     (told,) = answer["producers"]
     assert (told["name"], told["status"], told["seat"], told["votes"]) == ("n0", "suspended", 0, ["ward"])
