@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from consensus.errors import BlockRobotError
 from consensus.messages import PROPOSAL_TAG, VOTE_TAG, WORD_PROPOSAL, WORD_VOTE, proposal_parts, vote_parts
-from consensus.primitives.encoding import Wire, u32, u64
+from consensus.primitives.encoding import Wire
 from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.primitives.keys import verify
 from consensus.signature_cache import SignatureCheck
@@ -84,8 +84,3 @@ def verify_evidence(evidence: Evidence, chain_id: bytes, check: SignatureCheck =
             check=check,
         ):
             raise BlockRobotError("EVIDENCE_INVALID", "One of the signatures is not the accused producer's.")
-
-
-def evidence_key(producer: bytes, epoch: int, round_number: int) -> bytes:
-    """Return the key under which the contract `producers` marks known evidence: one mark a producer and round."""
-    return b"accused/" + producer + u32(epoch) + u64(round_number)

@@ -13,18 +13,17 @@ from typing import Any
 import structlog
 
 from consensus.errors import BlockRobotError
-from consensus.evidence import Evidence, evidence_key, verify_evidence
-from consensus.primitives.encoding import decode_stored_value, encode
+from consensus.evidence import Evidence, verify_evidence
+from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
+from consensus.state.producers import ACCUSED, CANDIDATE, PRODUCERS
 from consensus.transaction import sign_transaction
 from node.api.services import Clock, TransactionPool
 from node.directory import Directory
 from node.storage.ledger_store import LedgerSnapshot
 
-CONTRACT = "producers"
-CANDIDATE_PREFIX = b"candidate/"
 TURN_MS = 1_500
 ACCUSE_AGAIN_MS = 30_000
 ACCUSATION_LIFETIME_MS = 60_000
@@ -76,7 +75,7 @@ class Accuser:
         except BlockRobotError as error:
             log.error("evidence_refused", code=error.code, detail=error.detail)
             return
-        place = evidence_key(evidence.producer, evidence.epoch, evidence.round)
+        place = ACCUSED.key(evidence.producer, evidence.epoch, evidence.round)
         if evidence.producer == self._key.public_key or place in self._cases or len(self._cases) >= PENDING_MAX_COUNT:
             return
         self._cases[place] = _Case(evidence, due_ms=self._clock.now_ms() + self._turn() * TURN_MS)
@@ -107,7 +106,7 @@ class Accuser:
         accusation = sign_transaction(
             self._key,
             chain_id=self._chain_id,
-            contract=CONTRACT,
+            contract=PRODUCERS,
             entry="accuse",
             arguments=[
                 evidence.kind,
@@ -134,26 +133,23 @@ def _is_known(reader: LedgerSnapshot, place: bytes, evidence: Evidence) -> bool:
 
     One that was merely removed is accused all the same: it might come back.
     """
-    prefix = CONTRACT.encode() + b"\x00"
-    if reader.get(prefix + place) is not None:
+    if reader.get(place) is not None:
         return True
     suspect = evidence.producer
     for _ in range(SUCCESSORS_MAX_COUNT):
-        data = reader.get(prefix + CANDIDATE_PREFIX + suspect)
-        if data is None:
+        row = CANDIDATE.at(reader, suspect)
+        if row is None:
             return False
-        entry: dict[str, Any] = decode_stored_value(data)
-        if not entry["successor"]:
-            return bool(entry["suspended_height"] > 0 or evidence.epoch < entry["reinstated_epoch"])
-        suspect = entry["successor"]
+        if not row.successor:
+            return row.suspended_height > 0 or evidence.epoch < row.reinstated_epoch
+        suspect = row.successor
     return False
 
 
 def suspended_height(state: LedgerSnapshot, producer: bytes) -> int | None:
     """Return the height at which a producer's key was suspended, or None if it is not."""
-    data = state.get(CONTRACT.encode() + b"\x00" + CANDIDATE_PREFIX + producer)
-    entry: dict[str, Any] = {} if data is None else decode_stored_value(data)
-    return int(entry["suspended_height"]) if entry.get("status") == "suspended" else None
+    row = CANDIDATE.at(state, producer)
+    return row.suspended_height if row is not None and row.status == "suspended" else None
 
 
 def describe_accused(accuser: Accuser | None, directory: Directory, state: LedgerSnapshot) -> list[dict[str, Any]]:

@@ -8,18 +8,16 @@ it stays one: often enough to count whenever the votes come together, and no mor
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import structlog
 
-from consensus.primitives.encoding import decode_stored_value
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
+from consensus.state.producers import CANDIDATE, PRODUCERS
 from consensus.transaction import sign_transaction
 from node.api.services import Clock, TransactionPool
 from node.storage.ledger_store import LedgerSnapshot
 
-CANDIDATE_PREFIX = b"producers\x00candidate/"
 SAY_AGAIN_MS = 5 * 60 * 1000
 SAY_AGAIN_BLOCKS = 500
 SAY_INTERVAL_MIN_MS = 10_000
@@ -68,7 +66,7 @@ class Candidacy:
         word = sign_transaction(
             self._key,
             chain_id=self._chain_id,
-            contract="producers",
+            contract=PRODUCERS,
             entry="ready",
             arguments=[position.height, position.state_root],
             valid_until_ms=now_ms + WORD_LIFETIME_MS,
@@ -83,11 +81,8 @@ class Candidacy:
         key = self._key.public_key
         if self._schedule().index_of(key) is not None:
             return False
-        data = reader.get(CANDIDATE_PREFIX + key)
-        if data is None or not self._is_close():
+        row = CANDIDATE.at(reader, key)
+        if row is None or row.status != "candidate" or not self._is_close():
             return False
-        entry: dict[str, Any] = decode_stored_value(data)
-        if entry["status"] != "candidate":
-            return False
-        said_ms, said_height = int(entry["ready_ms"]), int(entry["ready_height"])
-        return said_ms == 0 or time_ms - said_ms > SAY_AGAIN_MS or height - said_height > SAY_AGAIN_BLOCKS
+        is_old = time_ms - row.ready_ms > SAY_AGAIN_MS or height - row.ready_height > SAY_AGAIN_BLOCKS
+        return row.ready_ms == 0 or is_old

@@ -10,33 +10,23 @@ holds until the node's own chain has reached that height.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
-from consensus.primitives.encoding import decode_stored_value
+from consensus.state.keys import Scanner, flat_prefix
+from consensus.state.membership import MEMBERSHIP, NODE, ORGANISATION, REVOKED, NodeRow, OrganisationRow
 
-MEMBERSHIP_PREFIX = b"membership\x00"
-NODE_PREFIX = MEMBERSHIP_PREFIX + b"node/"
-ORGANISATION_PREFIX = MEMBERSHIP_PREFIX + b"org/"
-REVOKED_PREFIX = MEMBERSHIP_PREFIX + b"revoked/"
 ENTRIES_MAX_COUNT = 100_000
 ACTIVE = "active"
+_MEMBERSHIP_KEYS = flat_prefix(MEMBERSHIP)
 
 log = structlog.get_logger(__name__)
-
-
-class StateScan(Protocol):
-    """One version of the finalized state, as far as the directory reads it."""
-
-    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,17 +107,20 @@ def content_of_genesis(genesis: Genesis) -> DirectoryContent:
     )
 
 
-def read_content(state: StateScan, height: int) -> DirectoryContent | None:
+def read_content(state: Scanner, height: int) -> DirectoryContent | None:
     """Return what the state of this height says, or None if it holds no membership at all.
 
     Raises STORAGE_DAMAGED for entries that the contract cannot have written.
     """
     try:
-        nodes = [_read_node(entry) for _, entry in _entries(state, NODE_PREFIX)]
-        organisations = [_read_organisation(entry) for _, entry in _entries(state, ORGANISATION_PREFIX)]
-        revoked = frozenset(_read_revoked(key) for key, _ in state.scan(REVOKED_PREFIX, ENTRIES_MAX_COUNT))
-    except (KeyError, TypeError, ValueError) as error:
-        raise BlockRobotError("STORAGE_DAMAGED", f"The membership in the state cannot be read: {error}.") from None
+        nodes = [_node(row) for _, row in NODE.rows(state, limit=ENTRIES_MAX_COUNT)]
+        organisations = [_organisation(row) for _, row in ORGANISATION.rows(state, limit=ENTRIES_MAX_COUNT)]
+        revoked = frozenset(
+            (organisation.decode(), int.from_bytes(serial, "big"))
+            for (organisation, serial), _ in REVOKED.rows(state, limit=ENTRIES_MAX_COUNT)
+        )
+    except (BlockRobotError, UnicodeDecodeError) as error:
+        raise BlockRobotError("STORAGE_DAMAGED", f"The membership in the state cannot be read: {error}") from None
     if not nodes or not organisations:
         return None
     return DirectoryContent(
@@ -138,34 +131,22 @@ def read_content(state: StateScan, height: int) -> DirectoryContent | None:
     )
 
 
-def _entries(state: StateScan, prefix: bytes) -> Iterator[tuple[bytes, dict[str, Any]]]:
-    for key, value in state.scan(prefix, ENTRIES_MAX_COUNT):
-        yield key, decode_stored_value(value)
-
-
-def _read_node(entry: dict[str, Any]) -> DirectoryNode:
+def _node(row: NodeRow) -> DirectoryNode:
     return DirectoryNode(
-        name=entry["name"],
-        organisation=entry["organisation"],
-        host=entry["host"],
-        p2p_port=entry["p2p_port"],
-        api_url=entry["api_url"],
-        producer_key=entry["producer_key"],
-        custodian_key=entry["custodian_key"],
-        is_active=entry["status"] == ACTIVE,
-        since_height=entry["since_height"],
+        name=row.name,
+        organisation=row.organisation,
+        host=row.host,
+        p2p_port=row.p2p_port,
+        api_url=row.api_url,
+        producer_key=row.producer_key,
+        custodian_key=row.custodian_key,
+        is_active=row.status == ACTIVE,
+        since_height=row.since_height,
     )
 
 
-def _read_organisation(entry: dict[str, Any]) -> DirectoryOrganisation:
-    return DirectoryOrganisation(
-        name=entry["name"], ca_certificate=entry["ca_certificate"], is_active=entry["status"] == ACTIVE
-    )
-
-
-def _read_revoked(key: bytes) -> tuple[str, int]:
-    organisation, _, serial = key.removeprefix(REVOKED_PREFIX).partition(b"/")
-    return organisation.decode(), int.from_bytes(serial, "big")
+def _organisation(row: OrganisationRow) -> DirectoryOrganisation:
+    return DirectoryOrganisation(name=row.name, ca_certificate=row.ca_certificate, is_active=row.status == ACTIVE)
 
 
 class Directory:
@@ -219,7 +200,7 @@ class Directory:
         """Call `listener` no more; harmless if it never was one."""
         self._listeners = [item for item in self._listeners if item != listener]
 
-    def refresh(self, state: StateScan, height: int) -> bool:
+    def refresh(self, state: Scanner, height: int) -> bool:
         """Read the finalized state of this height again; tell whether anything changed, after telling the listeners.
 
         A state below the height of the hint is passed over. Raises STORAGE_DAMAGED.
@@ -243,7 +224,7 @@ class Directory:
         """Tell whether blocks up to `height` that wrote this may have changed what the directory says."""
         if height < self._hinted_height:
             return False
-        return self._is_beginning or any(key.startswith(MEMBERSHIP_PREFIX) for keys in writes for key in keys)
+        return self._is_beginning or any(key.startswith(_MEMBERSHIP_KEYS) for keys in writes for key in keys)
 
 
 def _names_by_producer(content: DirectoryContent) -> dict[bytes, str]:

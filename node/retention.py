@@ -10,14 +10,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from consensus.block import ContractEvent, Header
 from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_MAX_MS, TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.encoding import decode, decode_value
-from node.offchain.chain_facts import RECORD_PREFIX, RESTRICTION_PREFIX
-from node.offchain.standing import prolong, read_restriction
+from consensus.state.records import RECORD
+from consensus.state.rights import RESTRICTION
+from node.offchain.standing import prolong, standing_of
 from node.snapshot.making import read_header_bytes
 from node.storage.ledger_store import EventCursor, LedgerSnapshot, LedgerStore
 
@@ -81,18 +82,11 @@ def find_live_record(view: LedgerSnapshot, height: int, now_ms: int) -> bytes | 
 
 def is_live(view: LedgerSnapshot, record_id: bytes, now_ms: int) -> bool:
     """Tell whether a record is neither erased nor past its expiry, which a restriction may prolong."""
-    entry = _read(view, RECORD_PREFIX + record_id)
-    if entry is None or entry["status"] not in _LIVE:
+    row = RECORD.at(view, record_id)
+    if row is None or row.status not in _LIVE:
         return False
-    owner = entry["owner"]
-    restriction = read_restriction(owner, _read(view, RESTRICTION_PREFIX + owner))
-    return prolong(restriction, record_id, entry["expires_at_ms"]) > now_ms
-
-
-def _read(view: LedgerSnapshot, key: bytes) -> dict[str, Any] | None:
-    value = view.get(key)
-    found: dict[str, Any] | None = None if value is None else decode_value(value)
-    return found
+    restricted = standing_of(row.owner, RESTRICTION.at(view, row.owner))
+    return prolong(restricted, record_id, row.expires_at_ms) > now_ms
 
 
 def _recorded_in(view: LedgerSnapshot, height: int) -> Iterator[bytes]:

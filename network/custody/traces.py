@@ -24,10 +24,12 @@ from pymongo.errors import PyMongoError
 from consensus.block import Block
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, decode_value
+from consensus.state.access import GRANT
+from consensus.state.records import RECORD
+from consensus.state.rights import QUARANTINE
 from consensus.transaction import decode_transaction
 from network.custody.searching import PREFIX_BYTES, spread
 from node.config import NodeConfig
-from node.offchain.chain_facts import GRANT_PREFIX, QUARANTINE_PREFIX, RECORD_PREFIX
 from node.offchain.erase_keys import (
     ERASE_KEY_BYTES,
     ERASE_KEYS_FILE_NAME,
@@ -139,17 +141,16 @@ def read_traces(path: Path) -> list[Trace]:
 def trace_chain(trace: Trace, ledger: LedgerSnapshot) -> None:
     """Take the record's id, and from its transaction, where that block is still there, its roots and sealed metadata."""
     trace.add("id", trace.record_id)
-    value = ledger.get(RECORD_PREFIX + trace.record_id)
-    if value is None:
+    row = RECORD.at(ledger, trace.record_id)
+    if row is None:
         return
-    entry = decode_value(value)
-    trace.status = entry["status"]
-    body = ledger.block(entry["height"])
+    trace.status = row.status
+    body = ledger.block(row.height)
     if body is None:
         return
     for wire in decode(body, Block).transactions:
         transaction = decode_transaction(wire)
-        if transaction.txid == entry["txid"]:
+        if transaction.txid == row.txid:
             arguments = decode_value(transaction.body.args)
             for kind, content in (("root", arguments[2]), ("root", arguments[3]), ("metadata", arguments[4])):
                 trace.add(kind, content)
@@ -157,15 +158,12 @@ def trace_chain(trace: Trace, ledger: LedgerSnapshot) -> None:
 
 def trace_grants(trace: Trace, ledger: LedgerSnapshot) -> None:
     """Note which grants of a record's parts ended by this ledger: revoked, over, or of a visit that is denied."""
-    record = ledger.get(RECORD_PREFIX + trace.record_id)
-    owner = b"" if record is None else decode_value(record)["owner"]
+    record = RECORD.at(ledger, trace.record_id)
     at_ms = 0 if ledger.position is None else ledger.position.timestamp_ms
-    is_denied = bool(owner) and ledger.get(QUARANTINE_PREFIX + owner) is not None
+    is_denied = record is not None and QUARANTINE.has(ledger, record.owner)
     for grant_id in set(trace.grants.values()):
-        value = ledger.get(GRANT_PREFIX + grant_id)
-        entry = None if value is None else decode_value(value)
-        is_over = entry is not None and (entry["status"] != "active" or entry["until_ms"] <= at_ms)
-        if is_denied or is_over:
+        grant = GRANT.at(ledger, grant_id)
+        if is_denied or (grant is not None and not grant.is_open(at_ms)):
             trace.ended.add(grant_id)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from node.offchain.erasing import (
     compute_expiry_subject,
 )
 from node.offchain.finalized import FinalizedEvent, FinalizedEvents
-from node.offchain.share_store import read_share
+from node.offchain.share_store import ShareRow
 from node.offchain.sharing import Shares, may_release
 from node.offchain.standing import STANDING_EVENTS, find_standing, follow_event, hold, is_void, settle
 from node.offchain.store import BlockEffects, ClipRow, CustodyStore, Grant, OutboxRow, RecordFacts, VisitStanding
@@ -39,6 +39,10 @@ async def build_release(store: CustodyStore, grant: Grant, record_ids: Sequence[
     rows = await store.outbox_of(RELEASED_KIND, grant.access_id)
     row = _release(grant, record_ids, max((row.part for row in rows), default=-1) + 1)
     return next((known for known in rows if known.arguments == row.arguments), row)
+
+
+def _share(data: Mapping[str, Any], height: int) -> ShareRow:
+    return ShareRow(data["grant_id"], data["owner"], tuple(data["records"]), data["until_ms"], height)
 
 
 def matches_roots(clip: ClipRow, facts: RecordFacts) -> bool:
@@ -82,7 +86,7 @@ class EffectsOfBlock:
                     await self._flush()
                     await self._on_access(event.data)
                 case "access.granted":
-                    await self._shares.take_grant(read_share(event.data["grant_id"], event.data, self._block.height))
+                    await self._shares.take_grant(_share(event.data, self._block.height))
                 case "access.revoked":
                     await self._shares.end_grant(event.data["grant_id"])
                 case "records.empty_frames_withdrawn":

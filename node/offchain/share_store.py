@@ -6,9 +6,9 @@ lies outside of the store. It is staged until its grant is final. Every write is
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 PartStatus = Literal["staged", "confirmed"]
 PartField = Literal["grant_id", "record_id", "owner"]
@@ -52,11 +52,6 @@ class PartPlace:
     status: PartStatus
     height: int
     slot: int
-
-
-def read_share(grant_id: bytes, entry: Mapping[str, Any], height: int) -> ShareRow:
-    """Return a grant from the contract's row or event."""
-    return ShareRow(grant_id, entry["owner"], tuple(entry["records"]), entry["until_ms"], height)
 
 
 class ShareStore(Protocol):

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from msgspec import structs
 
 from consensus.errors import BlockRobotError
+from consensus.state.rights import RestrictionRow
 from node.offchain.finalized import FinalizedEvent
 from node.offchain.store import BlockEffects, CustodyStore, Grant, RecordFacts, VisitStanding
 
@@ -37,16 +37,16 @@ def prolong(standing: VisitStanding | None, record_id: bytes, expires_at_ms: int
     return max(expires_at_ms, standing.until_ms) if covered else expires_at_ms
 
 
-def read_restriction(owner: bytes, row: Mapping[str, Any] | None) -> VisitStanding:
-    """Return the standing of a visit of which only a restriction is known, from the contract's row or event."""
+def standing_of(owner: bytes, row: RestrictionRow | None) -> VisitStanding:
+    """Return the standing of a visit of which only a restriction is known."""
     if row is None:
         return VisitStanding(owner)
     return VisitStanding(
         owner,
-        whole=row["whole"],
-        whole_since_ms=row["whole_since_ms"],
-        until_ms=row["until_ms"],
-        records=tuple(row["records"]),
+        whole=row.whole,
+        whole_since_ms=row.whole_since_ms,
+        until_ms=row.until_ms,
+        records=tuple(row.records),
     )
 
 
@@ -77,15 +77,15 @@ def follow_event(before: VisitStanding, event: FinalizedEvent, height: int) -> V
     """Return what stands after one event that is about a whole visit; what is kept beyond its expiry is settled apart."""
     after = before
     if event.kind in {"rights.restricted", "rights.lifted"}:
-        told = read_restriction(before.owner, event.data)
+        told = event.data
         after = VisitStanding(
             owner=before.owner,
             narrowed_height=before.narrowed_height,
             quarantined=before.quarantined,
-            whole=told.whole,
-            whole_since_ms=told.whole_since_ms,
-            until_ms=told.until_ms,
-            records=told.records,
+            whole=told["whole"],
+            whole_since_ms=told["whole_since_ms"],
+            until_ms=told["until_ms"],
+            records=tuple(told["records"]),
             natural=before.natural,
         )
     elif event.kind == "rights.quarantined":

@@ -6,14 +6,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from consensus.primitives.encoding import encode_value, u32
+from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
 from consensus.records.commitments import ciphertext_root, commitment_root
+from consensus.state import access, erasure
+from consensus.state.access import GRANT, RELEASE, GrantRow
+from consensus.state.audit import ENTRY
+from consensus.state.erasure import ErasureReceiptRow
+from consensus.state.records import RECORD
+from consensus.state.rights import QUARANTINE
 from contracts.state.view import MemoryState
 from node.offchain.chain_facts import ChainFacts
 from node.offchain.store import Checkpoint
 from tests.offchain.house import ACCESS_ID, ERASURE_ID
 from tests.offchain.small_chain import ALICE, CUSTODIAN, EXPIRES_MS, OTHER_CUSTODIAN, START_MS, RecordedClip
+from tests.state_rows import row_of
 
 BOTH = [CUSTODIAN, OTHER_CUSTODIAN]
 
@@ -42,29 +49,23 @@ class State:
         }
         if changes.get("status") in {"erased", "expired"}:
             entry |= {"commitment_root": b"", "ciphertext_root": b""}
-        self.rows[b"records\x00record/" + clip.record_id] = entry | changes
+        self.rows[RECORD.key(clip.record_id)] = entry | changes
 
     def access(self, *clips: RecordedClip, owner: bytes = ALICE, height: int = 6, **changes: Any) -> None:
         entry = {"owner": owner, "records": [clip.record_id for clip in clips], "purpose": "demo", "time": 0}
-        self.rows[b"access\x00access/" + ACCESS_ID] = entry | {"released": {}, "refused": {}} | changes
+        self.rows[access.REQUEST.key(ACCESS_ID)] = entry | {"released": {}, "refused": {}} | changes
         self._audit(owner, "access_requested", {"access_id": ACCESS_ID}, height)
 
     def grant(self, grant_id: bytes, *clips: RecordedClip, owner: bytes = ALICE, **changes: Any) -> None:
-        entry = {
-            "owner": owner,
-            "records": [clip.record_id for clip in clips],
-            "until_ms": EXPIRES_MS,
-            "height": 6,
-            "status": "active",
-        }
-        self.rows[b"access\x00grant/" + grant_id] = entry | changes
+        fields = {"owner": owner, "records": [clip.record_id for clip in clips], "until_ms": EXPIRES_MS, "height": 6}
+        self.rows[GRANT.key(grant_id)] = row_of(GrantRow, **fields) | changes
 
     def quarantine(self, owner: bytes = ALICE) -> None:
-        self.rows[b"rights\x00quarantine/" + owner] = bytes(32)
+        self.rows[QUARANTINE.key(owner)] = bytes(32)
 
     def released(self, *clips: RecordedClip, custodian: bytes = CUSTODIAN) -> None:
         for clip in clips:
-            self.rows[b"access\x00release/" + ACCESS_ID + custodian + clip.record_id] = True
+            self.rows[RELEASE.key(ACCESS_ID, custodian, clip.record_id)] = True
 
     def erasure(self, *clips: RecordedClip, frames: tuple[int, ...] = (), receipts: Any = (), **changes: Any) -> None:
         entry = {
@@ -72,10 +73,11 @@ class State:
             "records": [clip.record_id for clip in clips],
             "frames": list(frames),
             "custodians": BOTH,
-            "receipts": {custodian: {} for custodian in receipts},
+            "receipts": {custodian: row_of(ErasureReceiptRow) for custodian in receipts},
             "status": "requested",
+            "time": 0,
         }
-        self.rows[b"erasure\x00erasure/" + ERASURE_ID] = entry | changes
+        self.rows[erasure.REQUEST.key(ERASURE_ID)] = entry | changes
         self._audit(ALICE, "erasure_requested", {"erasure_id": ERASURE_ID}, 7)
 
     def said(self, kind: str, height: int, *, owner: bytes = ALICE, **data: Any) -> None:
@@ -85,7 +87,7 @@ class State:
     def _audit(self, owner: bytes, kind: str, data: dict[str, Any], height: int) -> None:
         number = self._audited[owner] = self._audited.get(owner, -1) + 1
         entry = {"record_id": b"", "kind": kind, "time": 0, "height": height, "data": data}
-        self.rows[b"audit\x00entry/" + owner + u32(number)] = entry
+        self.rows[ENTRY.key(owner, number)] = entry
 
     def facts(self, height: int = 100, at_ms: int = START_MS + 500_000) -> ChainFacts:
         state = MemoryState()

@@ -9,7 +9,10 @@ from typing import Any
 
 import pytest
 
-from node.offchain.chain_facts import AUDIT_PREFIX, CUSTODIANS_KEY, RECORD_PREFIX, ChainFacts, StateReader
+from consensus.state.audit import ENTRY
+from consensus.state.identity import CUSTODIANS
+from consensus.state.records import RECORD
+from node.offchain.chain_facts import ChainFacts, StateReader
 from node.offchain.erasing import RECORDS_A_CALL_MAX_COUNT
 from node.offchain.reconciling import RECORDS_AT_ONCE_COUNT
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
@@ -292,7 +295,7 @@ async def test_the_audit_is_walked_once_however_many_requests_there_are(opened: 
     assert [access.height for access in facts.accesses()] == [6]
     assert [erasure.height for erasure in facts.erasures()] == [7]
     assert list(facts.open_erasures()) == []
-    assert walks.count(AUDIT_PREFIX) == 1
+    assert walks.count(ENTRY.flat) == 1
 
 
 class _Watched:
@@ -325,13 +328,13 @@ def _of_many() -> tuple[_Watched, ChainFacts]:
     """A state with hundreds of records, each with words in the audit, of which most were erased or have expired."""
     clip, state = record_clip(), State()
     state.record(clip)
-    row = state.rows.pop(RECORD_PREFIX + clip.record_id)
+    row = state.rows.pop(RECORD.key(clip.record_id))
     for number in range(600):
         status = ("active", "erased", "expired")[number % 3]
         awaited = [CUSTODIAN] if status == "expired" else []
-        state.rows[RECORD_PREFIX + number.to_bytes(16, "big")] = row | {"status": status, "awaited": awaited}
+        state.rows[RECORD.key(number.to_bytes(16, "big"))] = row | {"status": status, "awaited": awaited}
         state.said("access_requested", 5, owner=number.to_bytes(33, "big"))
-    state.rows[CUSTODIANS_KEY] = BOTH
+    state.rows[CUSTODIANS.flat] = BOTH
     facts = state.facts()
     watched = _Watched(facts._state)
     return watched, ChainFacts(watched, facts.point)

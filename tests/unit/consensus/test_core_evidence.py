@@ -8,7 +8,7 @@ import pytest
 from consensus.effects import EvidenceFound, SendTo
 from consensus.errors import BlockRobotError
 from consensus.events import ProposalReceived, VoteReceived
-from consensus.evidence import evidence_key, make_evidence, verify_evidence
+from consensus.evidence import make_evidence, verify_evidence
 from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, WORD_CHECKS_MAX_COUNT
 from consensus.messages import Proposal, Vote
 from consensus.primitives.encoding import encode
@@ -231,7 +231,3 @@ def test_the_ids_of_evidence_stand_in_order():
     )
     with pytest.raises(BlockRobotError, match="EVIDENCE_INVALID"):
         verify_evidence(swapped, CHAIN_ID)
-
-
-def test_one_mark_stands_for_a_producer_and_round():
-    assert evidence_key(b"K" * 33, 2, 7) == b"accused/" + b"K" * 33 + bytes([0, 0, 0, 2]) + bytes(7) + b"\x07"

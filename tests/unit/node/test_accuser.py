@@ -8,17 +8,17 @@ import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
-from consensus.evidence import evidence_key
 from consensus.primitives.encoding import encode_value
+from consensus.state.producers import ACCUSED, CANDIDATE, CandidateRow
 from consensus.transaction import decode_transaction
 from node.accuser import ACCUSE_AGAIN_MS, PENDING_MAX_COUNT, TURN_MS, Accuser
 from tests.sim.named_chain import CHAIN_ID
+from tests.state_rows import stored
 from tests.unit.consensus.one_core import Peers
 from tests.unit.consensus.test_core_evidence import evidence_of_votes
 
 PEERS = Peers()
 EVIDENCE = evidence_of_votes(0)
-CANDIDATE = b"producers\x00candidate/" + EVIDENCE.producer
 
 
 class Stage:
@@ -48,11 +48,11 @@ class Stage:
         return [SimpleNamespace(error=self.error) for _ in wires]
 
     def mark_candidate(
-        self, status: str, *, key: bytes = CANDIDATE, successor: bytes = b"", reinstated: int = 0
+        self, status: str, *, key: bytes = EVIDENCE.producer, successor: bytes = b"", reinstated: int = 0
     ) -> None:
         height = 7 if status == "suspended" else 0
         entry = {"status": status, "successor": successor, "reinstated_epoch": reinstated, "suspended_height": height}
-        self.state[key] = encode_value(entry)
+        self.state[CANDIDATE.key(key)] = stored(CandidateRow, **entry)
 
 
 async def test_an_accusation_names_both_words_and_is_signed_with_the_producers_key():
@@ -79,7 +79,7 @@ async def test_everybody_waits_for_his_turn(index, turn):
 async def test_who_sees_it_known_before_his_turn_says_nothing():
     stage = Stage(3)
     stage.accuser.note(EVIDENCE)
-    stage.state[b"producers\x00" + evidence_key(EVIDENCE.producer, 0, 1)] = encode_value(True)
+    stage.state[ACCUSED.key(EVIDENCE.producer, 0, 1)] = encode_value(True)
     stage.now += 10 * TURN_MS
     assert await stage.accuser.speak_if_due() == 0
     assert stage.accuser.pending == []
@@ -106,11 +106,11 @@ async def test_a_new_key_is_no_way_out_and_an_old_sin_is_forgiven_with_the_reins
     stage = Stage()
     heir = b"h" * 33
     stage.mark_candidate("removed", successor=heir)
-    stage.mark_candidate("producing", key=b"producers\x00candidate/" + heir)
+    stage.mark_candidate("producing", key=heir)
     stage.accuser.note(EVIDENCE)
     stage.now += TURN_MS
     assert await stage.accuser.speak_if_due() == 1
-    stage.mark_candidate("producing", key=b"producers\x00candidate/" + heir, reinstated=1)
+    stage.mark_candidate("producing", key=heir, reinstated=1)
     stage.now += ACCUSE_AGAIN_MS
     assert await stage.accuser.speak_if_due() == 0
 

@@ -7,14 +7,15 @@ from typing import Any
 
 import pytest
 
-from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
+from consensus.state.producers import CANDIDATE, CandidateRow
 from consensus.transaction import Transaction, decode_transaction
 from node.api.services import SubmitResult
-from node.candidacy import CANDIDATE_PREFIX, SAY_AGAIN_BLOCKS, SAY_AGAIN_MS, SAY_INTERVAL_MIN_MS, Candidacy
+from node.candidacy import SAY_AGAIN_BLOCKS, SAY_AGAIN_MS, SAY_INTERVAL_MIN_MS, Candidacy
 from node.storage.ledger_store import Position
+from tests.state_rows import stored
 
 KEY = PrivateKey(sha256(b"candidate"))
 OTHER = PrivateKey(sha256(b"producer")).public_key
@@ -46,8 +47,8 @@ class Stage:
         return self.time_ms
 
     def get(self, key: bytes) -> bytes | None:
-        assert key == CANDIDATE_PREFIX + KEY.public_key
-        return None if self.entry is None else encode_value(self.entry)
+        assert key == CANDIDATE.key(KEY.public_key)
+        return None if self.entry is None else stored(CandidateRow, **self.entry)
 
     async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
         self.said += [decode_transaction(wire) for wire in wires]

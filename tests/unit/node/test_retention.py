@@ -14,8 +14,11 @@ from consensus.block import ContractEvent
 from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_MAX_MS, TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.encoding import encode, encode_value
+from consensus.state.records import RECORD, RecordRow
+from consensus.state.rights import RESTRICTION, RestrictionRow
 from node.retention import BLOCKS_KEPT_MS, LIVE_RECORD_HELD_MAX_MS, Cutoff, HeldBy, Retention, find_first_since
 from node.storage.memory_store import MemoryStore
+from tests.state_rows import stored
 from tests.unit.node.written_chain import WrittenChain
 
 DAY_MS = 24 * 3600 * 1000
@@ -42,16 +45,15 @@ class RecordingChain(WrittenChain):
             record_id = len(self.blocks).to_bytes(8) + number.to_bytes(8)
             owner = OWNER + record_id
             expires_at_ms = time_ms + each.retention_ms
-            entry = {"owner": owner, "status": each.status, "expires_at_ms": expires_at_ms}
-            writes[b"records\x00record/" + record_id] = encode_value(entry)
+            fields = {"owner": owner, "status": each.status, "expires_at_ms": expires_at_ms}
+            writes[RECORD.key(record_id)] = stored(RecordRow, **fields)
             if each.claimed_ms:
                 until_ms = time_ms + each.claimed_ms
-                row = {"whole": False, "whole_since_ms": 0, "until_ms": until_ms, "records": [record_id]}
-                writes[b"rights\x00restriction/" + owner] = encode_value(row)
+                writes[RESTRICTION.key(owner)] = stored(RestrictionRow, until_ms=until_ms, records=[record_id])
             told = encode_value({"record_id": record_id, "owner": owner, "expires_at_ms": expires_at_ms})
             events.append(encode(ContractEvent("records", "recorded", told)))
-        stored = self.extend(writes, transactions=0, later_ms=later_ms)
-        self.stored[-1] = replace(stored, events=events)
+        block = self.extend(writes, transactions=0, later_ms=later_ms)
+        self.stored[-1] = replace(block, events=events)
 
     async def store(self) -> MemoryStore:
         made = MemoryStore()
@@ -104,10 +106,8 @@ async def test_a_search_goes_on_where_it_stopped_once_the_record_is_erased() -> 
     store = await chain.store()
     retention = Retention(store)
     assert await retention.find_cutoff(1, None) == (1, HeldBy.RECORD)
-    key = b"records\x00record/" + (1).to_bytes(8) + (1).to_bytes(8)
-    chain.extend(
-        {key: encode_value({"owner": OWNER, "status": "erased", "expires_at_ms": 0})}, transactions=0, later_ms=1
-    )
+    key = RECORD.key((1).to_bytes(8) + (1).to_bytes(8))
+    chain.extend({key: stored(RecordRow, owner=OWNER, status="erased")}, transactions=0, later_ms=1)
     await chain.fill(store)
     assert await retention.find_cutoff(1, None) == (22, HeldBy.NOTHING)
 

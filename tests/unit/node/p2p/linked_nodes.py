@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import encode_value
+from consensus.state.membership import NODE, ORGANISATION, REVOKED
 from network.authority import Authority, create_authority, issue_node_certificate
 from node.budget import Source
 from node.config import NodeConfig
@@ -38,7 +39,7 @@ class Membership:
 
     def put_organisation(self, name: str, ca_certificate: str, status: str = "active") -> None:
         entry = {"name": name, "ca_certificate": ca_certificate, "status": status, "since_height": self.height}
-        self.entries[b"membership\x00org/" + name.encode()] = encode_value(entry)
+        self.entries[ORGANISATION.key(name)] = encode_value(entry)
 
     def put_node(self, name: str, organisation: str, port: int, status: str = "active", **changes: Any) -> None:
         entry = {
@@ -53,11 +54,10 @@ class Membership:
             "status": status,
             "since_height": self.height,
         }
-        self.entries[b"membership\x00node/" + name.encode()] = encode_value(entry | changes)
+        self.entries[NODE.key(name)] = encode_value(entry | changes)
 
     def revoke(self, organisation: str, serial: int) -> None:
-        key = b"membership\x00revoked/" + organisation.encode() + b"/" + serial.to_bytes(20, "big")
-        self.entries[key] = encode_value({"height": self.height})
+        self.entries[REVOKED.key(organisation, serial)] = encode_value({"height": self.height})
 
 
 class Listener:
