@@ -117,10 +117,6 @@ class Rows(Generic[T]):
         value = values[key]
         return None if value is None else self.convert(value)
 
-    def _read(self, state: Reader, key: bytes) -> T | None:
-        data = state.get(key)
-        return None if data is None else self._from(data)
-
     def _from(self, data: bytes) -> T:
         """Read a row from its encoded value as `convert` does; what has exactly its fields at once."""
         try:
@@ -140,7 +136,8 @@ class StateKey(Rows[T]):
 
     def read(self, state: Reader) -> T | None:
         """Return the value, as `convert` reads it, or None. Raises ENCODING_INVALID."""
-        return self._read(state, self.flat)
+        data = state.get(self.flat)
+        return None if data is None else self._from(data)
 
     def among(self, values: Values) -> T | None:
         """Return the value among decoded ones, as `read` does. Raises KeyError if it was not asked for."""
@@ -150,9 +147,13 @@ class StateKey(Rows[T]):
 class Prefix(Rows[T]):
     """The keys of a contract that begin alike, and how the rows under them are read."""
 
+    def __init__(self, contract: str, name: str, form: Form, kind: Any) -> None:
+        super().__init__(contract, name, form, kind)
+        self._has_one_part = len(form) == 1
+
     def key(self, *parts: bytes | str | int) -> bytes:
         """Return the flat key with these parts: bytes and texts as they are, numbers big-endian, so that keys sort."""
-        if len(self.form) == 1 and len(parts) == 1 and type(parts[0]) is bytes:
+        if self._has_one_part and type(parts[0]) is bytes:
             return self.flat + parts[0]
         left = iter(parts)
         key = self.flat
@@ -173,7 +174,9 @@ class Prefix(Rows[T]):
 
     def at(self, state: Reader, *parts: bytes | str | int) -> T | None:
         """Return the row under the key with these parts, as `convert` reads it, or None. Raises ENCODING_INVALID."""
-        return self._read(state, self.key(*parts))
+        # Not by `key`: each call about a sender asks a few of these, and most have nothing.
+        data = state.get(self.flat + parts[0] if self._has_one_part and type(parts[0]) is bytes else self.key(*parts))
+        return None if data is None else self._from(data)
 
     def among(self, values: Values, *parts: bytes | str | int) -> T | None:
         """Return the row with these parts among decoded values, as `at` does. Raises KeyError if it was not asked for."""
