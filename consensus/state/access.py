@@ -59,7 +59,9 @@ RELEASE: Prefix[bool] = Prefix(ACCESS, "release/", (HASH, KEY, RECORD_ID), bool)
 """By request, custodian and record."""
 GRANT: Prefix[GrantRow] = Prefix(ACCESS, "grant/", (HASH,), GrantRow)
 GRANT_NUMBER: Prefix[bytes] = Prefix(ACCESS, "grant-number/", (U64,), bytes)
+"""The id of a grant by its number, from 0."""
 GRANT_COUNT: StateKey[int] = StateKey(ACCESS, "grant-count", int)
+"""How many grants there ever were."""
 OPEN_GRANTS: Prefix[dict[bytes, int]] = Prefix(ACCESS, "open-grants/", (KEY,), dict[bytes, int])
 """When the grants of a visit end, by id."""
 LAYOUT = (REQUEST, VERDICT, RELEASE, GRANT, GRANT_NUMBER, GRANT_COUNT, OPEN_GRANTS)

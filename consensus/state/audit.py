@@ -28,6 +28,7 @@ class DayRow(ListRow, frozen=True):
 
 ENTRY: Prefix[EntryRow] = Prefix(AUDIT, "entry/", (KEY, U32), EntryRow)
 COUNT: Prefix[int] = Prefix(AUDIT, "count/", (KEY,), int)
+"""How many entries a visit has."""
 DAY_OF_VISIT: Prefix[DayRow] = Prefix(AUDIT, "day/", (TEXT, b"/", KEY), DayRow)
 """By contract and visit."""
 DAY_OF_GRANT: Prefix[DayRow] = Prefix(AUDIT, "day/", (TEXT, b"/", HASH), DayRow)

@@ -40,13 +40,17 @@ ChoicesRow = dict[str, dict[str, list[StepRow]]]
 """Steps by purpose and sensor."""
 
 CHOICES: Prefix[ChoicesRow] = Prefix(CONSENT, "of/", (HASH,), ChoicesRow)
+"""By handle: steps by purpose and sensor."""
 NOTHING: Prefix[dict[str, list[str]]] = Prefix(CONSENT, "nothing/", (HASH,), dict[str, list[str]])
 """The sensors for which a person took back everything, each with the purposes that she gave since."""
 SAID: Prefix[int] = Prefix(CONSENT, "said/", (HASH,), int)
 """The height of a person's last word."""
 CHANGES: StateKey[int] = StateKey(CONSENT, "changes", int)
+"""How often anything here changed."""
 NOTICE: Prefix[NoticeRow] = Prefix(CONSENT, "notice/", (TEXT,), NoticeRow)
+"""The version in force, by organisation."""
 NOTICE_TEXT: Prefix[NoticeTextRow] = Prefix(CONSENT, "notice-text/", (U32, TEXT), NoticeTextRow)
+"""By version and organisation; none goes again."""
 LAYOUT = (CHOICES, NOTHING, SAID, CHANGES, NOTICE, NOTICE_TEXT)
 
 

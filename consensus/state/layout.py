@@ -21,21 +21,22 @@ from consensus.state import (
 )
 from consensus.state.keys import Rows
 
-LAYOUT: tuple[Rows[Any], ...] = (
-    *access.LAYOUT,
-    *audit.LAYOUT,
-    *consent.LAYOUT,
-    *erasure.LAYOUT,
-    *identity.LAYOUT,
-    *lifecycle.LAYOUT,
-    *mandates.LAYOUT,
-    *membership.LAYOUT,
-    *officers.LAYOUT,
-    *producers.LAYOUT,
-    *records.LAYOUT,
-    *rights.LAYOUT,
-    *settings.LAYOUT,
+MODULES = (
+    access,
+    audit,
+    consent,
+    erasure,
+    identity,
+    lifecycle,
+    mandates,
+    membership,
+    officers,
+    producers,
+    records,
+    rights,
+    settings,
 )
+LAYOUT: tuple[Rows[Any], ...] = tuple(rows for module in MODULES for rows in module.LAYOUT)
 
 
 def owners_of(key: bytes) -> list[Rows[Any]]:

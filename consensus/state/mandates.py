@@ -48,17 +48,22 @@ class ActRow(Row, frozen=True):
 
 MANDATE: Prefix[MandateRow] = Prefix(MANDATES, "mandate/", (HASH,), MandateRow)
 MANDATE_NUMBER: Prefix[bytes] = Prefix(MANDATES, "mandate-number/", (U64,), bytes)
+"""The id of a mandate by its number, from 0."""
 MANDATE_COUNT: StateKey[int] = StateKey(MANDATES, "mandate-count", int)
+"""How many were ever proposed."""
 OF: Prefix[bytes] = Prefix(MANDATES, "of/", (HASH,), bytes)
 """The mandate of a represented person that has not ended."""
 ACT: Prefix[ActRow] = Prefix(MANDATES, "act/", (HASH, U32), ActRow)
 ACT_COUNT: Prefix[int] = Prefix(MANDATES, "act-count/", (HASH,), int)
+"""How many acts a mandate has."""
 DAY: Prefix[DayRow] = Prefix(MANDATES, "day/", (HASH,), DayRow)
+"""The acts of a mandate."""
 PROPOSALS_DAY: Prefix[DayRow] = Prefix(MANDATES, "proposals/", (HASH,), DayRow)
 """By the handle of the officer who proposed."""
 PERSON: Prefix[bytes] = Prefix(MANDATES, "person/", (HASH, U32), bytes)
 """The mandates in which a person was ever named."""
 PERSON_COUNT: Prefix[int] = Prefix(MANDATES, "person-count/", (HASH,), int)
+"""In how many mandates a person was ever named."""
 LAYOUT = (MANDATE, MANDATE_NUMBER, MANDATE_COUNT, OF, ACT, ACT_COUNT, DAY, PROPOSALS_DAY, PERSON, PERSON_COUNT)
 
 

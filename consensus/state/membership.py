@@ -74,11 +74,14 @@ ORGANISATIONS: StateKey[list[str]] = StateKey(MEMBERSHIP, "organisations", list[
 NODES: StateKey[list[str]] = StateKey(MEMBERSHIP, "nodes", list[str])
 """The active nodes, sorted."""
 NODES_OF: Prefix[list[str]] = Prefix(MEMBERSHIP, "nodes-of/", (TEXT,), list[str])
+"""The active nodes of an organisation, sorted."""
 KEYS_NUMBER: Prefix[int] = Prefix(MEMBERSHIP, "keys-number/", (TEXT,), int)
 """How often an organisation got keys."""
 PROPOSAL: Prefix[GovernanceProposalRow] = Prefix(MEMBERSHIP, "proposal/", (HASH,), GovernanceProposalRow)
 OPEN: StateKey[list[OpenProposalRow]] = StateKey(MEMBERSHIP, "open", list[OpenProposalRow])
+"""The open proposals, in the order of their opening."""
 CLOSED: StateKey[list[bytes]] = StateKey(MEMBERSHIP, "closed", list[bytes])
+"""The last 32 that are open no more."""
 LAYOUT = (
     ORGANISATION,
     NODE,

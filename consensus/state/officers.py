@@ -32,8 +32,11 @@ class ProposalRow(Row, frozen=True):
 
 PROPOSAL: Prefix[ProposalRow] = Prefix(OFFICERS, "proposal/", (HASH,), ProposalRow)
 PROPOSAL_NUMBER: Prefix[bytes] = Prefix(OFFICERS, "proposal-number/", (U64,), bytes)
+"""The id of a proposal by its number, from 0."""
 PROPOSAL_COUNT: StateKey[int] = StateKey(OFFICERS, "proposal-count", int)
+"""How many there ever were."""
 TOUCHED: Prefix[bool] = Prefix(OFFICERS, "touched/", (HASH, KEY), bool)
 """There for each visit of which something was erased under a proposal."""
 DAY: Prefix[DayRow] = Prefix(OFFICERS, "day/", (HASH,), DayRow)
+"""By the handle of the officer who proposed."""
 LAYOUT = (PROPOSAL, PROPOSAL_NUMBER, PROPOSAL_COUNT, TOUCHED, DAY)

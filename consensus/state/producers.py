@@ -42,6 +42,7 @@ CANDIDATE: Prefix[CandidateRow] = Prefix(PRODUCERS, "candidate/", (KEY,), Candid
 KEYS: StateKey[list[bytes]] = StateKey(PRODUCERS, "keys", list[bytes])
 """The candidates that were not removed."""
 MAX_PRODUCERS: StateKey[int] = StateKey(PRODUCERS, "max_producers", int)
+"""How many seats there are at most."""
 ACCUSED: Prefix[bool] = Prefix(PRODUCERS, "accused/", (KEY, U32, U64), bool)
 """By producer, epoch and round."""
 LAYOUT = (EPOCH, CANDIDATE, KEYS, MAX_PRODUCERS, ACCUSED)

@@ -76,8 +76,11 @@ OF_VISIT: Prefix[bool] = Prefix(RECORDS, "of-visit/", (KEY, RECORD_ID), bool)
 ASKED_FRAMES: Prefix[list[int]] = Prefix(RECORDS, "asked-frames/", (RECORD_ID,), list[int])
 """The frames of a record whose erasure was asked for, sorted."""
 ANNOUNCEMENT: Prefix[AnnouncementRow] = Prefix(RECORDS, "announcement/", (U64,), AnnouncementRow)
+"""By its number, from 0."""
 ANNOUNCEMENT_COUNT: StateKey[int] = StateKey(RECORDS, "announcement-count", int)
+"""How many announcements there are."""
 EMPTY_FRAMES: Prefix[list[EmptyFrameRow]] = Prefix(RECORDS, "empty-frames/", (KEY,), list[EmptyFrameRow])
+"""By robot."""
 EMPTY_FRAME: Prefix[int] = Prefix(RECORDS, "empty-frame/", (HASH,), int)
 """For how many robots an empty frame is approved."""
 LAYOUT = (

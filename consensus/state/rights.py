@@ -84,11 +84,14 @@ OBJECTION: Prefix[dict[str, int]] = Prefix(RIGHTS, "objection/", (KEY,), dict[st
 """Since when (ms) a purpose is objected to."""
 CORRECTION: Prefix[CorrectionRow] = Prefix(RIGHTS, "correction/", (KEY, U32), CorrectionRow)
 CORRECTION_COUNT: Prefix[int] = Prefix(RIGHTS, "correction-count/", (KEY,), int)
+"""How many corrections a visit has."""
 QUARANTINE: Prefix[bytes] = Prefix(RIGHTS, "quarantine/", (KEY,), bytes)
 """The id of the breach by which a visit is quarantined."""
 BREACH: Prefix[BreachRow] = Prefix(RIGHTS, "breach/", (HASH,), BreachRow)
 BREACH_NUMBER: Prefix[bytes] = Prefix(RIGHTS, "breach-number/", (U64,), bytes)
+"""The id of a breach by its number, from 0."""
 BREACH_COUNT: StateKey[int] = StateKey(RIGHTS, "breach-count", int)
+"""How many breaches there ever were."""
 LAYOUT = (
     RESTRICTION,
     OBJECTION,

@@ -103,7 +103,7 @@ _COMMANDS = {
     ),
     "reference": CommandPlace(
         "network.cli.reference_command:reference",
-        "Write http-api.md, errors.md, authorisation.md and json-output.md, made from the tables in the code.",
+        "Write http-api.md, errors.md, authorisation.md, state.md and json-output.md, made from the tables in the code.",
     ),
 }
 

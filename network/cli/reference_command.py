@@ -22,7 +22,7 @@ from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors
 @json_option
 @plain_errors
 def reference(out: Path, check: bool, as_json: bool) -> None:
-    """Write http-api.md, errors.md, authorisation.md and json-output.md, made from the tables in the code.
+    """Write http-api.md, errors.md, authorisation.md, state.md and json-output.md, made from the tables in the code.
 
     Example: blockrobot reference --check
     """

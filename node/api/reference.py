@@ -1,4 +1,4 @@
-"""The reference pages of interface, errors and authorisation, made from the code. Must never be edited by hand.
+"""The reference pages of interface, errors, authorisation and state, made from the code. Must never be edited by hand.
 
 `python -m node.api.reference FOLDER` writes the pages; `--check` only tells whether they are current.
 """
@@ -17,6 +17,7 @@ from node.api.markdown import write_table
 from node.api.openapi import errors_of
 from node.api.routes import ROUTES
 from node.api.routing import Parameter, Route
+from node.api.state_page import write_state_page
 
 _MADE = "<!-- Made from the code by `python -m node.api.reference docs/reference`. Do not edit. -->"
 
@@ -106,6 +107,7 @@ def pages() -> dict[str, str]:
         "http-api.md": write_http_page(),
         "errors.md": write_errors_page(),
         "authorisation.md": write_authorisation_page(),
+        "state.md": write_state_page(_MADE),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,12 @@ import pytest
 from openapi_spec_validator import validate
 
 from consensus.errors import CATALOGUE
+from consensus.state.keys import ListRow, Row
+from consensus.state.layout import LAYOUT, MODULES
 from node.api.openapi import build_openapi, errors_of
 from node.api.reference import main, pages
 from node.api.routes import ROUTES
+from node.api.state_page import told_of
 
 FOLDER = Path(__file__).parents[4] / "docs" / "reference"
 
@@ -39,7 +43,7 @@ def test_every_error_a_route_names_is_in_the_catalogue() -> None:
         assert set(errors_of(route)) <= set(CATALOGUE)
 
 
-@pytest.mark.parametrize("name", ["http-api.md", "errors.md", "authorisation.md"])
+@pytest.mark.parametrize("name", ["http-api.md", "errors.md", "authorisation.md", "state.md"])
 def test_the_reference_page_is_current(name: str) -> None:
     assert (FOLDER / name).read_text(encoding="utf-8") == pages()[name], (
         "run: python -m node.api.reference docs/reference"
@@ -51,3 +55,14 @@ def test_the_check_tells_a_stale_page(tmp_path: Path) -> None:
     assert main([str(tmp_path), "--check"]) == 0
     (tmp_path / "errors.md").write_text("old")
     assert main([str(tmp_path), "--check"]) == 1
+
+
+def test_the_page_of_the_state_has_every_key_and_row_and_says_what_a_value_means_that_is_no_row() -> None:
+    told = [each for module in MODULES for each in told_of(module)]
+    assert [rows for rows, _ in told] == list(LAYOUT)
+    is_row = {rows.name: isinstance(rows.kind, type) and issubclass(rows.kind, (Row, ListRow)) for rows in LAYOUT}
+    assert [rows.name for rows, words in told if not words and not is_row[rows.name]] == []
+    text = pages()["state.md"]
+    headings = re.findall(r"^### `(\w+)`$", text, re.MULTILINE)
+    assert len(set(headings)) == len(headings)
+    assert set(re.findall(r"\]\(#(\w+)\)", text)) == {name.lower() for name in headings}
