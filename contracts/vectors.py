@@ -16,7 +16,7 @@ from typing import Any
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from contracts.execution.call_host import CallHost
-from contracts.execution.registry import read_source
+from contracts.lifecycle.registry import read_source
 from contracts.state.view import MemoryState
 from contracts.vm import LANGUAGE_VERSION, CallContext, CompiledContract, ContractSourceError, compile_contract, invoke
 

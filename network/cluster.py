@@ -21,8 +21,8 @@ from typing import Any
 import aiohttp
 import msgspec
 
+from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, genesis_from_json
 from consensus.visible_text import split_lines
 from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, reading_headers
 from node.faults import STATE_FILE_NAME

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from consensus.chain.genesis import Genesis, genesis_from_json
+from consensus.chain.proof_of_possession import require_possession
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, genesis_from_json
-from consensus.possession import require_possession
 from consensus.primitives.keys import PrivateKey
-from node.disk_reserve import RESERVE_DEFAULT_MIB
+from node.budgets.disk_reserve import RESERVE_DEFAULT_MIB
 
 CONFIG_FILE = "node.toml"
 KEEP_BLOCKS_MIN_COUNT = 256

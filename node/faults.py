@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import msgspec
 
 from consensus.errors import BlockRobotError
-from node.disk import Disk, DiskFile
+from node.consensus.journal_disk import Disk, DiskFile
 from node.p2p.shaping import LinkFault, Shaper
 
 TOKEN_FILE_NAME = "operator.token"  # noqa: S105 - a file's name

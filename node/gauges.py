@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from node.assembly import Assembly
+    from node.components import Assembly
 
 
 def gauges_of(parts: Assembly) -> dict[str, tuple[str, Callable[[], float]]]:

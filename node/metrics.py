@@ -9,8 +9,8 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from consensus.block import FinalityProof
-from node.execution import ExecutedBlock
+from consensus.chain.block import FinalityProof
+from node.execution.block_executor import ExecutedBlock
 from node.storage.ledger_store import Position
 
 _LATENCY_BUCKETS_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)

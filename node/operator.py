@@ -20,9 +20,9 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.services import NodeStatus
+from node.custody.chain.custody_admin import Upkeep
+from node.custody.chain.custody_admin_routes import add_custody_routes
 from node.faults import FaultSwitch
-from node.upkeep import Upkeep
-from node.upkeep_routes import add_custody_routes
 from pages.listening import awaiting_body, serve, share_of_descriptors
 from pages.serving import is_client_gone
 

@@ -1,4 +1,4 @@
-"""The rim of one node: its files, its sockets, its HTTP, around the parts that `node/assembly.py` makes.
+"""The rim of one node: its files, its sockets, its HTTP, around the parts that `node/components.py` makes.
 
 Must never decide anything itself.
 """
@@ -16,35 +16,35 @@ from typing import Any, Self
 
 import structlog
 
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
 from node.api import ApiServices, create_api
+from node.api.node_services import EngineRounds, WallClock
 from node.api.server import serve_api
-from node.assembly import Assembly, Surroundings, begin_ledger
+from node.budgets.disk_reserve import DiskReserve
+from node.components import Assembly, Surroundings, begin_ledger
 from node.config import OPERATOR_HOST, READING_TOKEN_FILE_NAME, NodeConfig, load_genesis, load_key
-from node.consent_receipts import ConsentReceipts
-from node.custody_place import CustodyPlace
-from node.directory import Directory
-from node.directory_file import newest_beginning
-from node.disk import SystemDisk
-from node.disk_reserve import DiskReserve
-from node.engine import Outbox
+from node.consensus.engine import Outbox
+from node.consensus.journal_disk import SystemDisk
+from node.consensus.journal_recovery import open_journal
+from node.consensus.round_log import NotingOutbox, SpokenRounds
+from node.custody.chain.consent_receipts import ConsentReceipts
+from node.custody.chain.custody_setup import CustodyPlace
+from node.custody.erase_keys import EraseKeys
+from node.custody.stores.open_store import open_store
+from node.directory.directory_file import newest_beginning
+from node.directory.node_directory import Directory
+from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
-from node.interface import EngineRounds, WallClock
-from node.offchain.erase_keys import EraseKeys
-from node.offchain.open_store import open_store
+from node.ledger.pruning import answer_requests
+from node.mempool.client_pool import OutwardPool
 from node.operator import create_operator_listener, serve_operator
-from node.outward_pool import OutwardPool
 from node.p2p.accepting import bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
-from node.pruning import answer_requests
-from node.restoring import open_journal
 from node.snapshot.joining import Joiner
 from node.snapshot.shelf import SnapshotShelf
-from node.spoken import NotingOutbox, SpokenRounds
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
-from node.walled_contracts import open_contracts
 
 HTTP_STOP_MS = 500
 JOIN_INTERVAL_S = 1.0

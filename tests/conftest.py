@@ -12,8 +12,8 @@ from typing import Any
 import click
 import pytest
 
-from clients.sdk import terminal
-from clients.wallet.language import LANGUAGE_VARIABLE
+from clients.sdk.terminal import terminal
+from clients.wallet.present.translations import LANGUAGE_VARIABLE
 
 pytest_plugins = ("tests.spent_time", "tests.tiers")
 

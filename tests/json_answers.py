@@ -14,7 +14,7 @@ from typing import Any
 import click
 import pytest
 
-from clients.sdk.json_fields import CommandAnswer, Field, Kind
+from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind
 from network.cli.json_page import NOT_LISTED, SECTIONS
 from network.cli.main import main
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from nacl.public import PrivateKey
 
-from clients.robot import sealing
+from clients.robot.recording import sealing
 from consensus.records.commitments import frame_commitment
 from consensus.records.envelopes import seal_data_key
 from consensus.records.metadata import RecordMetadata

@@ -12,14 +12,14 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.bundle.checking import Verdict, name_visits, printable, unproved, verify_bundle
-from clients.bundle.consent_receipts import CheckedFile, CheckedReceipt, check_file, is_receipt_file
-from clients.bundle.frames import count_pictures
+from clients.bundle.checks.bundle_check import Verdict, name_visits, printable, unproved, verify_bundle
+from clients.bundle.checks.consent_receipts import CheckedFile, CheckedReceipt, check_file, is_receipt_file
+from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
-from clients.sdk.counting import counted
-from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
+from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from pages.moments import show_moment
 
 _HASH = re.compile(r"[0-9a-fA-F]{64}", re.ASCII)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clients.sdk.json_fields import CommandAnswer, Field, Kind
+from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind
 
 _FOR_RECEIPTS = "for a file of consent receipts"
 

@@ -6,7 +6,7 @@ import sys
 import time
 
 from clients.bundle.proving import Heard, never_heard
-from clients.sdk.safe_output import overwrite_line
+from clients.sdk.terminal.safe_output import overwrite_line
 
 
 def show_progress(*, quiet: bool) -> Heard:

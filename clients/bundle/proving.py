@@ -12,15 +12,15 @@ from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle import layout, telling
-from clients.bundle.chain_proofs import ProvedChain, ProvedReceipt
-from clients.bundle.consent_receipts import CheckedReceipt
-from clients.bundle.frames import FrameSource, Piece, walk_frames
-from clients.bundle.key_history import prove_sealing_keys
-from clients.bundle.signed_receipts import prove_signed, require_told, tell_signed
+from clients.bundle.checks.chain_proofs import ProvedChain, ProvedReceipt
+from clients.bundle.checks.consent_receipts import CheckedReceipt
+from clients.bundle.checks.frame_check import FrameSource, Piece, walk_frames
+from clients.bundle.checks.key_history import prove_sealing_keys
+from clients.bundle.checks.signed_receipts import prove_signed, require_told, tell_signed
+from clients.bundle.checks.visit_check import VisitFacts, read_visit
 from clients.bundle.texts import README_TEXT, player_page
-from clients.bundle.visits import VisitFacts, read_visit
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.hashing import sha256
 
 SIGN_TAG = "blockrobot/export"

@@ -7,14 +7,14 @@ from operator import itemgetter
 from typing import Any
 
 from clients.bundle import documents as doc
-from clients.bundle.chain_proofs import ProvedReceipt, ProvedValue
+from clients.bundle.checks.chain_proofs import ProvedReceipt, ProvedValue
+from clients.bundle.checks.visit_check import RecordFacts, VisitFacts
 from clients.bundle.layout import RECORD_OPENINGS
-from clients.bundle.visits import RecordFacts, VisitFacts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
-from consensus.records.consents import Step, read_choices
 from consensus.records.metadata import find_chain_gaps
-from consensus.records.rights import Correction, commit_correction
+from consensus.rights.consents import Step, read_choices
+from consensus.rights.right_codes import Correction, commit_correction
 from consensus.state.consent import CHOICES, CONSENT, SAID
 from consensus.state.erasure import ErasureReceiptRow
 from consensus.state.identity import MEMBER, MemberRow

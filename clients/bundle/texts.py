@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from clients.bundle import documents as doc
-from clients.sdk.depth_colours import scale_css
+from clients.sdk.pictures.depth_colours import scale_css
 
 README_TEXT = """\
 What is in here

@@ -18,9 +18,9 @@ from typing import BinaryIO, NoReturn
 
 from clients.bundle import documents as doc
 from clients.bundle import layout
-from clients.bundle.checking import Verdict, verify_bundle
+from clients.bundle.checks.bundle_check import Verdict, verify_bundle
+from clients.bundle.checks.frame_check import FrameSource
 from clients.bundle.container import BundleWriter
-from clients.bundle.frames import FrameSource
 from clients.bundle.proving import (
     SIGN_TAG,
     Heard,
@@ -34,8 +34,8 @@ from clients.bundle.proving import (
     tell_all,
     walk_visits,
 )
+from consensus.chain.genesis import Genesis, genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, genesis_to_json
 from consensus.primitives.keys import PrivateKey
 
 _DESCRIPTORS = Path("/proc/self/fd")

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
-from clients.sdk.qr_codes import qr_svg
+from clients.sdk.terminal.qr_codes import qr_svg
 from consensus.errors import BlockRobotError
-from consensus.records.vouchers import CODE_PREFIX
+from consensus.members.vouchers import CODE_PREFIX
 from pages.moments import show_moment
 
 SUFFIXES = (".html", ".svg", ".txt")

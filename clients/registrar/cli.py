@@ -11,9 +11,9 @@ import click
 
 from clients.registrar.card_sheet import SUFFIXES, describe_card, new_card_file, qr_text
 from clients.registrar.desk import Desk
-from clients.sdk.qr_codes import qr_columns, qr_lines
-from clients.sdk.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
-from consensus.records.vouchers import ROLES, decode_card_code
+from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
+from clients.sdk.terminal.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
+from consensus.members.vouchers import ROLES, decode_card_code
 
 
 def _desk_options(command: Any) -> Any:

@@ -15,14 +15,13 @@ from pathlib import Path
 
 import msgspec
 
-from clients.sdk.http import NetworkClient
-from clients.sdk.pin_file import PIN_FILE, open_pinned_client
-from clients.sdk.rows import Read, in_session, proved_row, put_query
-from clients.sdk.transactions import Clock, SystemClock
+from clients.sdk.chain.proved_rows import Read, in_session, proved_row, put_query
+from clients.sdk.chain.transactions import Clock, SystemClock
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
-from consensus.primitives.keys import PrivateKey
-from consensus.records.roster import (
+from consensus.members.roster import (
     ROSTER_KEY_BYTES,
     ROSTER_LIFETIME_MAX_MS,
     ROSTER_VERSION,
@@ -31,7 +30,8 @@ from consensus.records.roster import (
     roster_tag,
     seal_roster,
 )
-from consensus.records.vouchers import encode_card_code, issue_card
+from consensus.members.vouchers import encode_card_code, issue_card
+from consensus.primitives.keys import PrivateKey
 from consensus.state.identity import HANDLE, MEMBER, MemberRow, member_with
 
 CARD_LIFETIME_DEFAULT_MS = 14 * 24 * 3600 * 1000

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
-from clients.sdk.answers import read_problem
+from clients.sdk.node_answers import read_problem
 from consensus.errors import BlockRobotError
 
 CONNECT_TIMEOUT_MS = 3_000

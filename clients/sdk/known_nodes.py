@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from clients.sdk.connections import NodeAddress, check_address
-from clients.sdk.trust import ProvedState
+from clients.sdk.proof_checks import ProvedState
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.encoding import Wire
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow
 

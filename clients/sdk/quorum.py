@@ -10,19 +10,19 @@ from typing import Any, Protocol
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.known_nodes import read_active_nodes
-from clients.sdk.trust import ProvedState
-from consensus.block import Header
+from clients.sdk.proof_checks import ProvedState
+from consensus.chain.block import Header
+from consensus.chain.genesis import Genesis
+from consensus.chain.light_client import LightClient
+from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
-from consensus.light_client import LightClient
 from consensus.primitives.keys import PrivateKey
-from consensus.schedule import Schedule
 
 _TURNED_AWAY = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
 
 
 class AskingClient(Protocol):
-    """What is needed of `clients.sdk.http.NetworkClient`."""
+    """What is needed of `clients.sdk.network_client.NetworkClient`."""
 
     genesis: Genesis
     light_client: LightClient

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import msgspec
 
-from clients.sdk.answers import ChallengeAnswer, SessionAnswer, read_answer, read_hex
+from clients.sdk.chain.transactions import Clock
 from clients.sdk.connections import REQUEST_TIMEOUT_MS, Connections, NodeAddress
-from clients.sdk.transactions import Clock
+from clients.sdk.node_answers import ChallengeAnswer, SessionAnswer, read_answer, read_hex
+from consensus.chain.session_message import CHALLENGE_SIZE_BYTES, sign_session
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from consensus.session import CHALLENGE_SIZE_BYTES, sign_session
 
 RENEW_BEFORE_MS = 15_000
 TOKENS_MAX_COUNT = 1024

@@ -15,7 +15,7 @@ from functools import cache
 from types import MappingProxyType
 
 from consensus.errors import BlockRobotError
-from contracts.execution.registry import SHIPPED_CONTRACTS, load_contracts, read_source
+from contracts.lifecycle.registry import SHIPPED_CONTRACTS, load_contracts, read_source
 
 STRANGER = "stranger"
 FORMER = "former"

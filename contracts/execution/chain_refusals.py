@@ -10,10 +10,10 @@ from functools import cache
 from typing import Any
 
 from consensus.primitives.encoding import encode_value
-from contracts.execution.registry import read_source
+from contracts.lifecycle.registry import read_source
 from contracts.vm import CompiledContract, Diagnostic
-from contracts.vm.source_functions import FACTS_MAX_BYTES
-from contracts.vm.sources import describe_source
+from contracts.vm.compiler.compile_cache import describe_source
+from contracts.vm.library.source_functions import FACTS_MAX_BYTES
 
 
 @cache

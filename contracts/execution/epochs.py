@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from consensus.chain.epoch_settings import ChainSettings, Epoch, check_settings
+from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import is_public_key
-from consensus.schedule import Schedule
-from consensus.settings import ChainSettings, Epoch, check_settings
 from consensus.state.producers import EPOCH
 from contracts.state.view import StateReader
 

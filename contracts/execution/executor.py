@@ -10,13 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from msgspec.structs import replace
 
-from consensus.block import ContractEvent, Receipt, compute_receipts_root
+from consensus.chain.block import ContractEvent, Receipt, compute_receipts_root
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.state.producers import EPOCH
-from consensus.transaction import Transaction
 from contracts.execution.call_host import CallHost
-from contracts.execution.catalogue import ActiveContracts
-from contracts.execution.changed_calls import ARGUMENTS_INVALID, ENTRY_UNKNOWN, explain_absence, explain_call
 from contracts.execution.epochs import is_fit_to_follow
 from contracts.execution.results import (
     PROTOCOL_LIMITS,
@@ -26,6 +24,8 @@ from contracts.execution.results import (
     ExecutionLimits,
     note_nothing,
 )
+from contracts.lifecycle.catalogue import ActiveContracts
+from contracts.lifecycle.changed_calls import ARGUMENTS_INVALID, ENTRY_UNKNOWN, explain_absence, explain_call
 from contracts.state.trie import apply_batch
 from contracts.state.view import StateView
 from contracts.vm import CallContext, CompiledContract, InternalFault, Outcome, invoke
@@ -121,7 +121,7 @@ def execute_block(
 ) -> BlockResult:
     """Execute transactions in order and return what they make of the parent's state.
 
-    `host` holds what the block did before them (see `contracts.execution.opening`), if it did anything.
+    `host` holds what the block did before them (see `contracts.lifecycle.opening`), if it did anything.
     A leader leaves out what the interpreter fails on, and stops at the first that no longer fits. For a
     voter both are reasons to refuse the block: raises ExecutionFault or BLOCK_INVALID. `note` hears the place of each
     transaction before it is executed.

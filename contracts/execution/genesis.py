@@ -7,11 +7,11 @@ from typing import Any
 
 import msgspec
 
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.state.lifecycle import MACHINE_TABLE, TABLE
 from contracts.execution.call_host import CallHost
-from contracts.execution.registry import describe_shipped, require_contracts
+from contracts.lifecycle.registry import describe_shipped, require_contracts
 from contracts.state.trie import apply_batch
 from contracts.state.view import MemoryState
 from contracts.vm import CallContext, invoke

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from consensus.genesis import Genesis
-from consensus.transaction import Transaction
+from consensus.chain.genesis import Genesis
+from consensus.chain.transaction import Transaction
 from contracts.execution.call_host import CallHost
-from contracts.execution.catalogue import Catalogue
 from contracts.execution.executor import execute_block
-from contracts.execution.opening import open_block
-from contracts.execution.registry import require_contracts
 from contracts.execution.results import PROTOCOL_LIMITS, BlockContext, BlockResult, ExecutionLimits, note_nothing
+from contracts.lifecycle.catalogue import Catalogue
+from contracts.lifecycle.opening import open_block
+from contracts.lifecycle.registry import require_contracts
 from contracts.state.view import StateView
 
 

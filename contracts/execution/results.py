@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from consensus.block import Receipt
+from consensus.chain.block import Receipt
+from consensus.chain.transaction import Transaction
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_TRANSACTIONS_MAX_COUNT, CALL_GAS_MAX
-from consensus.transaction import Transaction
-from contracts.vm.faults import InternalFault
+from contracts.vm.model.faults import InternalFault
 
 IN_CHANGE = -1
 """What an execution notes while a change of contracts takes effect; otherwise the place of the transaction."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_SIZE_MAX_BYTES, BLOCK_TRANSACTIONS_MAX_COUNT, TRANSACTION_LIFETIME_MAX_MS
-from consensus.transaction import Transaction
 
 
 class RecentTransactions(Protocol):

@@ -7,9 +7,9 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from contracts.execution.call_host import CallHost
-from contracts.execution.catalogue import ActiveContracts
-from contracts.execution.changed_calls import ARGUMENTS_INVALID, CONTRACT_DISABLED, explain_absence
 from contracts.execution.results import BlockContext
+from contracts.lifecycle.catalogue import ActiveContracts
+from contracts.lifecycle.changed_calls import ARGUMENTS_INVALID, CONTRACT_DISABLED, explain_absence
 from contracts.state.view import StateReader
 from contracts.vm import CallContext, CompiledContract, invoke
 

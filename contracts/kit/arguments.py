@@ -15,7 +15,7 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
-from contracts.vm.abi import Abi, Entry, parse_type
+from contracts.vm.frontend.abi import Abi, Entry, parse_type
 
 CODE = "CONTRACT_ARGUMENTS_INVALID"
 _INT = re.compile(r"[+-]?(0[xX][0-9a-fA-F]+|[0-9]+)", re.ASCII)

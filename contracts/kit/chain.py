@@ -25,15 +25,15 @@ from consensus.limits import CALL_GAS_MAX
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.opening import MIGRATION_GAS_MAX
 from contracts.execution.views import VIEW_GAS_MAX
 from contracts.kit.engine import Call
 from contracts.kit.recorder import LineFigures
 from contracts.kit.sources import read_source
 from contracts.kit.tracing import Trace
 from contracts.kit.walled import WalledEngine
+from contracts.lifecycle.opening import MIGRATION_GAS_MAX
 from contracts.vm import CallContext
-from contracts.vm.invoke import Mode
+from contracts.vm.compiler.invoke import Mode
 
 FIRST_HEIGHT = 1
 FIRST_TIME_MS = 1_767_225_600_000

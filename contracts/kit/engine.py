@@ -21,8 +21,8 @@ from contracts.kit.telling import told_short
 from contracts.kit.tracing import Trace
 from contracts.state.view import MemoryState
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
-from contracts.vm.faults import ContractSourceError
-from contracts.vm.invoke import Mode
+from contracts.vm.compiler.invoke import Mode
+from contracts.vm.model.faults import ContractSourceError
 
 SCAN_MAX_COUNT = 100_000
 _RECURSION_LIMIT_FRAMES = 15_000

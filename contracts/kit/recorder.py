@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from contracts.kit.telling import told_short
-from contracts.vm.closures import Frame
-from contracts.vm.values import Mark
-from contracts.vm.watch import Place
+from contracts.vm.compiler.closures import Frame
+from contracts.vm.compiler.line_watch import Place
+from contracts.vm.model.values import Mark
 
 STEPS_MAX_COUNT = 5_000
 VALUE_SHOWN_CHARS = 80

@@ -28,7 +28,7 @@ from contracts.kit.worker import (
     Run,
     Withdraw,
 )
-from contracts.vm.faults import ContractSourceError
+from contracts.vm.model.faults import ContractSourceError
 from contracts.worker.walled_process import WalledProcess
 from contracts.worker.wire import WallPart
 

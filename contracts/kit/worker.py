@@ -16,7 +16,7 @@ from consensus.errors import BlockRobotError
 from contracts.kit.engine import Call, Engine, Figures, Ran
 from contracts.kit.tracing import Trace
 from contracts.vm import InternalFault
-from contracts.vm.faults import ContractSourceError, Diagnostic
+from contracts.vm.model.faults import ContractSourceError, Diagnostic
 from contracts.worker.wall import close_wall
 from contracts.worker.wire import Pipe, WallPart
 

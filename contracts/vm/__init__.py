@@ -10,11 +10,11 @@
 
 from __future__ import annotations
 
-from contracts.vm.abi import Abi, Entry
-from contracts.vm.compiled import CompiledContract, compile_contract, find_problems
-from contracts.vm.faults import VM_CODES, ContractSourceError, Diagnostic, InternalFault
-from contracts.vm.invoke import Outcome, invoke
-from contracts.vm.meter import LANGUAGE_VERSION, CallContext, HostInterface
+from contracts.vm.compiler.compiled_contract import CompiledContract, compile_contract, find_problems
+from contracts.vm.compiler.invoke import Outcome, invoke
+from contracts.vm.frontend.abi import Abi, Entry
+from contracts.vm.model.faults import VM_CODES, ContractSourceError, Diagnostic, InternalFault
+from contracts.vm.model.meter import LANGUAGE_VERSION, CallContext, HostInterface
 
 __all__ = [
     "LANGUAGE_VERSION",

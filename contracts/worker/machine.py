@@ -14,10 +14,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from consensus.primitives.trie import hash_page
-from consensus.transaction import Transaction
 from contracts.execution.results import IN_CHANGE, BlockResult, ExecutionFault, ExpectedBlock
 from contracts.state.view import StateReader, StateView
 from contracts.vm import InternalFault

@@ -17,9 +17,9 @@ from typing import Any, Protocol
 
 import msgspec
 
+from consensus.chain.transaction import Transaction, TransactionBody, TransactionWire
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
-from consensus.transaction import Transaction, TransactionBody, TransactionWire
 from contracts.execution.results import BlockResult, ExecutionFault, note_nothing
 from contracts.state.key_cache import prefix_end
 from contracts.state.view import StateReader, StateView

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from consensus.block import Receipt
+from consensus.chain.block import Receipt
 from consensus.errors import BlockRobotError
 
 FRAME_MAX_BYTES = 256 * 1024 * 1024

@@ -12,12 +12,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from clients.robot.events import Depth, Frame, Sighting
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import Hider, Kept
-from clients.robot.scenario import Scenario, published_run_1
+from clients.robot.sensing.sensor_events import Depth, Frame, Sighting
 from clients.robot.synthetic.render import Reading, Renderer, readings
-from clients.sdk.picture import colourise, compose
+from clients.robot.synthetic.scenario import Scenario, published_run_1
+from clients.sdk.pictures.rendition_picture import colourise, compose
 
 OUT = Path(__file__).parent / "renditions.png"
 SHOWN_FRAME = 279  # 9.3 s into the run: patient A, patient B and the visitor are all in the picture

@@ -12,9 +12,9 @@ import time
 from collections.abc import Sequence
 from types import TracebackType
 
+from consensus.chain.genesis import Genesis, NodeEntry
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, NodeEntry
-from network.bench.follower import FinalityFollower
+from network.bench.event_follower import FinalityFollower
 from network.bench.fresh_network import LoadRobot
 
 INTERVAL_MS = 20

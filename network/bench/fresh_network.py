@@ -16,18 +16,18 @@ from pathlib import Path
 from types import TracebackType
 
 from clients.registrar.desk import Desk
-from clients.sdk.enrolment import NewMember, register_member
-from clients.sdk.http import NetworkClient
-from consensus.genesis import Genesis
+from clients.sdk.chain.enrolment import NewMember, register_member
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.genesis import Genesis
+from consensus.chain.transaction import Transaction
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
+from consensus.members.vouchers import Card, decode_card_code
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.records.owner_keys import open_visit_keys
-from consensus.records.vouchers import Card, decode_card_code
-from consensus.transaction import Transaction
 from network.cluster import Cluster
 from network.demo.tampering import drop_databases
-from network.layout import PORTS_PER_NODE, create_network
+from network.provisioning.network_layout import PORTS_PER_NODE, create_network
 
 HOST = "127.0.0.1"
 PURPOSE = "demo"

@@ -9,13 +9,13 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import msgspec
 
-from consensus.block import Block, Header, QuorumCertificate, TimeoutCertificate
-from consensus.effects import FetchBlocks, Message
-from consensus.messages import Timeout, Vote, sign_block, sign_timeout, sign_vote
+from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
+from consensus.chain.messages import Timeout, Vote, sign_block, sign_timeout, sign_vote
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from node.engine import Outbox
+from consensus.protocol.effects import FetchBlocks, Message
+from node.consensus.engine import Outbox
 
 TICK_MS = 50
 REMEMBERED_MAX_COUNT = 64

@@ -13,7 +13,7 @@ from network.byzantine.epochs import WrongEpochs
 from network.byzantine.garbage import Garbage
 from network.byzantine.proposals import Equivocate, PartialProposals, TimeLimit, WithholdBlocks, WrongRoots
 from network.byzantine.votes import DoubleVote, WithholdVotes
-from node.engine import Outbox
+from node.consensus.engine import Outbox
 
 _CLASSES: tuple[type[Behaviour], ...] = (
     Equivocate,

@@ -6,15 +6,14 @@ from typing import ClassVar
 
 import msgspec
 
-from consensus.block import (
+from consensus.chain.block import (
     Header,
     IndexedSignature,
     QuorumCertificate,
     TimeoutCertificate,
     TimeoutSignature,
 )
-from consensus.effects import Message
-from consensus.messages import (
+from consensus.chain.messages import (
     TIMEOUT_TAG,
     VOTE_TAG,
     CertificateNotice,
@@ -25,8 +24,9 @@ from consensus.messages import (
     vote_parts,
 )
 from consensus.primitives.keys import COMPACT_SIGNATURE_SIZE_BYTES
+from consensus.protocol.effects import Message
 from network.byzantine.behaviour import Behaviour, Liar, Remembered
-from node.engine import Outbox
+from node.consensus.engine import Outbox
 
 _ROUNDS_AHEAD_MAX_COUNT = 50
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from consensus.block import Header, QuorumCertificate
-from consensus.core import Core
-from node.engine import Engine
+from consensus.chain.block import Header, QuorumCertificate
+from consensus.protocol.core import Core
+from node.consensus.engine import Engine
 from node.p2p.wire import FrameKind
 
 

@@ -6,9 +6,8 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from consensus.block import Block, QuorumCertificate, TimeoutCertificate
-from consensus.effects import Message
-from consensus.messages import (
+from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
+from consensus.chain.messages import (
     SPEAKING,
     CertificateNotice,
     Proposal,
@@ -20,8 +19,9 @@ from consensus.messages import (
     sign_vote,
 )
 from consensus.primitives.encoding import encode
+from consensus.protocol.effects import Message
 from network.byzantine.behaviour import Behaviour, Liar
-from node.engine import Outbox
+from node.consensus.engine import Outbox
 from node.p2p.wire import FrameKind, HeightNotice
 
 _FAR_EPOCHS_COUNT = 1_000

@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import msgspec
 
-from consensus.block import Block, IndexedSignature, QuorumCertificate
-from consensus.effects import Message
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer
+from consensus.chain.block import Block, IndexedSignature, QuorumCertificate
+from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer
 from consensus.primitives.keys import COMPACT_SIGNATURE_SIZE_BYTES
+from consensus.protocol.effects import Message
 from network.byzantine.behaviour import Behaviour, Liar, Remembered
-from node.engine import Outbox
+from node.consensus.engine import Outbox
 from node.p2p.wire import FRAME_MAX_BYTES, FrameKind
 
 MESSAGES_PER_TICK_COUNT = 10

@@ -21,10 +21,10 @@ from consensus.errors import BlockRobotError
 from network.byzantine.behaviour import TICK_MS, Behaviour
 from network.byzantine.catalogue import BEHAVIOURS, byzantine_clock, check_behaviour, make_behaviour
 from network.byzantine.engine_view import EngineView
-from node.assembly import Assembly
+from node.api.node_services import WallClock
+from node.components import Assembly
 from node.config import NodeConfig, load_genesis
-from node.engine import Outbox
-from node.interface import WallClock
+from node.consensus.engine import Outbox
 from node.main import run_process
 from node.service import Node
 

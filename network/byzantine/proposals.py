@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from consensus.block import Block, compute_receipts_root, compute_transactions_root
-from consensus.effects import Message
-from consensus.messages import Proposal, Vote
+from consensus.chain.block import Block, compute_receipts_root, compute_transactions_root
+from consensus.chain.messages import Proposal, Vote
+from consensus.protocol.effects import Message
 from network.byzantine.behaviour import Behaviour, Liar, Remembered
-from node.engine import Outbox
+from node.consensus.engine import Outbox
 
 _ROOT_BYTES = 32
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from consensus.effects import Message
-from consensus.messages import Vote
+from consensus.chain.messages import Vote
+from consensus.protocol.effects import Message
 from network.byzantine.behaviour import Behaviour, Liar, Remembered
-from node.engine import Outbox
+from node.consensus.engine import Outbox
 
 
 class DoubleVote(Behaviour):

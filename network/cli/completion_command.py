@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from clients.sdk.terminal import json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import json_option, plain_errors, print_json
 
 _PROGRAM, _VARIABLE = "blockrobot", "_BLOCKROBOT_COMPLETE"
 _SHELLS = ("bash", "fish", "zsh")

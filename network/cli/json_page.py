@@ -8,17 +8,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from clients.bundle.json_fields import ANSWERS as BUNDLE
+from clients.officer.officer_json_fields import ANSWERS as OFFICER
 from clients.registrar.json_fields import ANSWERS as REGISTRAR
-from clients.robot.json_fields import ANSWERS as ROBOT
-from clients.sdk.json_fields import CommandAnswer, write_section
-from clients.wallet.json_fields import ANSWERS as WALLET
-from clients.wallet.mandate_json_fields import OFFICER_ANSWERS as OFFICER_MANDATES
-from clients.wallet.mandate_json_fields import WALLET_ANSWERS as WALLET_MANDATES
-from clients.wallet.officer_json_fields import ANSWERS as OFFICER
-from clients.wallet.sharing_json_fields import ANSWERS as SHARING
-from network.cli.governing_json_fields import ANSWERS as GOVERNING
-from network.cli.json_fields import ANSWERS as NETWORK
-from network.cli.json_fields import WATCHED
+from clients.robot.cli.json_fields import ANSWERS as ROBOT
+from clients.sdk.terminal.json_fields import CommandAnswer, write_section
+from clients.wallet.present.json_fields import ANSWERS as WALLET
+from clients.wallet.present.mandate_json_fields import OFFICER_ANSWERS as OFFICER_MANDATES
+from clients.wallet.present.mandate_json_fields import WALLET_ANSWERS as WALLET_MANDATES
+from clients.wallet.present.sharing_json_fields import ANSWERS as SHARING
+from network.cli.cluster.cluster_json_fields import ANSWERS as NETWORK
+from network.cli.cluster.cluster_json_fields import WATCHED
+from network.cli.governance.governance_json_fields import ANSWERS as GOVERNING
 
 PAGE = "json-output.md"
 

@@ -7,96 +7,102 @@ from __future__ import annotations
 
 import click
 
-from clients.sdk.lazy_group import CommandPlace
+from clients.sdk.terminal.lazy_group import CommandPlace
 from network.cli.root_group import RootGroup
 
 _COMMANDS = {
     "up": CommandPlace(
-        "network.cli.cluster_commands:up",
+        "network.cli.cluster.cluster_commands:up",
         "Start the local network, making it first if there is none. Its state survives down and up.",
     ),
-    "down": CommandPlace("network.cli.cluster_commands:down", "Stop the local network. Nothing final is lost."),
+    "down": CommandPlace("network.cli.cluster.cluster_commands:down", "Stop the local network. Nothing final is lost."),
     "status": CommandPlace(
-        "network.cli.cluster_commands:status",
+        "network.cli.cluster.cluster_commands:status",
         "Show each node's height, finalized height, round, peers and custody checkpoint.",
     ),
-    "logs": CommandPlace("network.cli.cluster_commands:logs", "Show the last log lines of one node, or of all."),
+    "logs": CommandPlace(
+        "network.cli.cluster.cluster_commands:logs", "Show the last log lines of one node, or of all."
+    ),
     "console": CommandPlace(
-        "network.cli.console_command:console",
+        "network.cli.cluster.console_command:console",
         "Show a local network in the browser: who leads and votes, what flows, buttons for every fault, a time line.",
     ),
     "node": CommandPlace(
-        "network.cli.node_commands:node",
+        "network.cli.node.node_commands:node",
         "Work on one node: NODE is its data directory, or its name in the local network (see --dir).",
     ),
     "fault": CommandPlace(
-        "network.cli.fault_commands:fault",
+        "network.cli.cluster.fault_commands:fault",
         "Break the local network on purpose, and mend it; `blockrobot status --watch` shows what happens.",
     ),
     "demo": CommandPlace(
-        "network.cli.demo_command:demo",
+        "network.cli.measure.demo_command:demo",
         "Run the whole story: four nodes, a robot, two patients, a visitor; check every step.",
     ),
-    "org": CommandPlace("network.cli.org_commands:org", "The organisations of the network and their nodes."),
+    "org": CommandPlace("network.cli.governance.org_commands:org", "The organisations of the network and their nodes."),
     "producer": CommandPlace(
-        "network.cli.producer_commands:producer",
+        "network.cli.governance.producer_commands:producer",
         "The producers of blocks: seats, votes, readiness, suspensions with their evidence.",
     ),
     "settings": CommandPlace(
-        "network.cli.settings_commands:settings",
+        "network.cli.governance.settings_commands:settings",
         "The chain's settings: what is in force, and what organisations propose.",
     ),
     "frames": CommandPlace(
-        "network.cli.frames_commands:frames",
+        "network.cli.governance.frames_commands:frames",
         "The empty frames of a robot: pictures that show nobody, on which everybody's own are shown.",
     ),
     "notice": CommandPlace(
-        "network.cli.notice_commands:notice",
+        "network.cli.governance.notice_commands:notice",
         "What people are told before anything is recorded of them (GDPR Art. 13 and 14), and the register of Art. 30.",
     ),
     "contract": CommandPlace(
-        "network.cli.contract_commands:contract",
+        "network.cli.contract.contract_commands:contract",
         "Contracts: write, check, test and trace them; put them on a chain; call them, ask them, follow their events.",
     ),
     "certificate": CommandPlace(
-        "network.cli.certificate_commands:certificate",
+        "network.cli.node.certificate_commands:certificate",
         "The certificates of nodes: list, issue, renew, revoke. NODE is a name in the network or a data directory.",
     ),
     "doctor": CommandPlace(
-        "network.cli.doctor_command:doctor",
+        "network.cli.cluster.doctor_command:doctor",
         "Find what is wrong: nodes, clocks, certificates, disks, ports, ledgers, differing states. Exit code 1 if anything is.",  # noqa: E501
     ),
     "explore": CommandPlace(
-        "network.cli.explore_command:explore",
+        "network.cli.cluster.explore_command:explore",
         "Open a node's explorer in the browser, in your own session: blocks, votes, transactions, contracts, receipts.",
     ),
-    "bench": CommandPlace("network.cli.bench_commands:bench", "Measure the network; exits 0 only if nothing failed."),
+    "bench": CommandPlace(
+        "network.cli.measure.bench_commands:bench", "Measure the network; exits 0 only if nothing failed."
+    ),
     "custody": CommandPlace(
-        "network.cli.custody_commands:custody",
+        "network.cli.custody.custody_commands:custody",
         "See what custodians keep, prove what they erased, and mend what they lost.",
     ),
     "experiment": CommandPlace(
-        "network.cli.experiment_commands:experiment",
+        "network.cli.measure.experiment_commands:experiment",
         "Run the paper's experiments, and make the same tables from anybody's event log.",
     ),
     "privacy": CommandPlace(
-        "network.cli.privacy_commands:privacy", "Attack our own ledger, and see what it gives away."
+        "network.cli.measure.privacy_commands:privacy", "Attack our own ledger, and see what it gives away."
     ),
     "sim": CommandPlace(
-        "network.cli.sim_command:sim", "Play networks of production nodes on a virtual clock, network and disk."
+        "network.cli.measure.sim_command:sim", "Play networks of production nodes on a virtual clock, network and disk."
     ),
     "card": CommandPlace("clients.registrar.cli:card", "Issue enrolment cards (registrars)."),
     "roster": CommandPlace("clients.registrar.cli:roster", "Make robots' rosters (registrars)."),
-    "wallet": CommandPlace("clients.wallet.cli:wallet", "See, check, follow and erase what robots recorded of you."),
+    "wallet": CommandPlace(
+        "clients.wallet.cli.main:wallet", "See, check, follow and erase what robots recorded of you."
+    ),
     "officer": CommandPlace(
-        "clients.wallet.breach_commands:officer",
+        "clients.officer.breach_commands:officer",
         "Handle visits that were denied, lost keys and mandates (data protection officers, with a wallet of their own).",
     ),
     "verify": CommandPlace(
         "clients.bundle.cli:verify",
         "Check an export bundle offline: what is proved, against which network, up to which block, and what is not.",
     ),
-    "robot": CommandPlace("clients.robot.cli:robot", "Record people who carry a tag, each for herself alone."),
+    "robot": CommandPlace("clients.robot.cli.main:robot", "Record people who carry a tag, each for herself alone."),
     "completion": CommandPlace(
         "network.cli.completion_command:completion",
         "Print the completion script of a shell: commands, options, profiles, records that were viewed here.",
@@ -138,7 +144,7 @@ SECTIONS = {
 def main(ctx: click.Context) -> None:
     """BlockRobot: a permissioned ledger that gives patients control of what a social robot records of them."""
     if ctx.invoked_subcommand not in WITHOUT_SECRETS:
-        from clients.sdk.process_guard import guard_process  # noqa: PLC0415 - only when it is needed
+        from clients.sdk.terminal.process_guard import guard_process  # noqa: PLC0415 - only when it is needed
 
         guard_process()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
 
 
 @click.command()
@@ -27,7 +27,7 @@ def reference(out: Path, check: bool, as_json: bool) -> None:
     Example: blockrobot reference --check
     """
     from network.cli.json_page import PAGE, write_json_page  # noqa: PLC0415 - every client's, only when it is needed
-    from node.api.reference import pages  # noqa: PLC0415 - a node's code, only when it is needed
+    from node.api.openapi.reference_pages import pages  # noqa: PLC0415 - a node's code, only when it is needed
 
     texts = {**pages(), PAGE: write_json_page()}
     stale = [name for name, text in texts.items() if _read(out / name) != text]

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from clients.sdk.lazy_group import LazyGroup
-from clients.sdk.plain_letters import prepare_output
-from clients.sdk.safe_output import safe_streams
-from clients.sdk.terminal import EXIT_FAILED, fail
+from clients.sdk.terminal.ascii_output import prepare_output
+from clients.sdk.terminal.lazy_group import LazyGroup
+from clients.sdk.terminal.safe_output import safe_streams
+from clients.sdk.terminal.terminal import EXIT_FAILED, fail
 from consensus.errors import BlockRobotError
 
 JSON_OPTION = "--json"

@@ -18,8 +18,8 @@ from typing import Any
 
 import msgspec
 
+from network.cluster_monitor import STUCK_AFTER_S, NodeLook, NodeRow, Observer, Picture
 from network.console.looking import Counts, NodeSight
-from network.observing import STUCK_AFTER_S, NodeLook, NodeRow, Observer, Picture
 from node.p2p.shaping import LinkFault
 
 CLOCK_STEP_MS = 100

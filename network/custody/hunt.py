@@ -19,7 +19,7 @@ from network.cluster import Cluster
 from network.custody.searching import Search
 from network.custody.traces import Trace, mongo_documents, trace_chain, trace_grants, trace_store
 from node.config import NodeConfig
-from node.offchain.open_store import MONGO_SCHEMES
+from node.custody.stores.open_store import MONGO_SCHEMES
 from node.storage.lmdb_reader import LedgerFile
 
 Tell = Callable[[str], None]

@@ -21,25 +21,25 @@ import msgspec
 from pymongo import MongoClient
 from pymongo.errors import PyMongoError
 
-from consensus.block import Block
+from consensus.chain.block import Block
+from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, decode_value
 from consensus.state.access import GRANT
 from consensus.state.records import RECORD
 from consensus.state.rights import QUARANTINE
-from consensus.transaction import decode_transaction
 from network.custody.searching import PREFIX_BYTES, spread
 from node.config import NodeConfig
-from node.offchain.erase_keys import (
+from node.custody.erase_keys import (
     ERASE_KEY_BYTES,
     ERASE_KEYS_FILE_NAME,
     HEADER_BYTES,
     PAGE_SLOTS_COUNT,
     unwrap_key,
 )
-from node.offchain.open_store import MONGO_SCHEMES
-from node.offchain.sharing import PART_PLACE, HeldPart
-from node.offchain.sqlite_store import DATABASE_FILE_NAME
+from node.custody.shares import PART_PLACE, HeldPart
+from node.custody.stores.open_store import MONGO_SCHEMES
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.storage.ledger_store import LedgerSnapshot
 
 FORMAT_VERSION = 1

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from clients.sdk.picture_names import read_robot_frame
+from clients.sdk.pictures.picture_names import read_robot_frame
 from network.demo.checks import CheckList
 from network.demo.story import DemoState
 from network.demo.words import EVENTS, FRAMES, LATENCIES, name_person, say_quantiles, say_reasons

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from clients.robot.pairing import WINDOW_DEFAULT_MS
-from clients.robot.scenario import Scenario
+from clients.robot.pairing.tag_pairing import WINDOW_DEFAULT_MS
 from clients.robot.synthetic.render import Renderer
-from clients.sdk.picture import decode_depth_png
-from clients.sdk.picture_names import read_robot_frame
+from clients.robot.synthetic.scenario import Scenario
+from clients.sdk.pictures.picture_names import read_robot_frame
+from clients.sdk.pictures.rendition_picture import decode_depth_png
 
 FOREIGN_PIXELS_MAX_SHARE = 0.001
 JUDGED_FRAMES_MAX_COUNT = 40

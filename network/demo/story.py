@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from clients.robot.bag import make_bag
-from clients.robot.scenario import Scenario, published_run_1
-from clients.robot.synthetic_recording import load_or_draw_tags
+from clients.robot.synthetic.scenario import Scenario, published_run_1
+from clients.robot.synthetic.scenario_bag import make_bag
+from clients.robot.synthetic.scene_tags import load_or_draw_tags
 from consensus.errors import BlockRobotError
 from network.cluster import read_metric
 from network.custody.hunt import gather, hunt
@@ -26,7 +26,7 @@ from network.demo.processes import LongCommand, run_command
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
 from network.demo.words import name_person, say_events, say_reasons, say_refusal
-from network.staging import Stage
+from network.testbed import Stage
 
 RECORDING_TIMEOUT_S = 150.0
 WITHHELD_MAX_SHARE = 0.30

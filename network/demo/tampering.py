@@ -12,8 +12,8 @@ from pymongo.errors import PyMongoError
 
 from network.cluster import Cluster
 from node.config import NodeConfig
-from node.offchain.open_store import MONGO_SCHEMES
-from node.offchain.sqlite_store import DATABASE_FILE_NAME
+from node.custody.stores.open_store import MONGO_SCHEMES
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 
 DROP_MAX_MS = 3_000
 

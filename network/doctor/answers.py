@@ -12,7 +12,7 @@ from typing import Any
 
 from contracts.worker.wall import REQUIRED_PARTS
 from network.doctor.findings import Finding
-from node.directory import DirectoryContent
+from node.directory.node_directory import DirectoryContent
 
 BEHIND_BLOCKS_COUNT = 32
 SKEW_SHARE = 0.5

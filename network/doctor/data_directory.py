@@ -12,11 +12,11 @@ import tempfile
 from pathlib import Path
 
 from consensus.errors import BlockRobotError
-from network.certificates import read_report
 from network.doctor.findings import Finding
+from network.provisioning.node_certificates import read_report
 from node.config import NodeConfig
-from node.directory import DirectoryContent
-from node.journal import count_records
+from node.consensus.journal import count_records
+from node.directory.node_directory import DirectoryContent
 from node.p2p.identity import load_authorities
 from pages.moments import show_moment
 

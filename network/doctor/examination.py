@@ -16,10 +16,9 @@ from pathlib import Path
 
 import aiohttp
 
+from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, genesis_from_json
 from network.blocks_kept import kept_lines
-from network.certificates import now_ms
 from network.cluster import Cluster, fetch_status
 from network.doctor import answers as words
 from network.doctor.answers import Answer
@@ -28,7 +27,8 @@ from network.doctor.findings import Finding, in_order
 from network.doctor.ledger_probe import LedgerFacts, probe_ledgers
 from network.doctor.uploads import check_uploads
 from network.faults.control import FaultControl
-from network.joining import newest_directory
+from network.provisioning.node_certificates import now_ms
+from network.provisioning.node_joining import newest_directory
 from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, load_genesis
 from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
 

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from consensus.block import Block, compute_header_id
+from consensus.chain.block import Block, compute_header_id
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import verify_proof
@@ -25,7 +25,7 @@ from consensus.state.producers import EPOCH
 from consensus.visible_text import split_lines
 from contracts.execution.epochs import read_epoch
 from node.config import NodeConfig, load_config, load_genesis
-from node.epochs import read_head
+from node.consensus.epoch_change import read_head
 from node.storage.ledger_store import LedgerSnapshot
 from node.storage.lmdb_reader import LedgerFile
 from node.storage.lmdb_store import DATA_FILE_NAME

@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from clients.robot.event_log import write_csv, write_xes
+from clients.robot.run.event_log import write_csv, write_xes
 from consensus.errors import BlockRobotError
-from network.experiments.drawing import draw_with_graphviz, write_dot
-from network.experiments.event_table import EventTable
-from network.experiments.flow_graph import FlowGraph, build_flow_graph
 from network.experiments.log_files import read_log
-from network.experiments.picture import draw_svg
-from network.experiments.process_map import build_dot
-from network.experiments.run_figures import RunFigures, work_out_figures
-from network.experiments.tables import (
+from network.experiments.pages.drawing import draw_with_graphviz, write_dot
+from network.experiments.pages.event_table import EventTable
+from network.experiments.pages.flow_graph import FlowGraph, build_flow_graph
+from network.experiments.pages.map_picture import draw_svg
+from network.experiments.pages.process_map import build_dot
+from network.experiments.pages.tables import (
     activity_rows,
     figure_rows,
     pair_rows,
@@ -24,6 +23,7 @@ from network.experiments.tables import (
     show_value,
     write_table,
 )
+from network.experiments.run_figures import RunFigures, work_out_figures
 
 MAP_FILE = "process-map"
 

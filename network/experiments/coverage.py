@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 
-from clients.robot.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_WITHHELD
-from network.experiments.event_table import EventTable
+from clients.robot.run.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_WITHHELD
+from network.experiments.pages.event_table import EventTable
 
 
 @dataclass(slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib import resources
 
-from clients.robot.scenario import Scenario, parse_scenario
+from clients.robot.synthetic.scenario import Scenario, parse_scenario
 from network.experiments.published_figures import RUN_1, RUN_2, PublishedRun
 
 

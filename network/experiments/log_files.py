@@ -12,7 +12,7 @@ from xml.parsers import expat
 
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
-from network.experiments.event_table import EventTable, LoggedEvent
+from network.experiments.pages.event_table import EventTable, LoggedEvent
 from network.experiments.published_log import invalid_line, parse_published_log
 
 EVENT_LOG_MAX_BYTES = 256 * 1024 * 1024

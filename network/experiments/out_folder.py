@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from clients.sdk.picture_names import PICTURE_NAME
+from clients.sdk.pictures.picture_names import PICTURE_NAME
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.experiments.definitions import EXPERIMENTS

@@ -12,13 +12,13 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any
 
-from clients.robot.scenario import Scenario
-from clients.sdk.picture_names import read_robot_frame
+from clients.robot.synthetic.scenario import Scenario
+from clients.sdk.pictures.picture_names import read_robot_frame
 from network.demo.checks import CheckList
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
 from network.demo.words import name_person
-from network.staging import Stage
+from network.testbed import Stage
 
 REFUSALS = frozenset({"NOT_PERMITTED", "ACCESS_NOT_GRANTED"})
 

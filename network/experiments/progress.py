@@ -11,7 +11,7 @@ import time
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal import error_console
+from clients.sdk.terminal.terminal import error_console
 from network.demo.checks import Check
 from network.demo.pacing import Pace
 from network.experiments.definitions import Experiment

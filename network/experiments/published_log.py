@@ -11,9 +11,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from clients.robot.event_log import RFID_RETRIEVE
+from clients.robot.run.event_log import RFID_RETRIEVE
 from consensus.errors import BlockRobotError
-from network.experiments.event_table import EventTable, LoggedEvent
+from network.experiments.pages.event_table import EventTable, LoggedEvent
 
 FORM = "published"
 DAY_MS = 24 * 60 * 60 * 1000

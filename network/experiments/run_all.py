@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from clients.robot.scenario import Scenario
+from clients.robot.synthetic.scenario import Scenario
 from consensus.errors import BlockRobotError
 from network.bench.conditions import build_result, measure_conditions
 from network.demo.checks import Check, CheckList
@@ -19,9 +19,9 @@ from network.experiments.comparison import MAP_FILE, write_reading
 from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
 from network.experiments.out_folder import REPORT_FILE, SUMMARY_FILE, make_experiment_folder, taken
-from network.experiments.page import build_index, build_page
+from network.experiments.pages.experiment_page import build_index, build_page
 from network.experiments.run_one import ExperimentRun, Outcome
-from network.staging import NODES_COUNT
+from network.testbed import NODES_COUNT
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from bisect import bisect_left
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from clients.robot.event_log import (
+from clients.robot.run.event_log import (
     BLOCKCHAIN_TRANSACTION,
     DATABASE_PERSISTANCE,
     IMAGE_PAIRED,
@@ -18,7 +18,7 @@ from clients.robot.event_log import (
     RFID_RETRIEVE,
 )
 from network.bench.conditions import percentile
-from network.experiments.event_table import EventTable, LoggedEvent
+from network.experiments.pages.event_table import EventTable, LoggedEvent
 
 WINDOW_MS = 5_000
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from clients.robot.bag import make_bag
-from clients.robot.event_log import IMAGE_RETRIEVE
-from clients.robot.scenario import Scenario
-from clients.robot.synthetic_recording import load_or_draw_tags
+from clients.robot.run.event_log import IMAGE_RETRIEVE
+from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.scenario_bag import make_bag
+from clients.robot.synthetic.scene_tags import load_or_draw_tags
 from consensus.errors import BlockRobotError
 from network.bench.conditions import measure_conditions
 from network.demo.checks import CheckList
@@ -29,7 +29,7 @@ from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
 from network.experiments.log_files import read_log
 from network.experiments.post_stage import Belongings, PostStage
-from network.staging import NODES_COUNT, Stage
+from network.testbed import NODES_COUNT, Stage
 
 PURPOSE = "demo"
 AFTER_RECORDING_MAX_S = 120.0

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from consensus.block import Block, Receipts
+from consensus.chain.block import Block, Receipts
 from consensus.primitives.encoding import decode, decode_value
 from network.sim.history import CustodyAudit
 
 if TYPE_CHECKING:
-    from network.sim.node import SimNode
+    from network.sim.world.sim_node import SimNode
 
 
 def audit_custody(node: SimNode) -> None:

@@ -14,22 +14,22 @@ from typing import Any
 from aiohttp import web
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
+from consensus.chain.messages import Vote, is_valid_vote, sign_vote
 from consensus.errors import BlockRobotError
-from consensus.messages import Vote, is_valid_vote, sign_vote
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
-from network.sim.chain import EPOCH_MS, make_chain, make_key
-from network.sim.cluster import SimCluster
-from network.sim.cpu import Costs
-from network.sim.links import KIB
 from network.sim.plan import NetworkSize, Plan
 from network.sim.run import run_seed
 from network.sim.workload import VALID_UNTIL_MS, enrolment
-from node.block_ranges import read_range
-from node.mempool import Mempool
+from network.sim.world.cpu import Costs
+from network.sim.world.links import KIB
+from network.sim.world.sim_chain import EPOCH_MS, make_chain, make_key
+from network.sim.world.sim_cluster import SimCluster
+from node.mempool.mempool import Mempool
+from node.mempool.transaction_cache import TransactionCache
 from node.p2p.wire import FinalizedRequest, FrameDecoder, FrameKind, TransactionBatch, encode_frame
 from node.storage.memory_store import MemoryStore
-from node.transaction_cache import TransactionCache
+from node.sync.block_ranges import read_range
 from pages.listening import open_listener, serve
 
 MEASUREMENTS_COUNT = 5

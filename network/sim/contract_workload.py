@@ -8,11 +8,11 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from consensus.transaction import Transaction
-from contracts.execution.registry import compute_source_hash, read_source
-from network.sim.chain import Chain, make_chain
+from consensus.chain.transaction import Transaction
+from contracts.lifecycle.registry import compute_source_hash, read_source
 from network.sim.plan import NetworkSize
 from network.sim.workload import Call, sign_call
+from network.sim.world.sim_chain import Chain, make_chain
 
 GUESTS = '''
 EDITION = NUMBER

@@ -8,20 +8,20 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
+from consensus.chain.messages import WordsRequest
+from consensus.chain.transaction import SALT_SIZE_BYTES, TransactionWire, sign_transaction
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
-from consensus.messages import WordsRequest
 from consensus.primitives.encoding import encode
-from consensus.transaction import SALT_SIZE_BYTES, TransactionWire, sign_transaction
-from network.sim.chain import EPOCH_MS, make_key
 from network.sim.history import Flooded
-from network.sim.links import KIB, SimNetwork
-from network.sim.loop import Owner
 from network.sim.plan import Fault, max_faulty
+from network.sim.world.links import KIB, SimNetwork
+from network.sim.world.sim_chain import EPOCH_MS, make_key
+from network.sim.world.virtual_time import Owner
 from node.p2p.wire import FinalizedRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
 
 if TYPE_CHECKING:
-    from network.sim.cluster import SimCluster
-    from network.sim.node import SimNode
+    from network.sim.world.sim_cluster import SimCluster
+    from network.sim.world.sim_node import SimNode
 
 WINDOW_BYTES = 1024 * 1024
 TRANSACTIONS_A_FRAME_COUNT = 256

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 import msgspec
 
 from network.sim.checkers import CHECKERS, Violation
-from network.sim.cluster import SimCluster, quiet_logs
 from network.sim.history import ClipTaken, CodeFault, CustodyAudit, Ended, History, Observation
 from network.sim.plan import Plan
+from network.sim.world.sim_cluster import SimCluster, quiet_logs
 
 Mutation = Callable[[SimCluster], None]
 

@@ -14,16 +14,16 @@ from typing import Any
 
 import msgspec
 
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.limits import SEALED_METADATA_BYTES
+from consensus.members.vouchers import issue_card, sign_card
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
 from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root
 from consensus.records.envelopes import SEALED_KEY_BYTES
-from consensus.records.vouchers import issue_card, sign_card
-from consensus.transaction import Transaction, sign_transaction
-from network.sim.chain import EPOCH_MS, Chain, make_chain, make_key, make_node_entry
 from network.sim.plan import GROWTH_SEATS_COUNT, NetworkSize
+from network.sim.world.sim_chain import EPOCH_MS, Chain, make_chain, make_key, make_node_entry
 
 VALID_UNTIL_MS = EPOCH_MS + 9 * 60_000
 KEPT_LONG_MS = EPOCH_MS + 24 * 3600 * 1000

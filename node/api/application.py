@@ -17,22 +17,22 @@ from contextlib import asynccontextmanager
 
 from aiohttp import web
 
+from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import genesis_to_json
-from node.api.access import Access
+from node.api.access.metering import Meter, Metered, Readings
+from node.api.access.rate_limit import RateLimiter, RefusalDelay, Tab, Turns, is_over_budget, source_of
+from node.api.access.route_access import Access
+from node.api.access.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
 from node.api.bodies import Bodies
-from node.api.metering import Meter, Metered, Readings
-from node.api.openapi import build_openapi
+from node.api.openapi.openapi_document import build_openapi
 from node.api.problems import problem_from_fault, problem_from_http, problem_response
-from node.api.rate_limit import RateLimiter, RefusalDelay, Tab, Turns, is_over_budget, source_of
 from node.api.routes import ROUTES
 from node.api.routes.genesis import GENESIS_KEY
 from node.api.routes.openapi import DOCUMENT_KEY
 from node.api.routing import Call, Route
 from node.api.server import STRAY_KEY, meet_expectation, name_server, require_expectation
 from node.api.services import ApiServices
-from node.api.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
-from node.costs import ROUTE_COSTS, STRAY_US, bytes_cost_us
+from node.budgets.work_costs import ROUTE_COSTS, STRAY_US, bytes_cost_us
 
 OPEN_REQUESTS_MAX_COUNT = 4096
 _log = logging.getLogger("node.api")

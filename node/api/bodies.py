@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from consensus.errors import BlockRobotError
 from consensus.upload_quotas import MIB_BYTES
-from node.budget import Source, over_budget
+from node.budgets.token_buckets import Source, over_budget
 
 BODIES_MAX_BYTES = 256 * MIB_BYTES
 BODIES_OF_SOURCE_MAX_BYTES = 64 * MIB_BYTES

@@ -6,15 +6,15 @@ epoch's last block in the proof of the next epoch.
 
 from __future__ import annotations
 
-from consensus.block import EpochProof, Header, QuorumCertificate, TimeoutCertificate, certificate_of
+from consensus.chain.block import EpochProof, Header, QuorumCertificate, TimeoutCertificate, certificate_of
+from consensus.chain.genesis import Genesis
+from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
-from consensus.schedule import Schedule
 from consensus.state.membership import active_nodes, active_organisations
 from consensus.state.producers import CANDIDATE, EPOCH, KEYS, CandidateRow
-from contracts.execution.describing import list_contracts
+from contracts.lifecycle.describing import list_contracts
 from node.api.explorer_documents import (
     CertificateDocument,
     CountsDocument,

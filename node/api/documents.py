@@ -9,7 +9,7 @@ from typing import Annotated
 
 import msgspec
 
-from consensus.block import FinalityProof
+from consensus.chain.block import FinalityProof
 from consensus.primitives.encoding import encode
 
 PROOF_KEYS_MAX_COUNT = 128

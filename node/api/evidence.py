@@ -8,14 +8,14 @@ client can follow the parent ids.
 
 from __future__ import annotations
 
-from consensus.block import EpochProof, FinalityProof, Header
+from consensus.chain.block import EpochProof, FinalityProof, Header
 from consensus.errors import BlockRobotError
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.merkle import merkle_proof
+from node.api.access.metering import Steps
 from node.api.documents import Finality, TransactionEvidence, finality_document
-from node.api.metering import Steps
 from node.api.services import LedgerSnapshot, TransactionPlace
 
 _HEADERS_MAX_COUNT = 2 * UNFINALIZED_BLOCKS_MAX_COUNT

@@ -16,14 +16,14 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
 from consensus.errors import BlockRobotError
-from node.api.access import Access
+from node.api.access.metering import Meter, Readings, Steps
+from node.api.access.rate_limit import Tab
+from node.api.access.route_access import Access
+from node.api.access.sessions import Session, SessionTable
 from node.api.bodies import Hold
 from node.api.documents import Document
-from node.api.metering import Meter, Readings, Steps
-from node.api.rate_limit import Tab
 from node.api.services import ApiServices, LedgerSnapshot
-from node.api.sessions import Session, SessionTable
-from node.budget import Source
+from node.budgets.token_buckets import Source
 from pages.listening import NO_KEY, Connection, awaiting_body
 
 JSON = "application/json"

@@ -10,13 +10,13 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from consensus.block import Block, ContractEvent, FinalityProof, Header, Receipt
+from consensus.chain.block import Block, ContractEvent, FinalityProof, Header, Receipt
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
-from node.budget import OWN, Source
+from node.budgets.token_buckets import OWN, Source
 
 PoolStatus = Literal["pending", "unknown", "expired"]
 
@@ -316,7 +316,7 @@ class ApiServices:
     `note_over` hears which source of requests is over its budget. `keepers` names the peers that say they keep the body
     of the block of a height.
 
-    `public_explorer` opens headers, producers and counts to anybody (`node.api.access.EXPLORER`).
+    `public_explorer` opens headers, producers and counts to anybody (`node.api.access.route_access.EXPLORER`).
     """
 
     genesis: Genesis

@@ -13,7 +13,7 @@ import msgspec
 
 from consensus.state.keys import HASH, KEY, RECORD_ID, TEXT, U32, U64, ListRow, Row, Rows
 from consensus.state.layout import MODULES
-from node.api.markdown import write_table
+from node.api.openapi.markdown_tables import write_table
 
 _PARTS = {KEY: "key", HASH: "hash", RECORD_ID: "record", U32: "u32", U64: "u64", TEXT: "text"}
 _TYPES = {bytes: "bytes", int: "number", str: "text", bool: "true or false", Any: "any value", type(None): "nothing"}

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from consensus.errors import BlockRobotError
-from node.budget import Allowance, Budgets, Source, source_at
+from node.budgets.token_buckets import Allowance, Budgets, Source, source_at
 from pages.listening import accept_each, open_listener, share_of_descriptors
 
 HANDSHAKE_TIMEOUT_MS = 5_000

@@ -14,7 +14,7 @@ from typing import Any, Protocol, cast
 import structlog
 
 from consensus.errors import BlockRobotError
-from node.costs import FRAME_COSTS, FRAME_US, READ_US, bytes_cost_us
+from node.budgets.work_costs import FRAME_COSTS, FRAME_US, READ_US, bytes_cost_us
 from node.p2p.reading import Reading
 from node.p2p.traffic import Traffic
 from node.p2p.wire import (

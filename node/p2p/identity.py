@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
 from consensus.errors import BlockRobotError
-from node.directory import DirectoryContent, DirectoryNode
+from node.directory.node_directory import DirectoryContent, DirectoryNode
 from pages.moments import show_utc_moment
 
 PROVEN_REFUSALS = frozenset({"PEER_CUT_OFF", "PEER_REMOVED", "PEER_CERTIFICATE_REVOKED", "PEER_CERTIFICATE_EXPIRED"})

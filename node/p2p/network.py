@@ -17,13 +17,13 @@ from typing import Any, Protocol
 
 import structlog
 
+from consensus.chain.genesis import Genesis
 from consensus.errors import CATALOGUE, BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode, encode
-from node.budget import Allowance, Budgets, Source
+from node.budgets.token_buckets import Allowance, Budgets, Source
+from node.budgets.work_costs import FRAME_COSTS, REFUSAL_US, Lane
 from node.config import NodeConfig
-from node.costs import FRAME_COSTS, REFUSAL_US, Lane
-from node.directory import Directory
+from node.directory.node_directory import Directory
 from node.p2p.accepting import SHUTDOWN_TIMEOUT_MS, Accepting, bind_listener
 from node.p2p.connection import LinkShaper, PeerConnection
 from node.p2p.greeting import Greeting

@@ -13,7 +13,7 @@ import sys
 import termios
 from typing import Any
 
-from node.costs import RECORD_US
+from node.budgets.work_costs import RECORD_US
 
 RECORD_OVERHEAD_BYTES = 22
 """What a record of TLS 1.3 has besides its content, at least."""

@@ -17,7 +17,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from consensus.errors import BlockRobotError
-from node.directory import DirectoryContent
+from node.directory.node_directory import DirectoryContent
 from node.p2p.identity import CertificateFacts, load_authorities, read_facts
 from pages.moments import show_utc_moment
 

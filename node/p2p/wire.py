@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 from enum import IntEnum
 
-from consensus.block import FinalityProof
+from consensus.chain.block import FinalityProof
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire
 

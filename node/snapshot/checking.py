@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from consensus.block import (
+from consensus.chain.block import (
     Block,
     EpochProof,
     FinalityProof,
@@ -19,15 +19,15 @@ from consensus.block import (
     compute_receipts_root,
     compute_transactions_root,
 )
+from consensus.chain.genesis import Genesis
+from consensus.chain.light_client import LightClient
+from consensus.chain.messages import is_valid_block_signature
+from consensus.chain.schedule import Schedule
+from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
-from consensus.light_client import LightClient
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
-from consensus.messages import is_valid_block_signature
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
-from consensus.schedule import Schedule
-from consensus.transaction import decode_transaction
 from node.snapshot.form import Manifest, RecentChunk, RecentRow, SnapshotSource, StateChunk, read_manifest
 from node.snapshot.making import Progress, no_progress
 from node.storage.ledger_store import FinalizedBlock, KeptBlock, LedgerRestore, RecentBlock

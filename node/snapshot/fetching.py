@@ -19,8 +19,8 @@ from typing import Protocol, TypeVar
 
 import structlog
 
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from node.p2p.wire import RequestKind, SnapshotRequest

@@ -12,7 +12,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from consensus.block import EpochProof
+from consensus.chain.block import EpochProof
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256, tagged_hash

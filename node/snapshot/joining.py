@@ -15,8 +15,8 @@ from typing import Protocol
 
 import structlog
 
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from node.snapshot.checking import ProvenHead
 from node.snapshot.fetching import Requester, SnapshotFetcher
 from node.snapshot.form import SnapshotFolder

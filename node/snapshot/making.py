@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-from consensus.block import Block, EpochProof, FinalityProof, Header
+from consensus.chain.block import Block, EpochProof, FinalityProof, Header
 from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.encoding import decode, encode

@@ -10,8 +10,8 @@ import os
 import shutil
 from pathlib import Path
 
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from node.snapshot.checking import ProvenHead, require_whole, restore_into, verify_head
 from node.snapshot.form import SnapshotSource, read_manifest
 from node.snapshot.making import Progress, no_progress

@@ -33,7 +33,7 @@ BOUNDED: dict[str, str] = {
     "invoke._copy_arguments": "as many arguments as stand in the source or in a transaction; what is in them is charged",
     "invoke._run": "as many parameters as stand in the source",
     "values.encode_checked": "an int: at most 33 bytes",
-    "shapes.encode_by_shape": "at most 32 keys and 16 KiB",
+    "dict_shapes.encode_by_shape": "at most 32 keys and 16 KiB",
     "source_functions._check_source": "a source of at most 60,000 bytes, paid for by the byte before",
     "closures.call_contract.run": "as many arguments as stand in the source",
     "closures.call_method.many": "the same",
@@ -168,7 +168,7 @@ def early(source: str, module: str) -> set[str]:
 
 
 def test_nothing_is_made_before_it_is_charged():
-    found = set().union(*(early(path.read_text("utf-8"), path.stem) for path in sorted(ROOT.glob("*.py"))))
+    found = set().union(*(early(path.read_text("utf-8"), path.stem) for path in sorted(ROOT.rglob("*.py"))))
     assert found - set(BOUNDED) == set(), "take memory first, or say in BOUNDED what bounds it"
     assert set(BOUNDED) - found == set(), "no longer needed"
 

@@ -99,7 +99,7 @@ def test_no_struct_leaves_its_defaults_out() -> None:
 
 ADDRESSES_THAT_DECIDE_NOTHING = {
     # The key of a dictionary which keeps the object, so that nothing else can have that address.
-    "contracts/vm/compiler_expressions.py constant",
+    "contracts/vm/compiler/compiler_expressions.py constant",
     "contracts/kit/recorder.py _texts_of",
     "node/process_memory.py wipe",  # where a secret is overwritten
 }

@@ -10,8 +10,8 @@ from network.cli.root_group import RootGroup
 from tests.architecture.test_tidy import ROOT, matches, modules, place
 
 VISIBLE_TEXT = ROOT / "consensus" / "visible_text.py"
-SAFE_OUTPUT = ROOT / "clients" / "sdk" / "safe_output.py"
-TERMINAL = ROOT / "clients" / "sdk" / "terminal.py"
+SAFE_OUTPUT = ROOT / "clients" / "sdk" / "terminal" / "safe_output.py"
+TERMINAL = ROOT / "clients" / "sdk" / "terminal" / "terminal.py"
 OTHER_LINE_ENDS = re.compile(r"\.split\(/\\r|\\u2028|\\u2029|\.split\(/.*\\R")
 
 
@@ -35,7 +35,7 @@ def test_one_module_makes_the_console_that_people_read() -> None:
     raw = re.compile(
         r"(?<!Safe)(?<!Live)\bConsole\(|\bfrom rich import print\b|(?<![\w.])print\(|click\.style\(|secho\("
     )
-    hostile = ROOT / "network" / "hostile" / "families"
+    hostile = ROOT / "network" / "lab" / "hostile" / "families"
     assert matches([path for path in modules() if path != SAFE_OUTPUT and path.parent != hostile], raw) == []
 
 

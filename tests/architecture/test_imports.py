@@ -39,8 +39,8 @@ def test_the_linter_sees_every_module() -> None:
 @pytest.mark.parametrize(
     ("module", "others"),
     [
-        ("clients.wallet.cli", ("clients.robot", "clients.registrar")),
-        ("clients.robot.cli", ("clients.wallet", "clients.registrar")),
+        ("clients.wallet.cli.main", ("clients.robot", "clients.registrar")),
+        ("clients.robot.cli.main", ("clients.wallet", "clients.registrar")),
         ("clients.registrar.cli", ("clients.wallet", "clients.robot")),
         ("clients.bundle.cli", ("clients.wallet", "clients.robot", "clients.registrar")),
     ],

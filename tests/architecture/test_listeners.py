@@ -7,7 +7,7 @@ import re
 from tests.architecture.test_tidy import ROOT, matches, modules
 
 LISTENING = ROOT / "pages" / "listening.py"
-ATTACKER = ROOT / "network" / "bench" / "flood_attacker.py"
+ATTACKER = ROOT / "network" / "bench" / "flood" / "flood_attacker.py"
 OPENS = re.compile(
     r"\b(?:AppRunner|ServerRunner|TCPSite|SockSite|UnixSite|NamedPipeSite|run_app)\b"
     r"|\b(?:start_server|start_unix_server|create_server|create_unix_server)\(|\.listen\(\w*COUNT\)|\.listen\(\d*\)"

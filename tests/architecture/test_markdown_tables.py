@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from node.api.markdown import write_table
+from node.api.openapi.markdown_tables import write_table
 
 ROOT = Path(__file__).resolve().parents[2]
 BAR = re.compile(r"(?<!\\)\|")

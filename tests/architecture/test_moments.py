@@ -1,6 +1,6 @@
 """Times are shown to people in one way: in 24 hours, with their zone, by pages/moments.py and pages/assets/format.js.
 
-And distances in one scale of colours: by clients/sdk/depth_colours.py.
+And distances in one scale of colours: by clients/sdk/pictures/depth_colours.py.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ _FORMATS = {"strftime", "isoformat", "ctime", "asctime", "localtime", "gmtime", 
 _TIME_FORMAT = re.compile(r"%[aAbBcdHIjmMpSUwWxXyYZ]")
 NOT_SHOWN = {
     _MOMENTS: "the one place",
-    "clients/robot/event_log.py": "XES, a file format, wants ISO 8601",
-    "clients/wallet/page/days.py": "computes days in the zone of the page",
+    "clients/robot/run/event_log.py": "XES, a file format, wants ISO 8601",
+    "clients/wallet/page/record_days.py": "computes days in the zone of the page",
     "network/console/routes.py": "the name of a file",
 }
 """Modules that make or write times for programs, and what for."""
@@ -86,4 +86,4 @@ def test_distances_have_one_scale_of_colours() -> None:
         for path in (ROOT / package).rglob("*")
         if path.suffix in {".py", ".js", ".css", ".html", ".toml", ".md"} and table.search(path.read_text("utf-8"))
     }
-    assert found == {"clients/sdk/depth_colours.py"}
+    assert found == {"clients/sdk/pictures/depth_colours.py"}

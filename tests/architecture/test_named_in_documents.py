@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from consensus.records.purposes import PURPOSES
+from consensus.rights.purposes import PURPOSES
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMED = re.compile(r"`(?:tests/)?([a-z0-9_/]+)(?:\.py)?::(test_[a-z0-9_]+)`")

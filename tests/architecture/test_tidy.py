@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
 DIALECT_FOLDERS = (ROOT / "contracts" / "privacy", ROOT / "contracts" / "system")
 
-MODULE_MAX_LINES = 500
-FUNCTION_MAX_LINES = 70
+MODULE_MAX_LINES = 600
+FUNCTION_MAX_LINES = 80
 DOCUMENTED_MIN_SHARE = 0.95
 BANNED_NAMES = {"utils", "util", "helpers", "helper", "manager", "common", "misc"}
 UNITS = ("BYTES", "MS", "COUNT", "GAS", "CHARS", "BITS", "DEPTH")
@@ -92,14 +92,14 @@ def test_there_is_something_to_look_at() -> None:
     assert len(texts()) > len(modules())
 
 
-def test_no_module_is_longer_than_500_lines() -> None:
+def test_no_module_is_longer_than_600_lines() -> None:
     lengths = {
         place(path): len(path.read_text(encoding="utf-8").splitlines()) for path in (*modules(), *files_of_tests())
     }
     assert {name: length for name, length in lengths.items() if length > MODULE_MAX_LINES} == {}
 
 
-def test_no_function_is_longer_than_70_lines() -> None:
+def test_no_function_is_longer_than_80_lines() -> None:
     long = {}
     for path in modules():
         for item in ast.walk(tree_of(path)):

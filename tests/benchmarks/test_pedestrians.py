@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from consensus.errors import BlockRobotError
-from network.bench.pedestrians.film import FILM, read_film
-from network.bench.pedestrians.judge import judge_pedestrians, keep_without_depth
-from network.bench.pedestrians.marks import find_people, is_marked_film, marked_people
 from network.cli.main import main
+from network.lab.pedestrians.film import FILM, read_film
+from network.lab.pedestrians.judge import judge_pedestrians, keep_without_depth
+from network.lab.pedestrians.marks import find_people, is_marked_film, marked_people
 
 STRETCH = range(215, 375)
 

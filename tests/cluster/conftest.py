@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
-from network.bench.custody_clips import ClipRobot
+from network.bench.custody.custody_clips import ClipRobot
 from network.bench.fresh_network import FreshNetwork
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.story import Story

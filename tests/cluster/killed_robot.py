@@ -24,20 +24,20 @@ import aiohttp
 import numpy as np
 
 from clients.registrar.desk import Desk
-from clients.robot.bag import make_bag
-from clients.robot.enrolment import register_robot
-from clients.robot.events import Frame
-from clients.robot.identity import create_identity, load_identity
-from clients.robot.open_visits import OpenVisits
-from clients.robot.scenario import parse_scenario
-from clients.robot.sealed_file import read_sealed
-from clients.robot.sources.rosbag import BagSource
-from clients.robot.spool import SpooledClip
-from clients.wallet.consenting import Consenting
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.viewing import Viewing
-from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from clients.robot.identity.robot_enrolment import register_robot
+from clients.robot.identity.robot_keys import create_identity, load_identity
+from clients.robot.recording.sealed_file import read_sealed
+from clients.robot.recording.spool import SpooledClip
+from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.sensing.sensor_events import Frame
+from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.synthetic.scenario import parse_scenario
+from clients.robot.synthetic.scenario_bag import make_bag
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.records.viewing import Viewing
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.records.clips import check_clip_download

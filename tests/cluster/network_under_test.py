@@ -15,10 +15,10 @@ from typing import Any
 import aiohttp
 import msgspec
 
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.primitives.keys import PrivateKey
-from consensus.transaction import Transaction, sign_transaction
 from network.cluster import Cluster
-from network.layout import PORTS_PER_NODE, create_network
+from network.provisioning.network_layout import PORTS_PER_NODE, create_network
 from node.config import load_config
 
 _BASE_PORT_MIN, _BASE_PORT_MAX, _BASE_PORT_STEP = 20_000, 32_000, 100

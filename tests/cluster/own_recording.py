@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from clients.robot.events import Frame, Sighting
-from clients.robot.scenario import load_scenario
-from clients.robot.sources.synthetic import SyntheticSource
+from clients.robot.sensing.sensor_events import Frame, Sighting
+from clients.robot.sources.live.synthetic_source import SyntheticSource
+from clients.robot.synthetic.scenario import load_scenario
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record
 
 UID = "E28011606000020A1B2C3D4E"

@@ -19,19 +19,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from clients.robot import cli as robot_cli
-from clients.robot import pipeline, replay, sealed_file, sealing, spool, visits
-from clients.robot.delivery import Delivery
-from clients.robot.keeping import Keeper
-from clients.robot.network import RobotNetwork
-from clients.robot.open_visits import OpenVisits
-from clients.robot.pipeline import Pipeline
-from clients.robot.spool import Spool
-from clients.robot.statistics import RunStatistics
-from clients.sdk import pin_file
-from clients.sdk.custody import CustodyClient
-from clients.sdk.http import NetworkClient
-from consensus.transaction import Transaction
+from clients.robot.cli import main as robot_cli
+from clients.robot.consent.consent_filter import Keeper
+from clients.robot.delivery.delivery import Delivery
+from clients.robot.delivery.robot_network import RobotNetwork
+from clients.robot.recording import sealed_file, sealing, spool, visit_book
+from clients.robot.recording.spool import Spool
+from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.run import pipeline, runner
+from clients.robot.run.pipeline import Pipeline
+from clients.robot.run.run_statistics import RunStatistics
+from clients.sdk import trust_pin_file
+from clients.sdk.chain.custody_client import CustodyClient
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.transaction import Transaction
 from network.cli.main import main
 
 NO_STEP = "none"
@@ -105,18 +106,18 @@ STEPS: dict[str, Step] = {
     "record-submitted-second": Step(NetworkClient, "submit", after=True, counts=_calls("record"), number=2),
     "receipt-seen": Step(RobotNetwork, "submit_and_wait", after=True, counts=_calls("record")),
     "spool-entry-removed": Step(Spool, "remove", after=True, number=2),
-    "record-counted": Step(replay, "note_delivered", after=True, number=2),
+    "record-counted": Step(runner, "note_delivered", after=True, number=2),
     "all-delivered": Step(Delivery, "drain", after=True),
     "closing": Step(RobotNetwork, "submit_and_wait", counts=_calls("close_visit")),
     "closing-submitted": Step(NetworkClient, "submit", after=True, counts=_calls("close_visit")),
     "visit-closed": Step(RobotNetwork, "submit_and_wait", after=True, counts=_calls("close_visit")),
     "visit-forgotten": Step(OpenVisits, "forget", after=True),
-    "pin-written": Step(pin_file, "write_pin_file"),
+    "pin-written": Step(trust_pin_file, "write_pin_file"),
     "summary-told": Step(robot_cli, "print_json"),
     # What must not be recorded is destroyed.
     "clip-nameless": Step(spool, "_wipe"),
     "clip-destroyed": Step(Spool, "destroy", after=True),
-    "visit-lowered": Step(replay, "note_dropped", after=True),
+    "visit-lowered": Step(runner, "note_dropped", after=True),
 }
 
 
@@ -223,7 +224,7 @@ def keep_diary(diary: Diary) -> None:
     wrap(pipeline, "seal_clip", Around(after=sealed))
     wrap(Spool, "put", Around(after=spooled))
     wrap(sealing, "seal_data_key", Around(before=secret(1)))
-    wrap(visits, "open_visit_keys", Around(before=secret(0)))
+    wrap(visit_book, "open_visit_keys", Around(before=secret(0)))
 
 
 if __name__ == "__main__":

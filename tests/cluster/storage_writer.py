@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from contracts.state.view import MemoryState, Overlay
-from node.journal import Journal
+from node.consensus.journal import Journal
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.lmdb_store import LmdbStore
 

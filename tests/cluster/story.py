@@ -15,15 +15,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from clients.registrar.desk import Desk
-from clients.sdk import NetworkClient
-from clients.sdk.enrolment import NewMember, register_member
-from clients.sdk.governance import read_producers
+from clients.sdk.chain.enrolment import NewMember, register_member
+from clients.sdk.chain.governance import read_producers
+from clients.sdk.network_client import NetworkClient
 from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
+from consensus.members.vouchers import decode_card_code
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.records.owner_keys import open_visit_keys
-from consensus.records.vouchers import decode_card_code
 from network.bench.finality_probe import longest_gap_s
 from network.faults.actions import Action
 from network.faults.control import FaultControl

@@ -17,7 +17,7 @@ from pymongo import MongoClient
 from clients.sdk.connections import NodeAddress
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from network.bench.custody_clips import ClipRobot, SealedClip
+from network.bench.custody.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
 from network.custody.asking import run_work
 from node.config import NodeConfig

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from network.cli.main import main as command_line
-from node.journal import Journal
+from node.consensus.journal import Journal
 from node.snapshot.form import SnapshotFolder, read_manifest
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 

@@ -6,9 +6,9 @@ import asyncio
 
 import pytest
 
-from clients.sdk import NetworkClient
-from clients.sdk.pin import open_pin
+from clients.sdk.network_client import NetworkClient
 from clients.sdk.quorum import hear_quorum, is_turned_away
+from clients.sdk.trust_pin import open_pin
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from tests.cluster.network_under_test import NetworkUnderTest

@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from contracts.execution.registry import read_source
+from contracts.lifecycle.registry import read_source
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 from tests.cluster.test_catching_up import assert_same, make_blocks, run_command, wait_caught_up
 from tests.cluster.test_governance import blockrobot, must

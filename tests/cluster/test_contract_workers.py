@@ -30,7 +30,7 @@ async def _worker(story: Story, name: str) -> int:
 
     def is_there(status: dict[str, Any]) -> bool:
         pid = status and status["contracts"]["blocks"]["pid"]
-        return bool(pid) and b"node.contract_worker" in _command(pid)
+        return bool(pid) and b"node.execution.contract_worker" in _command(pid)
 
     said = await story.wait_until(name, is_there)
     return int(said["contracts"]["blocks"]["pid"])

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from consensus.errors import BlockRobotError
-from network.bench.custody_clips import ClipRobot, SealedClip
+from network.bench.custody.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
 from network.cluster import Cluster
 from network.custody.asking import ask_status, run_work
@@ -23,7 +23,7 @@ from network.custody.hunt import HuntReport, gather, hunt
 from network.custody.traces import Trace, read_traces, write_traces
 from network.demo.tampering import flip_stored_byte
 from node.config import CONFIG_FILE
-from node.offchain.sqlite_store import DATABASE_FILE_NAME
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 
 FRAMES_COUNT, FRAME_BYTES = 5, 6_000
 SETTLE_MAX_S = 60.0

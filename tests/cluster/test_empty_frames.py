@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from clients.robot.identity import load_identity
-from clients.robot.publishing import FOLDER
-from clients.robot.replay import ReplayOptions, replay_recording
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.backgrounds.background_publishing import FOLDER
+from clients.robot.identity.robot_keys import load_identity
+from clients.robot.run.runner import ReplayOptions, replay_recording
+from clients.robot.sources.recordings.bag_source import BagSource
 from clients.sdk.connections import NodeAddress
-from clients.sdk.frame_previews import PREVIEW_FILE
-from clients.wallet.pictures import write_pictures
-from clients.wallet.viewing import Viewing
+from clients.sdk.pictures.frame_previews import PREVIEW_FILE
+from clients.wallet.records.picture_files import write_pictures
+from clients.wallet.records.viewing import Viewing
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from tests.cluster.commands import blockrobot, must

@@ -11,7 +11,7 @@ from clients.sdk.connections import NodeAddress
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import check_clip_download
-from network.bench.custody_clips import ClipRobot, SealedClip
+from network.bench.custody.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
 
 FRAMES_COUNT, FRAME_BYTES, RECORDS_COUNT = 4, 20_000, 6

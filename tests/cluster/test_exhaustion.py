@@ -123,7 +123,7 @@ async def test_workers_of_two_nodes_that_are_killed_in_a_loop_stop_nothing(story
     while time.monotonic() < began_s + KILLS_S:
         for name in ("node-1", "node-2"):
             pid = ((await story.status(name)) or {}).get("contracts", {}).get("blocks", {}).get("pid")
-            if pid and b"node.contract_worker" in _command(int(pid)):
+            if pid and b"node.execution.contract_worker" in _command(int(pid)):
                 os.kill(int(pid), signal.SIGKILL)
         await asyncio.sleep(0.25)
     await story.until_told(10)

@@ -10,7 +10,7 @@ from asyncio.subprocess import Process
 from pathlib import Path
 from typing import Any
 
-from clients.sdk import NetworkClient
+from clients.sdk.network_client import NetworkClient
 from consensus.primitives.keys import PrivateKey
 from tests.cluster.commands import blockrobot, must
 from tests.cluster.network_under_test import NetworkUnderTest

@@ -8,7 +8,7 @@ import sys
 import time
 from typing import Any
 
-from consensus.messages import VOTE_TAG, vote_parts
+from consensus.chain.messages import VOTE_TAG, vote_parts
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from tests.cluster.network_under_test import NetworkUnderTest

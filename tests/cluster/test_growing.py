@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from clients.sdk import NetworkClient
+from clients.sdk.network_client import NetworkClient
 from consensus.primitives.keys import PrivateKey
 from consensus.state.producers import EPOCH
 from tests.cluster.commands import agree, must

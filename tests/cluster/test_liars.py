@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from clients.sdk import NetworkClient
+from clients.sdk.network_client import NetworkClient
 from network.byzantine import BEHAVIOURS
 from network.faults.actions import GoByzantine, Restart
 from tests.cluster.story import Story

@@ -9,8 +9,8 @@ import signal
 import sys
 from pathlib import Path
 
-from clients.robot.identity import load_identity
-from clients.robot.open_visits import OpenVisits
+from clients.robot.identity.robot_keys import load_identity
+from clients.robot.recording.unclosed_visits import OpenVisits
 from tests.cluster.killed_robot import PURPOSE, ROOT, SCENE_FILE, killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot import sealing, visits
-from clients.wallet.consenting import Consenting
-from clients.wallet.erasing import Erasing
-from clients.wallet.lost_keys import LostKeys, Span
-from clients.wallet.viewing import Viewing
-from clients.wallet.wallet import RecordEntry, Wallet
+from clients.officer.lost_keys import LostKeys, Span
+from clients.robot.recording import sealing, visit_book
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.records.viewing import Viewing
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from tests.cluster.network_under_test import NetworkUnderTest
@@ -26,7 +26,7 @@ from tests.cluster.test_rights import UID, Ward, quiet
 def late_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     """A robot that delivers five minutes late, as after a cut of the network: the span is over when it is looked at."""
     now = sealing.compute_time_bucket
-    for module in (sealing, visits):
+    for module in (sealing, visit_book):
         monkeypatch.setattr(module, "compute_time_bucket", lambda time_ms: now(time_ms - TIME_BUCKET_MS))
 
 

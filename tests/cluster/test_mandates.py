@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet.consenting import Consenting
-from clients.wallet.mandate_papers import check_papers, make_receipt
-from clients.wallet.mandates import Mandate, Mandates
-from clients.wallet.wallet import Wallet
+from clients.officer.mandate_papers import check_papers, make_receipt
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.ledger.mandates import Mandate, Mandates
+from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
-from consensus.records.mandates import ACTS
+from consensus.rights.mandates import ACTS
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import UID, Ward
 

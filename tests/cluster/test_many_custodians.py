@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from clients.robot.network import RobotNetwork
+from clients.robot.delivery.robot_network import RobotNetwork
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
-from network.bench.custody_clips import ClipRobot
+from network.bench.custody.custody_clips import ClipRobot
 from network.bench.fresh_network import FreshNetwork
 from network.cluster import Cluster
 from network.custody.asking import ask_all, run_work

@@ -12,7 +12,7 @@ import aiohttp
 import pytest
 
 from consensus.primitives.encoding import decode
-from network.certificates import find_authority, read_report, renew
+from network.provisioning.node_certificates import find_authority, read_report, renew
 from node.config import load_config
 from node.p2p.wire import FrameDecoder, FrameKind, Refusal
 from tests.cluster.commands import agree, blockrobot, must

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from clients.registrar.desk import Desk
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from network.demo_notice import demo_notice, demo_notice_text
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
+from network.notices.demo_notice import demo_notice, demo_notice_text
 from tests.cluster.commands import must
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.unit.clients.wallet.conftest import CHEAP

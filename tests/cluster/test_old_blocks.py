@@ -11,20 +11,20 @@ from typing import Any
 import pytest
 
 from clients.registrar.desk import Desk
-from clients.sdk import NetworkClient
-from clients.wallet.consenting import Consenting
-from clients.wallet.erasing import Erasing
-from clients.wallet.kept_proofs import read_kept
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.wallet import Wallet
+from clients.sdk.network_client import NetworkClient
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.store.kept_proofs import read_kept
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
+from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.records.owner_keys import open_visit_keys
-from consensus.transaction import decode_transaction
 from network.faults.actions import FillDisk, Skew
 from node.config import KEEP_BLOCKS_COUNT, KEEP_BLOCKS_MIN_COUNT
-from node.pruning import PRUNE_SLACK_COUNT
-from node.retention import BLOCKS_KEPT_MS
+from node.ledger.pruning import PRUNE_SLACK_COUNT
+from node.ledger.retention import BLOCKS_KEPT_MS
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 from tests.cluster.story import Client, Story
 from tests.cluster.test_catching_up import assert_same, forget_chain, log_of, make_blocks, wait_caught_up

@@ -13,24 +13,24 @@ from typing import Any
 
 import pytest
 
+from clients.officer.breaches import Breaches
 from clients.registrar.desk import Desk
-from clients.robot.bag import make_bag
-from clients.robot.enrolment import register_robot
-from clients.robot.identity import create_identity
-from clients.robot.replay import ReplayOptions, replay_recording
-from clients.robot.scenario import parse_scenario
-from clients.robot.sources.rosbag import BagSource
-from clients.wallet.auditing import audit_all
-from clients.wallet.breaches import Breaches
-from clients.wallet.consenting import Consenting
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.rights import Chosen, Rights
-from clients.wallet.viewing import Viewing
-from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from clients.robot.identity.robot_enrolment import register_robot
+from clients.robot.identity.robot_keys import create_identity
+from clients.robot.run.runner import ReplayOptions, replay_recording
+from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.synthetic.scenario import parse_scenario
+from clients.robot.synthetic.scenario_bag import make_bag
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.ledger.visit_audit import audit_all
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.records.viewing import Viewing
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
-from consensus.records.rights import commit_correction
+from consensus.rights.right_codes import commit_correction
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.walking_alone import UID, walking_alone

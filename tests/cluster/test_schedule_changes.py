@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from clients.sdk import NetworkClient
+from clients.sdk.network_client import NetworkClient
 from consensus.primitives.keys import PrivateKey
 from consensus.state.producers import EPOCH
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet.consenting import Consenting
-from clients.wallet.erasing import Erasing
-from clients.wallet.received import Receipt, Receiving
-from clients.wallet.rights import Chosen, Rights
-from clients.wallet.rotating import Rotating
-from clients.wallet.sharing import Share, Shared, Sharing, place_end
-from clients.wallet.wallet import RecordEntry, Wallet
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.sharing.incoming_shares import Receipt, Receiving
+from clients.wallet.sharing.outgoing_shares import Share, Shared, Sharing, place_end
 from consensus.errors import BlockRobotError
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward

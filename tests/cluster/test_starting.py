@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 from tests.cluster.network_under_test import NetworkUnderTest, find_base_port
 
 

@@ -9,18 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.identity import load_identity
-from clients.sdk.receipts import FinalReceipt
-from clients.wallet.auditing import audit_all
-from clients.wallet.consenting import Consenting
-from clients.wallet.erasing import Erasing
-from clients.wallet.keystore import Keystore
-from clients.wallet.rights import Chosen, Rights
-from clients.wallet.rotating import Rotating
-from clients.wallet.viewing import Viewing
-from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from clients.robot.identity.robot_keys import load_identity
+from clients.sdk.chain.receipts import FinalReceipt
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.ledger.visit_audit import audit_all
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.records.viewing import Viewing
+from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.store.keystore import Keystore
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from consensus.transaction import Transaction
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward, settle
 from tests.cluster.test_taking_data_along import run

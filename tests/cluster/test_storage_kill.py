@@ -13,7 +13,7 @@ from pathlib import Path
 
 from contracts.state.trie import compute_root
 from contracts.state.view import MemoryState
-from node.journal import Journal
+from node.consensus.journal import Journal
 from node.storage.ledger_store import EventCursor, TransactionLocation
 from node.storage.lmdb_store import LmdbStore
 

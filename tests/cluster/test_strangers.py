@@ -10,7 +10,13 @@ import pytest
 import pytest_asyncio
 
 from consensus.primitives.encoding import encode
-from network.authority import Authority, create_authority, issue_node_certificate, load_authority, write_secret
+from network.provisioning.certificate_authority import (
+    Authority,
+    create_authority,
+    issue_node_certificate,
+    load_authority,
+    write_secret,
+)
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, encode_frame
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 
 from clients.registrar.desk import Desk
-from clients.robot.bag import make_bag
-from clients.robot.enrolment import register_robot
-from clients.robot.identity import create_identity
-from clients.robot.replay import ReplayOptions, replay_recording
-from clients.robot.scenario import parse_scenario
-from clients.robot.sources.rosbag import BagSource
-from clients.sdk.picture import decode_colour_png, decode_depth_png
-from clients.wallet.consenting import Consenting
-from clients.wallet.erasing import Erasing
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.wallet import Wallet
+from clients.robot.identity.robot_enrolment import register_robot
+from clients.robot.identity.robot_keys import create_identity
+from clients.robot.run.runner import ReplayOptions, replay_recording
+from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.synthetic.scenario import parse_scenario
+from clients.robot.synthetic.scenario_bag import make_bag
+from clients.sdk.pictures.rendition_picture import decode_colour_png, decode_depth_png
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.walking_alone import UID, walking_alone

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from clients.bundle.checking import verify_bundle
-from clients.wallet.consenting import Consenting
+from clients.bundle.checks.bundle_check import verify_bundle
+from clients.wallet.consent.consent_choices import Consenting
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward
 from tests.walking_alone import UID

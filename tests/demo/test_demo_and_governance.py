@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from clients.sdk import NetworkClient
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, genesis_from_json
 from consensus.primitives.keys import PrivateKey
 from tests.demo.test_demo import DEMO_TIMEOUT_S, ENDING_TIMEOUT_S, failed_checks, read_demo, start_demo
 

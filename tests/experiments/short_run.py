@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from clients.robot.scenario import Scenario
+from clients.robot.synthetic.scenario import Scenario
 from network.bench.fresh_network import find_base_port
 from network.demo.checks import Check
 from network.experiments.definitions import EXPERIMENTS, Experiment

@@ -10,7 +10,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from network.experiments.comparison import work_out, write_reading
-from network.experiments.event_table import EventTable, LoggedEvent
+from network.experiments.pages.event_table import EventTable, LoggedEvent
 
 pytestmark = pytest.mark.smoke
 

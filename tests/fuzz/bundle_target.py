@@ -11,10 +11,10 @@ from random import Random
 
 import msgspec
 
-from clients.bundle.checking import verify_bundle
+from clients.bundle.checks.bundle_check import verify_bundle
 from clients.bundle.container import BundleReader
+from consensus.chain.genesis import genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import genesis_from_json, genesis_to_json
 from consensus.primitives.encoding import encode
 from tests.fuzz.target import FlipBytes, Target, refusing
 from tests.fuzz.trees import change_json

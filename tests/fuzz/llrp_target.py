@@ -11,9 +11,9 @@ from llrpkit.constants import MESSAGE_HEADER_LEN
 from llrpkit.exceptions import MessageDecodeError
 from llrpkit.protocol import decode_message, messages, params
 
-from clients.robot.events import Refused, Sighting
-from clients.robot.sources.field_map import EPC_MAX_CHARS
-from clients.robot.sources.llrp import _Library, _Link, _Opening
+from clients.robot.sensing.sensor_events import Refused, Sighting
+from clients.robot.sources.live.llrp import _Library, _Link, _Opening
+from clients.robot.sources.messages.field_map import EPC_MAX_CHARS
 from clients.robot.sources.topics import LlrpReader
 from tests.fuzz.target import FlipBytes, Target
 

@@ -13,19 +13,8 @@ from typing import Any
 
 import msgspec
 
-from consensus.block import Block, FinalityProof, Header, QuorumCertificate
-from consensus.errors import BlockRobotError
-from consensus.events import (
-    BlocksFetched,
-    Event,
-    NoticeReceived,
-    ProposalReceived,
-    TimeoutReceived,
-    VoteReceived,
-    WordsAnswered,
-    WordsAsked,
-)
-from consensus.messages import (
+from consensus.chain.block import Block, FinalityProof, Header, QuorumCertificate
+from consensus.chain.messages import (
     CertificateNotice,
     Proposal,
     Timeout,
@@ -36,9 +25,20 @@ from consensus.messages import (
     sign_timeout,
     sign_vote,
 )
+from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.protocol.events import (
+    BlocksFetched,
+    Event,
+    NoticeReceived,
+    ProposalReceived,
+    TimeoutReceived,
+    VoteReceived,
+    WordsAnswered,
+    WordsAsked,
+)
 from node.p2p.wire import (
     BlockBatch,
     BranchRequest,

@@ -11,11 +11,11 @@ import numpy as np
 from rosbags.highlevel import anyreader
 from rosbags.typesys import get_types_from_msg
 
-from clients.robot.bag import DEPTH_TOPIC, EMPTY_TOPIC
-from clients.robot.messages import SIGHTING_TYPE
-from clients.robot.sources import recording
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.sources.recordings import recording
+from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.topics import SIGHTING_TOPIC
+from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
+from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC
 from tests.fuzz.target import Target, refusing
 from tests.unit.clients.robot.sources.recordings import FORMATS, START_MS, Topic, image, record, stamp, storage_file
 

@@ -17,16 +17,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from contracts.execution.opening import MIGRATION_GAS_MAX
+from contracts.lifecycle.opening import MIGRATION_GAS_MAX
 from contracts.vm import ContractSourceError, InternalFault
-from contracts.vm.builtins_table import BUILTINS
-from contracts.vm.meter import MEMORY_MAX_BYTES
-from contracts.vm.methods import METHODS
-from network.hostile.corpus import CORPUS
-from network.hostile.micro import HELPERS, MICRO, STATE
-from network.hostile.program import REFUSED, SPENT, Program, body
-from network.hostile.running import CallHost, call_program, compile_program, make_state
-from network.hostile.searching import ARGUMENTS, ONLY_BY_NAME, OTHER, SIGNS, TYPE_LETTERS, Breeder
+from contracts.vm.library.builtins_table import BUILTINS
+from contracts.vm.library.methods import METHODS
+from contracts.vm.model.meter import MEMORY_MAX_BYTES
+from network.lab.hostile.corpus import CORPUS
+from network.lab.hostile.micro import HELPERS, MICRO, STATE
+from network.lab.hostile.program import REFUSED, SPENT, Program, body
+from network.lab.hostile.running import CallHost, call_program, compile_program, make_state
+from network.lab.hostile.searching import ARGUMENTS, ONLY_BY_NAME, OTHER, SIGNS, TYPE_LETTERS, Breeder
 
 FACTOR = 4
 ROOM_BYTES = FACTOR * MEMORY_MAX_BYTES

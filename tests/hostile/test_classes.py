@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import pytest
 
-from contracts.vm.methods import METHODS
-from contracts.vm.names import CALLABLES, dotted_name
-from network.hostile.corpus import CORPUS, FAMILIES
-from network.hostile.program import REFUSED, Program
-from network.hostile.running import run_program
+from contracts.vm.frontend.name_binding import CALLABLES, dotted_name
+from contracts.vm.library.methods import METHODS
+from network.lab.hostile.corpus import CORPUS, FAMILIES
+from network.lab.hostile.program import REFUSED, Program
+from network.lab.hostile.running import run_program
 
 KINDS = {
     "endless loops": "loop-for-ever loop-over-a-growing-list loop-over-a-huge-range comprehension-for-ever",

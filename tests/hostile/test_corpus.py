@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from network.hostile.corpus import CORPUS, FAMILIES
+from network.lab.hostile.corpus import CORPUS, FAMILIES
 
 ROOT = Path(__file__).resolve().parents[2]
 GROWTH_MAX_KIB = 96 * 1024
@@ -24,7 +24,7 @@ CALL_MAX_S = 3.0
 
 def start(seed: str, *more: str) -> subprocess.Popen[str]:
     environment = {**os.environ, "PYTHONHASHSEED": seed}
-    command = [sys.executable, "-m", "network.hostile.child", *more]
+    command = [sys.executable, "-m", "network.lab.hostile.child", *more]
     return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
 
 

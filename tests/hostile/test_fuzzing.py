@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from network.hostile.fuzzing import make_program, seed_sources
-from network.hostile.grammar import Grammar, mutate
+from network.lab.hostile.fuzzing import make_program, seed_sources
+from network.lab.hostile.grammar import Grammar, mutate
 from tests.effort import EFFORT
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,7 +27,7 @@ LONG_SEEDS = (101, 102, 103, 104, 105)
 
 def start(seed: int, count: int, hash_seed: str) -> subprocess.Popen[str]:
     environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
-    command = [sys.executable, "-m", "network.hostile.fuzzing", "--seed", str(seed), "--programs", str(count)]
+    command = [sys.executable, "-m", "network.lab.hostile.fuzzing", "--seed", str(seed), "--programs", str(count)]
     return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
 
 

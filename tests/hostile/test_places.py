@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import pytest
 
-from contracts.vm.host import HOST_FUNCTIONS
-from contracts.vm.methods import METHODS
-from network.bench.vm_worst import RATIO_MAX
-from network.hostile.measuring import measure_program
-from network.hostile.places import DICT_STEPS, HOST_STEPS, LIST_STEPS, PLACES, STATE_STEPS, TEXT_STEPS, TUPLE_STEPS
-from network.hostile.program import SPENT, body
+from contracts.vm.library.host import HOST_FUNCTIONS
+from contracts.vm.library.methods import METHODS
+from network.bench.vm.vm_worst import RATIO_MAX
+from network.lab.hostile.measuring import measure_program
+from network.lab.hostile.places import DICT_STEPS, HOST_STEPS, LIST_STEPS, PLACES, STATE_STEPS, TEXT_STEPS, TUPLE_STEPS
+from network.lab.hostile.program import SPENT, body
 
 GAS_LIMIT = 120_000
 ROUNDS_COUNT = 6

@@ -7,29 +7,33 @@ from tests.mutants.mutant import DroppedCheck, Kind
 DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
     DroppedCheck(
         Kind.PROOFS,
-        "clients/bundle/chain_proofs.py",
+        "clients/bundle/checks/chain_proofs.py",
         "PROOF_INVALID",
         0,
         "tests/unit/clients/bundle/test_chain_proofs.py",
     ),
     DroppedCheck(
         Kind.PROOFS,
-        "clients/bundle/chain_proofs.py",
+        "clients/bundle/checks/chain_proofs.py",
         "PROOF_INVALID",
         2,
         "tests/unit/clients/bundle/test_chain_proofs.py",
     ),
     DroppedCheck(
-        Kind.VOTING, "consensus/block_rules.py", "BLOCK_INVALID", 0, "tests/unit/consensus/test_core_blocks.py"
+        Kind.VOTING, "consensus/chain/block_rules.py", "BLOCK_INVALID", 0, "tests/unit/consensus/test_core_blocks.py"
     ),
     DroppedCheck(
-        Kind.VOTING, "consensus/evidence.py", "EVIDENCE_INVALID", 2, "tests/unit/consensus/test_core_evidence.py"
+        Kind.VOTING, "consensus/chain/evidence.py", "EVIDENCE_INVALID", 2, "tests/unit/consensus/test_core_evidence.py"
     ),
     DroppedCheck(
-        Kind.PROOFS, "consensus/light_client.py", "PROOF_INVALID", 0, "tests/unit/consensus/test_light_client.py"
+        Kind.PROOFS, "consensus/chain/light_client.py", "PROOF_INVALID", 0, "tests/unit/consensus/test_light_client.py"
     ),
     DroppedCheck(
-        Kind.PROOFS, "consensus/light_client.py", "PROOF_OTHER_EPOCH", 0, "tests/unit/consensus/test_light_client.py"
+        Kind.PROOFS,
+        "consensus/chain/light_client.py",
+        "PROOF_OTHER_EPOCH",
+        0,
+        "tests/unit/consensus/test_light_client.py",
     ),
     DroppedCheck(
         Kind.PROOFS,
@@ -58,17 +62,17 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         Kind.PROOFS, "consensus/records/clips.py", "PROOF_INVALID", 1, "tests/unit/consensus/records/test_clips.py"
     ),
     DroppedCheck(
-        Kind.PROOFS, "consensus/records/handles.py", "HANDLE_MISTYPED", 0, "tests/property/test_short_handles.py"
+        Kind.PROOFS, "consensus/members/handles.py", "HANDLE_MISTYPED", 0, "tests/property/test_short_handles.py"
     ),
     DroppedCheck(
-        Kind.PROOFS, "consensus/records/roster.py", "ROSTER_EXPIRED", 0, "tests/unit/consensus/records/test_roster.py"
+        Kind.PROOFS, "consensus/members/roster.py", "ROSTER_EXPIRED", 0, "tests/unit/consensus/records/test_roster.py"
     ),
     DroppedCheck(
-        Kind.PROOFS, "consensus/records/roster.py", "ROSTER_INVALID", 1, "tests/unit/consensus/records/test_roster.py"
+        Kind.PROOFS, "consensus/members/roster.py", "ROSTER_INVALID", 1, "tests/unit/consensus/records/test_roster.py"
     ),
     DroppedCheck(
         Kind.PROOFS,
-        "consensus/records/vouchers.py",
+        "consensus/members/vouchers.py",
         "VOUCHER_EXPIRED",
         0,
         "tests/unit/consensus/records/test_vouchers.py",
@@ -237,21 +241,39 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         0,
         "tests/unit/contracts/privacy/test_transfer.py",
     ),
-    DroppedCheck(Kind.AUTHORISATION, "node/api/access.py", "NOT_PERMITTED", 0, "tests/unit/node/api/test_access.py"),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/api/access.py", "SESSION_REQUIRED", 0, "tests/unit/node/api/test_notice_routes.py"
+        Kind.AUTHORISATION, "node/api/access/route_access.py", "NOT_PERMITTED", 0, "tests/unit/node/api/test_access.py"
     ),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/api/challenges.py", "CHALLENGE_INVALID", 0, "tests/unit/node/api/test_sessions.py"
+        Kind.AUTHORISATION,
+        "node/api/access/route_access.py",
+        "SESSION_REQUIRED",
+        0,
+        "tests/unit/node/api/test_notice_routes.py",
     ),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/api/challenges.py", "CHALLENGE_INVALID", 1, "tests/unit/node/api/test_sessions.py"
+        Kind.AUTHORISATION,
+        "node/api/access/challenges.py",
+        "CHALLENGE_INVALID",
+        0,
+        "tests/unit/node/api/test_sessions.py",
     ),
     DroppedCheck(
-        Kind.PROOFS, "node/api/routes/backgrounds.py", "UPLOAD_HASH_MISMATCH", 0, "tests/unit/node/api/test_routes.py"
+        Kind.AUTHORISATION,
+        "node/api/access/challenges.py",
+        "CHALLENGE_INVALID",
+        1,
+        "tests/unit/node/api/test_sessions.py",
     ),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/api/routes/clips.py", "NOT_PERMITTED", 0, "tests/unit/node/api/test_routes.py"
+        Kind.PROOFS,
+        "node/api/routes/custody/backgrounds.py",
+        "UPLOAD_HASH_MISMATCH",
+        0,
+        "tests/unit/node/api/test_routes.py",
+    ),
+    DroppedCheck(
+        Kind.AUTHORISATION, "node/api/routes/custody/clips.py", "NOT_PERMITTED", 0, "tests/unit/node/api/test_routes.py"
     ),
     DroppedCheck(
         Kind.AUTHORISATION,
@@ -261,47 +283,55 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "tests/unit/node/api/test_notice_routes.py",
     ),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/api/standing.py", "NOT_PERMITTED", 1, "tests/unit/node/api/test_grantee_reads.py"
+        Kind.AUTHORISATION,
+        "node/api/access/principals.py",
+        "NOT_PERMITTED",
+        1,
+        "tests/unit/node/api/test_grantee_reads.py",
     ),
-    DroppedCheck(Kind.QUOTAS, "node/mempool.py", "SENDER_LIMIT", 0, "tests/unit/node/test_mempool.py"),
-    DroppedCheck(Kind.QUOTAS, "node/mempool.py", "SENDER_WITHOUT_STANDING", 0, "tests/unit/node/test_mempool.py"),
-    DroppedCheck(Kind.QUOTAS, "node/mempool.py", "TRANSACTION_EXPIRED", 0, "tests/unit/node/test_mempool.py"),
-    DroppedCheck(Kind.QUOTAS, "node/mempool.py", "TRANSACTION_WRONG_CHAIN", 0, "tests/unit/node/test_mempool.py"),
+    DroppedCheck(Kind.QUOTAS, "node/mempool/mempool.py", "SENDER_LIMIT", 0, "tests/unit/node/test_mempool.py"),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/offchain/custodian.py", "ACCESS_NOT_GRANTED", 0, "tests/offchain/test_custodian.py"
+        Kind.QUOTAS, "node/mempool/mempool.py", "SENDER_WITHOUT_STANDING", 0, "tests/unit/node/test_mempool.py"
     ),
+    DroppedCheck(Kind.QUOTAS, "node/mempool/mempool.py", "TRANSACTION_EXPIRED", 0, "tests/unit/node/test_mempool.py"),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/offchain/custodian.py", "ACCESS_NOT_GRANTED", 1, "tests/offchain/test_custodian.py"
-    ),
-    DroppedCheck(Kind.ERASURE, "node/offchain/custodian.py", "CLIP_ERASED", 0, "tests/offchain/test_custodian.py"),
-    DroppedCheck(
-        Kind.ERASURE, "node/offchain/custodian.py", "CLIP_ERASED", 1, "tests/offchain/test_custodian_crashes.py"
+        Kind.QUOTAS, "node/mempool/mempool.py", "TRANSACTION_WRONG_CHAIN", 0, "tests/unit/node/test_mempool.py"
     ),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/offchain/custodian.py", "CLIP_QUARANTINED", 0, "tests/offchain/test_standing.py"
+        Kind.AUTHORISATION, "node/custody/custodian.py", "ACCESS_NOT_GRANTED", 0, "tests/offchain/test_custodian.py"
     ),
     DroppedCheck(
-        Kind.ERASURE, "node/offchain/custodian.py", "CUSTODY_OUT_OF_ORDER", 1, "tests/offchain/test_custodian.py"
+        Kind.AUTHORISATION, "node/custody/custodian.py", "ACCESS_NOT_GRANTED", 1, "tests/offchain/test_custodian.py"
+    ),
+    DroppedCheck(Kind.ERASURE, "node/custody/custodian.py", "CLIP_ERASED", 0, "tests/offchain/test_custodian.py"),
+    DroppedCheck(
+        Kind.ERASURE, "node/custody/custodian.py", "CLIP_ERASED", 1, "tests/offchain/test_custodian_crashes.py"
     ),
     DroppedCheck(
-        Kind.PROOFS, "node/offchain/custodian.py", "UPLOAD_HASH_MISMATCH", 0, "tests/offchain/test_custodian.py"
+        Kind.AUTHORISATION, "node/custody/custodian.py", "CLIP_QUARANTINED", 0, "tests/offchain/test_standing.py"
     ),
     DroppedCheck(
-        Kind.ERASURE, "node/offchain/erasing.py", "ERASE_KEYS_DAMAGED", 0, "tests/offchain/test_erasing_again.py"
+        Kind.ERASURE, "node/custody/custodian.py", "CUSTODY_OUT_OF_ORDER", 1, "tests/offchain/test_custodian.py"
     ),
     DroppedCheck(
-        Kind.ERASURE, "node/offchain/erasing.py", "STORE_UNAVAILABLE", 0, "tests/offchain/test_erasing_again.py"
+        Kind.PROOFS, "node/custody/custodian.py", "UPLOAD_HASH_MISMATCH", 0, "tests/offchain/test_custodian.py"
     ),
     DroppedCheck(
-        Kind.ERASURE, "node/offchain/erasing.py", "STORE_UNAVAILABLE", 1, "tests/offchain/test_empty_frames.py"
+        Kind.ERASURE, "node/custody/erasure.py", "ERASE_KEYS_DAMAGED", 0, "tests/offchain/test_erasing_again.py"
     ),
     DroppedCheck(
-        Kind.ERASURE, "node/offchain/erasing.py", "STORE_UNAVAILABLE", 2, "tests/offchain/test_erasing_again.py"
+        Kind.ERASURE, "node/custody/erasure.py", "STORE_UNAVAILABLE", 0, "tests/offchain/test_erasing_again.py"
     ),
-    DroppedCheck(Kind.ERASURE, "node/offchain/sharing.py", "GRANT_ENDED", 1, "tests/offchain/test_sharing_upkeep.py"),
-    DroppedCheck(Kind.AUTHORISATION, "node/offchain/sharing.py", "NOT_PERMITTED", 0, "tests/offchain/test_sharing.py"),
     DroppedCheck(
-        Kind.AUTHORISATION, "node/offchain/sharing_desk.py", "ACCESS_NOT_GRANTED", 0, "tests/offchain/test_sharing.py"
+        Kind.ERASURE, "node/custody/erasure.py", "STORE_UNAVAILABLE", 1, "tests/offchain/test_empty_frames.py"
+    ),
+    DroppedCheck(
+        Kind.ERASURE, "node/custody/erasure.py", "STORE_UNAVAILABLE", 2, "tests/offchain/test_erasing_again.py"
+    ),
+    DroppedCheck(Kind.ERASURE, "node/custody/shares.py", "GRANT_ENDED", 1, "tests/offchain/test_sharing_upkeep.py"),
+    DroppedCheck(Kind.AUTHORISATION, "node/custody/shares.py", "NOT_PERMITTED", 0, "tests/offchain/test_sharing.py"),
+    DroppedCheck(
+        Kind.AUTHORISATION, "node/custody/share_service.py", "ACCESS_NOT_GRANTED", 0, "tests/offchain/test_sharing.py"
     ),
     DroppedCheck(Kind.AUTHORISATION, "node/operator.py", "NOT_PERMITTED", 0, "tests/unit/node/test_operator.py"),
     DroppedCheck(
@@ -317,7 +347,7 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
     DroppedCheck(Kind.QUOTAS, "node/p2p/wire.py", "PEER_MESSAGE_INVALID", 3, "tests/unit/node/p2p/test_wire.py"),
     DroppedCheck(
         Kind.AUTHORISATION,
-        "node/upload_admission.py",
+        "node/custody/chain/upload_admission.py",
         "EMPTY_FRAME_NOT_APPROVED",
         0,
         "tests/unit/node/api/test_frame_approval.py",

@@ -7,7 +7,7 @@ from tests.mutants.mutant import Kind, Replaced
 REPLACED: tuple[Replaced, ...] = (
     Replaced(
         Kind.PROOFS,
-        "consensus/light_client.py",
+        "consensus/chain/light_client.py",
         "a child of any later round makes final",
         "child.round == headers[-2].round + 1",
         "child.round > headers[-2].round",
@@ -15,7 +15,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "consensus/light_client.py",
+        "consensus/chain/light_client.py",
         "a header's certificate may be another's",
         "qc.block_id == block_id and qc.round == each.round",
         "qc.round == each.round",
@@ -31,7 +31,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "consensus/light_client.py",
+        "consensus/chain/light_client.py",
         "a next epoch is believed whatever the boundary names",
         "boundary.next_schedule_hash == compute_epoch_hash(proof.epoch)",
         "boundary.next_schedule_hash is not None",
@@ -39,7 +39,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "consensus/light_client.py",
+        "consensus/chain/light_client.py",
         "a closing block is final",
         '    _require(not header.is_closing, "A block that closes its epoch is never final.")\n',
         "",
@@ -47,7 +47,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "consensus/light_client.py",
+        "consensus/chain/light_client.py",
         "a known epoch may have another boundary",
         (
             "            and known.epoch == proof.epoch\n"
@@ -58,7 +58,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "consensus/light_client.py",
+        "consensus/chain/light_client.py",
         "a node's value is not looked up in the state",
         "        verify_proof(header.state_root, key, value, state_proof)\n",
         "",
@@ -66,7 +66,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "consensus/light_client.py",
+        "consensus/chain/light_client.py",
         "an older header is pinned over a newer one",
         (
             "        if self._is_older(header):\n"
@@ -102,7 +102,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "consensus/schedule.py",
+        "consensus/chain/schedule.py",
         "a certificate counts one vote twice",
         "any(first >= second for first, second in itertools.pairwise(indexes))",
         "any(first > second for first, second in itertools.pairwise(indexes))",
@@ -110,7 +110,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "consensus/schedule.py",
+        "consensus/chain/schedule.py",
         "a timeout names a certificate of its own round",
         "if not 0 <= timeout.qc_round < tc.round or not check(",
         "if not 0 <= timeout.qc_round <= tc.round or not check(",
@@ -161,7 +161,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "node/offchain/custodian.py",
+        "node/custody/custodian.py",
         "a damaged copy of another custodian is kept",
         "        if damaged:\n",
         "        if False:\n",
@@ -191,7 +191,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "clients/bundle/signed_receipts.py",
+        "clients/bundle/checks/signed_receipts.py",
         "a receipt may be of a consent that no proof shows",
         "if not is_registering(entry) and (word.txid.hex(), word.status, word.height) not in proved:",
         "if False:",
@@ -199,7 +199,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PROOFS,
-        "clients/bundle/checking.py",
+        "clients/bundle/checks/bundle_check.py",
         "files of a bundle are not those that its manifest lists",
         "            if row != found:\n",
         "            if row[0] != found[0]:\n",
@@ -207,7 +207,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/block_rules.py",
+        "consensus/chain/block_rules.py",
         "any producer may lead a round",
         "header.producer == schedule.leader(header.round)",
         "header.producer < len(schedule.producers)",
@@ -215,7 +215,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/block_rules.py",
+        "consensus/chain/block_rules.py",
         "transactions need not be the header's",
         "compute_transactions_root(txids) == header.transactions_root",
         "True",
@@ -223,7 +223,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/genuineness.py",
+        "consensus/chain/message_checks.py",
         "votes are not checked",
         ("        return self._check(self._schedule.producers[vote.index], VOTE_TAG, vote.signature, *parts)"),
         "        return True",
@@ -231,7 +231,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/collectors.py",
+        "consensus/protocol/vote_collectors.py",
         "one producer's votes for two blocks both count",
         "        if vote.index in votes:\n            return None\n",
         "",
@@ -239,7 +239,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/collectors.py",
+        "consensus/protocol/vote_collectors.py",
         "votes for any block of a round make a certificate",
         " for index, other in votes.items() if other.block_id == vote.block_id)",
         " for index, other in votes.items())",
@@ -247,7 +247,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/voter.py",
+        "consensus/protocol/voter.py",
         "a block from the future gets a vote",
         "            and header.timestamp_ms <= now_ms + self._settings.max_clock_drift_ms\n",
         "",
@@ -255,7 +255,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/voter.py",
+        "consensus/protocol/voter.py",
         "blocks with transactions are voted for without end",
         "            and not (node.block.transactions and len(branch) > UNFINALIZED_BLOCKS_MAX_COUNT)\n",
         "",
@@ -263,7 +263,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/voter.py",
+        "consensus/protocol/voter.py",
         "who has begun a later epoch still speaks in this one",
         "        return self.index is not None and self.newest_epoch > self._epoch\n",
         "        return False\n",
@@ -271,7 +271,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/voter.py",
+        "consensus/protocol/voter.py",
         "a vote is sent before it is in the journal",
         (
             "        effects: list[Effect] = [Persist(records=(record,))]\n        if is_own:\n"
@@ -287,7 +287,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/voter.py",
+        "consensus/protocol/voter.py",
         "a timeout is sent before it is in the journal",
         "[Persist(records=(record,)), Broadcast(timeout)]",
         "[Broadcast(timeout), Persist(records=(record,))]",
@@ -295,7 +295,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/block_rules.py",
+        "consensus/chain/block_rules.py",
         "a round is skipped without a quorum that gave it up",
         "return tc is not None and tc.round == header.round - 1 and",
         "return tc is not None and",
@@ -303,7 +303,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/block_rules.py",
+        "consensus/chain/block_rules.py",
         "a block leaves the locked branch behind",
         "tc.round == header.round - 1 and header.qc.round >= tc.highest_qc_round",
         "tc.round == header.round - 1",
@@ -311,7 +311,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/block_rules.py",
+        "consensus/chain/block_rules.py",
         "time stands still from a block to the next",
         "header.timestamp_ms > parent.timestamp_ms",
         "header.timestamp_ms >= parent.timestamp_ms",
@@ -319,7 +319,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/block_rules.py",
+        "consensus/chain/block_rules.py",
         "a block need not be signed by its leader",
         (
             '    _require(check(producer_key, PROPOSAL_TAG, block.signature, *parts), "The block is '
@@ -330,7 +330,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/blocktree.py",
+        "consensus/protocol/block_tree.py",
         "uncertified blocks of one round fill the tree",
         ("return block_id in self.certificates or self._first_of_round.get(header.round, block_id) == block_id"),
         "return True",
@@ -338,7 +338,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.VOTING,
-        "consensus/genuineness.py",
+        "consensus/chain/message_checks.py",
         "a timeout may know of a certificate of its own round",
         "if not 0 <= timeout.qc.round < timeout.round < ROUND_MAX:",
         "if not 0 <= timeout.qc.round <= timeout.round < ROUND_MAX:",
@@ -386,7 +386,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/engine.py",
+        "node/consensus/engine.py",
         "messages leave before the journal is synced",
         "            self._recorder.sync()\n            self._recorder.settle()",
         "            self._recorder.settle()",
@@ -394,7 +394,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/journal.py",
+        "node/consensus/journal.py",
         "a lost record is taken for a torn tail",
         "    if synced >= expected:\n",
         "    if False:\n",
@@ -402,7 +402,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/journal.py",
+        "node/consensus/journal.py",
         "a new file is put in place before it is synced",
         "        file.append(data)\n        file.sync()\n    except",
         "        file.append(data)\n    except",
@@ -410,7 +410,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/journal.py",
+        "node/consensus/journal.py",
         "a replaced file's folder is not synced",
         "    disk.replace(_aside(path), path)\n    disk.sync_directory(path.parent)\n",
         "    disk.replace(_aside(path), path)\n",
@@ -418,7 +418,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/journal.py",
+        "node/consensus/journal.py",
         "a journal goes on after a failed write",
         (
             "                except OSError as error:\n                    self._broken = True\n"
@@ -429,7 +429,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/journal.py",
+        "node/consensus/journal.py",
         "what waits to be written is lost by a compaction",
         "                records = [*keep, *((entry.kind, entry.record) for entry in carried)]\n",
         (
@@ -440,7 +440,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/journal.py",
+        "node/consensus/journal.py",
         "a frame of another journal is read as its own",
         "zlib.crc32(record, zlib.crc32(covered, zlib.crc32(identity))) != checksum",
         'zlib.crc32(record, zlib.crc32(covered, zlib.crc32(b""))) != checksum',
@@ -448,7 +448,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/recording.py",
+        "node/consensus/journal_writer.py",
         "a refused sync is not noticed",
         "        if self._refusal:\n            self._begin_outage(self._refusal)\n",
         '        self._refusal = ""\n',
@@ -456,7 +456,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.JOURNAL,
-        "node/engine.py",
+        "node/consensus/engine.py",
         "words are sent while the disk refuses",
         "            while self._waiting is None and not self._outages:\n",
         "            while self._waiting is None:\n",

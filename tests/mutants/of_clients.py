@@ -7,7 +7,7 @@ from tests.mutants.mutant import Kind, Replaced
 REPLACED: tuple[Replaced, ...] = (
     Replaced(
         Kind.PAIRING,
-        "clients/robot/pairing.py",
+        "clients/robot/pairing/tag_pairing.py",
         "late readings are not waited for",
         "self._waiting[0][0] + self.window_ms + self.lateness_ms < self.now_ms",
         "self._waiting[0][0] + self.window_ms < self.now_ms",
@@ -15,7 +15,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PAIRING,
-        "clients/robot/pairing.py",
+        "clients/robot/pairing/tag_pairing.py",
         "a tag that left is still there",
         "        return place >= 0 and at <= self._ends[place]",
         "        return place >= 0",
@@ -31,7 +31,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PAIRING,
-        "clients/robot/pairing.py",
+        "clients/robot/pairing/tag_pairing.py",
         "a sighting does not reach back by the window",
         "intervals.add(first_seen_ms - self.window_ms, end_ms)",
         "intervals.add(first_seen_ms, end_ms)",
@@ -39,7 +39,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PAIRING,
-        "clients/robot/pairing.py",
+        "clients/robot/pairing/tag_pairing.py",
         "a sighting does not reach on by the window",
         "max(first_seen_ms, last_seen_ms) + self.window_ms\n",
         "max(first_seen_ms, last_seen_ms)\n",
@@ -47,7 +47,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PAIRING,
-        "clients/robot/pairing.py",
+        "clients/robot/pairing/tag_pairing.py",
         "sightings are forgotten while frames still wait",
         "horizon = self.now_ms - MEMORY_MS\n",
         "horizon = self.now_ms\n",
@@ -55,7 +55,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PAIRING,
-        "clients/robot/pairing.py",
+        "clients/robot/pairing/tag_pairing.py",
         "one frame with a wrong stamp begins a new timeline",
         "        if len(self._doubts) < CONFIRM_COUNT:\n",
         "        if False:\n",
@@ -63,7 +63,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PAIRING,
-        "clients/robot/pairing.py",
+        "clients/robot/pairing/tag_pairing.py",
         "sightings outlive the timeline that they belong to",
         ("        self._known.clear()\n        self._strangers = _Intervals()\n        self.timeline_count += 1\n"),
         "        self.timeline_count += 1\n",
@@ -71,7 +71,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.PAIRING,
-        "clients/robot/pairing.py",
+        "clients/robot/pairing/tag_pairing.py",
         "a stranger's tag owns a picture",
         "        intervals = self._strangers\n        if known:\n",
         "        intervals = self._strangers\n        if alias:\n",
@@ -263,7 +263,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "clients/robot/sealed_file.py",
+        "clients/robot/recording/sealed_file.py",
         "a sealed file is for everybody on the machine",
         "            os.fchmod(file.fileno(), 0o600)",
         "            os.fchmod(file.fileno(), 0o644)",
@@ -279,7 +279,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "node/offchain/erase_keys.py",
+        "node/custody/erase_keys.py",
         "erase keys are readable by others",
         "os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)",
         "os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)",
@@ -287,7 +287,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "node/offchain/sqlite_store.py",
+        "node/custody/stores/sqlite_store.py",
         "the custodian's database is readable by others",
         "os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)",
         "os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)",
@@ -311,7 +311,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "clients/robot/identity.py",
+        "clients/robot/identity/robot_keys.py",
         "a robot's keys are readable by others",
         "os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)",
         "os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)",
@@ -319,7 +319,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "clients/wallet/keystore.py",
+        "clients/wallet/store/keystore.py",
         "a wallet is readable by others",
         "        os.fchmod(descriptor, 0o600)\n",
         "        os.fchmod(descriptor, 0o644)\n",
@@ -327,7 +327,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "clients/wallet/pictures.py",
+        "clients/wallet/records/picture_files.py",
         "a picture over an open file stays open to others",
         "        os.fchmod(descriptor, _PRIVATE_FILE)  # one of an earlier look may be open to others\n",
         "",
@@ -335,7 +335,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "clients/wallet/guardian_sheets.py",
+        "clients/wallet/recovery/guardian_sheets.py",
         "a guardian's sheet is readable by others",
         "os.O_EXCL, 0o600)",
         "os.O_EXCL, 0o644)",
@@ -351,7 +351,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "network/authority.py",
+        "network/provisioning/certificate_authority.py",
         "an authority's key is readable by others",
         "os.O_EXCL, 0o600)",
         "os.O_EXCL, 0o644)",
@@ -367,7 +367,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.FOREIGN_TEXT,
-        "clients/sdk/safe_output.py",
+        "clients/sdk/terminal/safe_output.py",
         "controls of others reach the terminal",
         "        self._stream.write(escape_controls(text, _ALLOWED))",
         "        self._stream.write(text)",
@@ -375,7 +375,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.FOREIGN_TEXT,
-        "clients/sdk/safe_output.py",
+        "clients/sdk/terminal/safe_output.py",
         "any tag of others is markup",
         "        if not closes and tag in MARKUP_TAGS:\n",
         "        if not closes:\n",
@@ -383,7 +383,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.FOREIGN_TEXT,
-        "clients/sdk/safe_output.py",
+        "clients/sdk/terminal/safe_output.py",
         "what is rendered keeps its controls",
         "safe = segment.text if segment.control else escape_controls(segment.text, _ALLOWED)",
         "safe = segment.text",
@@ -391,7 +391,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.FOREIGN_TEXT,
-        "clients/sdk/safe_output.py",
+        "clients/sdk/terminal/safe_output.py",
         "a line of progress keeps its controls",
         "f\"\\r{escape_controls(text, '')}\\x1b[K{end}\"",
         'f"\\r{text}\\x1b[K{end}"',
@@ -399,7 +399,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.FOREIGN_TEXT,
-        "clients/sdk/safe_logging.py",
+        "clients/sdk/terminal/safe_logging.py",
         "what is logged of an object keeps its controls",
         "isinstance(value, int | float | bool | None) else escape_controls(repr(value), _ALLOWED)",
         "isinstance(value, int | float | bool | None) else value",
@@ -407,7 +407,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.FOREIGN_TEXT,
-        "clients/sdk/plain_letters.py",
+        "clients/sdk/terminal/ascii_output.py",
         "what another program says takes many lines",
         'escape_controls(text[:max_chars].translate(_SPACES), "")',
         "escape_controls(text[:max_chars])",
@@ -447,7 +447,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.FOREIGN_TEXT,
-        "clients/wallet/guardian_sheets.py",
+        "clients/wallet/recovery/guardian_sheets.py",
         "a guardian's name is HTML on a sheet",
         '        return html.escape(text(f"sheet.{key}", **values))\n',
         '        return text(f"sheet.{key}", **values)\n',

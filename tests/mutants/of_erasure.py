@@ -7,7 +7,7 @@ from tests.mutants.mutant import Kind, Replaced
 REPLACED: tuple[Replaced, ...] = (
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erasing.py",
+        "node/custody/erasure.py",
         "rows go, the keys of shared parts stay",
         (
             "        await asyncio.to_thread(self._keys.destroy, slots)\n        self._is_swept = False\n"
@@ -18,7 +18,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erasing.py",
+        "node/custody/erasure.py",
         "what is erased again is not read back",
         (
             "        await self._read_back(parts)\n        await asyncio.to_thread(self._keys.release, slots)\n"
@@ -37,7 +37,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erasing.py",
+        "node/custody/erasure.py",
         "a receipt is owed before it was read back",
         "        await self._read_back(parts)\n        await self._store.mark_outbox_ready(row.key)\n",
         "        await self._store.mark_outbox_ready(row.key)\n        await self._read_back(parts)\n",
@@ -45,7 +45,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erasing.py",
+        "node/custody/erasure.py",
         "rows are deleted before their keys are destroyed",
         (
             "        await asyncio.to_thread(self._keys.destroy, slots)\n        self._is_swept = False\n"
@@ -63,7 +63,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erasing.py",
+        "node/custody/erasure.py",
         "the store's files are not swept",
         "            await self._store.sweep()\n",
         "",
@@ -71,7 +71,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erasing.py",
+        "node/custody/erasure.py",
         "keys of frames that were shared stay",
         "p for p in places if up_to_height is None or p.height <= up_to_height",
         "p for p in places if up_to_height is None",
@@ -79,7 +79,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erasing.py",
+        "node/custody/erasure.py",
         "a key in use is freed before its row is gone",
         (
             "        await self._store.drop_staged(record_id)\n"
@@ -93,7 +93,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erase_keys.py",
+        "node/custody/erase_keys.py",
         "an overwritten key is not read back",
         "                if self._read(self._key_offset(slot), ERASE_KEY_BYTES) != _ZEROS:\n",
         "                if False:\n",
@@ -101,7 +101,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erase_keys.py",
+        "node/custody/erase_keys.py",
         "a destroyed key is not forced to the medium",
         "                self._put_state(slot, _DESTROYED)\n            self._sync()\n",
         "                self._put_state(slot, _DESTROYED)\n",
@@ -109,7 +109,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erase_keys.py",
+        "node/custody/erase_keys.py",
         "a key is in use before it is on the medium",
         "                self._put_state(slot, _HELD)\n            self._sync()\n",
         "                self._put_state(slot, _HELD)\n",
@@ -117,7 +117,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/erase_keys.py",
+        "node/custody/erase_keys.py",
         "a slot that holds a key is given out again",
         "if self._is_known(slot) and self._states[slot] == _DESTROYED})",
         "if self._is_known(slot) and self._states[slot] != _FREE})",
@@ -125,7 +125,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/custodian.py",
+        "node/custody/custodian.py",
         "a block is closed before its plans are",
         ("        await self._eraser.finish()\n        await self._store.apply(BlockEffects(checkpoint=point))\n"),
         ("        await self._store.apply(BlockEffects(checkpoint=point))\n        await self._eraser.finish()\n"),
@@ -133,7 +133,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/custodian.py",
+        "node/custody/custodian.py",
         "frames that were erased come back with a late upload",
         "        kept = [row for row in rows if row.index not in facts.erased_frames]\n        confirmed",
         "        kept = list(rows)\n        confirmed",
@@ -141,7 +141,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.ERASURE,
-        "node/offchain/sqlite_store.py",
+        "node/custody/stores/sqlite_store.py",
         "an expired clip is kept a moment longer",
         "status = 'confirmed' AND expires_at_ms <= ? ORDER BY",
         "status = 'confirmed' AND expires_at_ms < ? ORDER BY",

@@ -7,7 +7,7 @@ from tests.mutants.mutant import Kind, Replaced
 REPLACED: tuple[Replaced, ...] = (
     Replaced(
         Kind.GAS,
-        "contracts/vm/meter.py",
+        "contracts/vm/model/meter.py",
         "memory is not counted",
         "        self.memory -= size\n        self.gas",
         "        self.gas",
@@ -15,7 +15,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/meter.py",
+        "contracts/vm/model/meter.py",
         "large allocations cost as much as small ones",
         "ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)",
         "ALLOCATION_GAS",
@@ -23,7 +23,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/meter.py",
+        "contracts/vm/model/meter.py",
         "steps cost nothing",
         "        self.gas -= gas\n        if",
         "        if",
@@ -31,7 +31,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/meter.py",
+        "contracts/vm/model/meter.py",
         "writes are not counted",
         "        self.writes_left -= 1\n",
         "",
@@ -39,7 +39,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/host.py",
+        "contracts/vm/library/host.py",
         "a view writes to the state",
         "    if runtime.read_only or runtime.writes_left < 1:\n",
         "    if runtime.writes_left < 1:\n",
@@ -47,7 +47,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/host.py",
+        "contracts/vm/library/host.py",
         "a view deletes from the state",
         "    runtime.check_write()\n    runtime.charge(DELETE_GAS)",
         "    runtime.charge(DELETE_GAS)",
@@ -55,7 +55,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/host.py",
+        "contracts/vm/library/host.py",
         "a view emits events",
         "    if runtime.read_only or len(runtime.events) >= EVENTS_MAX_COUNT:\n",
         "    if len(runtime.events) >= EVENTS_MAX_COUNT:\n",
@@ -63,7 +63,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/host.py",
+        "contracts/vm/library/host.py",
         "a large value costs as much as a small one to read",
         "    runtime.gas -= len(data) >> 8\n",
         "",
@@ -71,7 +71,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/host.py",
+        "contracts/vm/library/host.py",
         "a large value costs as much as a small one to store",
         "    runtime.gas -= PUT_GAS + (len(key) + len(data) >> 3)\n",
         "    runtime.gas -= PUT_GAS\n",
@@ -79,7 +79,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/host.py",
+        "contracts/vm/library/host.py",
         "a scan does not pay for what the call has written",
         "SCAN_GAS + SCAN_WRITTEN_GAS * (runtime.writes_max - runtime.writes_left)",
         "SCAN_GAS",
@@ -87,7 +87,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/host.py",
+        "contracts/vm/library/host.py",
         "what a scan finds takes no memory",
         "        runtime.allocate(2 * HEADER_BYTES + 3 * ITEM_BYTES + len(key))\n",
         "",
@@ -95,7 +95,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/host.py",
+        "contracts/vm/library/host.py",
         "recovering a key is free",
         '    runtime.charge(RECOVER_GAS + (len(need_bytes(message, "recover")) >> 6))\n',
         '    need_bytes(message, "recover")\n',
@@ -103,7 +103,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/methods.py",
+        "contracts/vm/library/methods.py",
         "a replacement takes the memory of the text before",
         "unit * (len(text) + hits * len(new)))",
         "unit * len(text))",
@@ -111,7 +111,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/invoke.py",
+        "contracts/vm/compiler/invoke.py",
         "a contract comes back into itself",
         "    if contract in runtime.stack:\n",
         "    if contract == runtime.contract:\n",
@@ -119,7 +119,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/invoke.py",
+        "contracts/vm/compiler/invoke.py",
         "what a view calls may write",
         '    if found.entry.kind == "view":\n        runtime.read_only = True\n',
         "",
@@ -127,7 +127,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/invoke.py",
+        "contracts/vm/compiler/invoke.py",
         "calls between contracts have no depth",
         "    runtime.depth -= CROSS_CALL_FRAMES\n    if",
         "    if",
@@ -159,7 +159,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/offchain/uploads.py",
+        "node/custody/uploads.py",
         "a robot brings one clip less than its quota",
         "        if held.count > most_count:\n",
         "        if held.count >= most_count:\n",
@@ -167,7 +167,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/offchain/uploads.py",
+        "node/custody/uploads.py",
         "what is on its way is not counted",
         "coming = sum((in_flight.get(robot, Use()) for robot in counted), Use(1, size_bytes))",
         "coming = Use(1, size_bytes)",
@@ -175,7 +175,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/offchain/uploads.py",
+        "node/custody/uploads.py",
         "a new key gives a robot a new quota",
         "{terms.robot, *(robot for robot in robots if handle and terms.handle_of(robot) == handle)}",
         "{terms.robot}",
@@ -183,7 +183,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/offchain/uploads.py",
+        "node/custody/uploads.py",
         "bytes of former days count for today",
         "if use.day == today and use.robot in counted",
         "if use.robot in counted",
@@ -191,7 +191,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/upload_admission.py",
+        "node/custody/chain/upload_admission.py",
         "an upload never leaves the account of those on their way",
         "            if left.count:\n",
         "            if True:\n",
@@ -199,7 +199,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/budget.py",
+        "node/budgets/token_buckets.py",
         "a receipt is paid back many times",
         "        self.paid_us -= given_us\n",
         "",
@@ -207,7 +207,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/budget.py",
+        "node/budgets/token_buckets.py",
         "a quiet source saves up without end",
         "        self.level_us = min(float(self.allowance.burst_us), self.level_us + gained_us)\n",
         "        self.level_us += gained_us\n",
@@ -215,7 +215,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/byte_budget.py",
+        "node/mempool/byte_budget.py",
         "visits of one robot have each their own budget",
         "    return [(account.name, VISITS_PART), (account.origin, 1)]\n",
         "    return [(account.name, VISITS_PART)]\n",
@@ -223,7 +223,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/api/rate_limit.py",
+        "node/api/access/rate_limit.py",
         "the keys of visits at one address do not share a budget",
         '    return Source("visit_keys", address or "unknown", session.public_key.hex())\n',
         '    return Source("session", session.public_key.hex())\n',
@@ -231,7 +231,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.QUOTAS,
-        "node/api/rate_limit.py",
+        "node/api/access/rate_limit.py",
         "a refused reserve is paid all the same",
         "        receipt.give_back()\n        return False\n",
         "        return False\n",

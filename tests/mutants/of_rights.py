@@ -23,7 +23,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/access.py",
+        "node/api/access/route_access.py",
         "a member's role is not looked at",
         "if session.kind not in self.kinds or (self.roles and not self.roles & session.roles):",
         "if session.kind not in self.kinds:",
@@ -31,7 +31,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/standing.py",
+        "node/api/access/principals.py",
         "a grant still opens at its end",
         'if now_ms < grant["ended_ms"] else',
         'if now_ms <= grant["ended_ms"] else',
@@ -39,7 +39,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/standing.py",
+        "node/api/access/principals.py",
         "a former grantee reads who keeps records",
         '_NODES if standing == "former-grantee" else (*_NODES, *_CUSTODIANS, *_EMPTY_FRAMES)',
         "(*_NODES, *_CUSTODIANS, *_EMPTY_FRAMES)",
@@ -47,7 +47,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/standing.py",
+        "node/api/access/principals.py",
         "who names a grant stands for whatever else the key is",
         "    if grant_id:\n        return _find_grantee_standing(snapshot, key, grant_id)\n",
         ("    if grant_id and (found := _find_grantee_standing(snapshot, key, grant_id)):\n        return found\n"),
@@ -55,7 +55,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/sessions.py",
+        "node/api/access/sessions.py",
         "a session is open without a signature",
         "        verify_session(public_key, signature, self._chain_id, self._node_name, challenge)\n",
         "",
@@ -63,7 +63,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/sessions.py",
+        "node/api/access/sessions.py",
         "a challenge opens many sessions",
         "        self._challenges.use_up(public_key, challenge)\n",
         "",
@@ -71,7 +71,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/sessions.py",
+        "node/api/access/sessions.py",
         "a session outlasts its end by a moment",
         "if known.expires_at_ms <= self._clock.now_ms():",
         "if known.expires_at_ms < self._clock.now_ms():",
@@ -79,7 +79,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/sessions.py",
+        "node/api/access/sessions.py",
         "a closed session still opens",
         ('        """Forget a session; an unknown token is no error."""\n        self._forget(sha256(token))\n'),
         '        """Forget a session; an unknown token is no error."""\n        self._forget(token)\n',
@@ -87,7 +87,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/sessions.py",
+        "node/api/access/sessions.py",
         "visits push members' sessions out",
         (
             "            if self._of_visits_count <= SESSIONS_MAX_COUNT // VISITS_DIVISOR:\n"
@@ -98,7 +98,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/api/challenges.py",
+        "node/api/access/challenges.py",
         "a challenge is good for any key",
         'head + public_key, "sha256"',
         'head, "sha256"',
@@ -154,7 +154,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/offchain/custodian.py",
+        "node/custody/custodian.py",
         "a clip is released though its visit was narrowed",
         (
             "        require_release(grant, await find_standing(self._store, owner))\n"
@@ -165,7 +165,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.AUTHORISATION,
-        "node/offchain/standing.py",
+        "node/custody/restrictions.py",
         "a request outlives a word of its own block",
         "grant.height <= standing.narrowed_height",
         "grant.height < standing.narrowed_height",
@@ -197,7 +197,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/keeping.py",
+        "clients/robot/consent/consent_filter.py",
         "a picture is kept without consent",
         "if isinstance(output, Kept) and refusal is None:",
         "if isinstance(output, Kept):",
@@ -205,7 +205,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/keeping.py",
+        "clients/robot/consent/consent_filter.py",
         "a clip is sealed though consent ended meanwhile",
         "            if refusal is None:\n                kept.append(frame)",
         "            if refusal is not Refusal.STALE:\n                kept.append(frame)",
@@ -213,7 +213,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/keeping.py",
+        "clients/robot/consent/consent_filter.py",
         "who refuses is told of frames, which is a record of them",
         "        may_tell = refusal is None or refusal is Refusal.STALE",
         "        may_tell = True",
@@ -221,7 +221,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consents.py",
+        "clients/robot/consent/consent_view.py",
         "a consent that has ended still holds",
         "        ended = consent.until_ms and taken_at_ms >= consent.until_ms",
         "        ended = False",
@@ -229,7 +229,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consents.py",
+        "clients/robot/consent/consent_view.py",
         "a stale view of consents is used",
         "        if self._view is None or not self.is_fresh():\n            return Refusal.STALE",
         "        if self._view is None:\n            return Refusal.STALE",
@@ -237,7 +237,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consents.py",
+        "clients/robot/consent/consent_view.py",
         "a consent still holds at its end",
         "consent.until_ms and taken_at_ms >= consent.until_ms",
         "consent.until_ms and taken_at_ms > consent.until_ms",
@@ -245,7 +245,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consents.py",
+        "clients/robot/consent/consent_view.py",
         "a consent holds before its height was seen",
         "return max(consent.since_ms, consent.from_ms, begun_ms)",
         "return max(consent.since_ms, consent.from_ms)",
@@ -253,7 +253,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consents.py",
+        "clients/robot/consent/consent_view.py",
         "only the beginning of a clip is looked at",
         "ends = (clip.captured_from_ms, clip.captured_until_ms)",
         "ends = (clip.captured_from_ms,)",
@@ -261,7 +261,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consents.py",
+        "clients/robot/consent/consent_view.py",
         "a no that is still on its way is not waited for",
         "self._settled_at_ms >= at_ms + SETTLED_AFTER_MS",
         "self._settled_at_ms >= at_ms",
@@ -269,7 +269,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consents.py",
+        "clients/robot/consent/consent_view.py",
         "one node's word is enough that nothing newer was said",
         "settled = self._is_quorum_wanted(looked_at_ms) and await self._hear_quorum()",
         "settled = self._is_quorum_wanted(looked_at_ms)",
@@ -277,7 +277,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consents.py",
+        "clients/robot/consent/consent_view.py",
         "a clock that is far behind makes any view fresh",
         "return -CLOCK_AHEAD_MAX_MS <= self._now_ms() - self._view.timestamp_ms <= self._stale_after_ms()",
         "return self._now_ms() - self._view.timestamp_ms <= self._stale_after_ms()",

@@ -15,7 +15,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
-WATCHED = "clients.sdk.terminal"
+WATCHED = "clients.sdk.terminal.terminal"
 FILE_VARIABLE = "BLOCKROBOT_TEST_ANSWERS_FILE"
 
 

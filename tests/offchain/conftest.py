@@ -12,10 +12,10 @@ from urllib.parse import urlsplit, urlunsplit
 import pytest
 from pymongo import MongoClient
 
-from network.sim.custody_store import MemoryCustodyStore
-from node.offchain.mongo_store import MongoStore
-from node.offchain.sqlite_store import SqliteStore
-from node.offchain.store import CustodyStore
+from network.sim.world.custody_store import MemoryCustodyStore
+from node.custody.stores.custody_store import CustodyStore
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain import secantus
 from tests.offchain.house import House
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from consensus.records.clips import ClipDownload, FrameDownload
-from node.offchain.chain_facts import ChainFacts
-from node.offchain.rebuilding import Rebuild, RebuildReport
-from node.offchain.scrub import ScrubReport, scrub
+from node.custody.chain_facts import ChainFacts
+from node.custody.repair.rebuild import Rebuild, RebuildReport
+from node.custody.repair.scrub import ScrubReport, scrub
 from tests.offchain.house import House, read_all
 from tests.offchain.small_chain import RecordedClip
 from tests.offchain.small_state import State

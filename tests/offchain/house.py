@@ -12,9 +12,9 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.records.clips import ClipDownload, check_clip_download
 from consensus.records.envelopes import open_data_key, open_frame
-from node.offchain.custodian import Custodian
-from node.offchain.erase_keys import EraseKeys
-from node.offchain.store import CustodyStore
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import EraseKeys
+from node.custody.stores.custody_store import CustodyStore
 from tests.offchain.small_chain import (
     ALICE,
     CUSTODIAN,

@@ -12,8 +12,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import node.offchain.sqlite_sweep as sweeping
-from node.offchain.sqlite_store import SqliteStore
+import node.custody.stores.sqlite_sweep as sweeping
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.stored_clips import make_clip, pieces_of
 
 

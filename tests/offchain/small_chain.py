@@ -8,13 +8,13 @@ from typing import Any
 
 from nacl.public import PrivateKey as SealingKey
 
-from consensus.block import ContractEvent, Receipt
+from consensus.chain.block import ContractEvent, Receipt
 from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipUpload
 from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, frame_commitment
 from consensus.records.envelopes import seal_data_key, seal_frame
-from node.offchain.finalized import FinalizedEvents, collect_events
+from node.custody.finalized_events import FinalizedEvents, collect_events
 
 CUSTODIAN, OTHER_CUSTODIAN = b"\x02" + b"\xcc" * 32, b"\x02" + b"\xdd" * 32
 ALICE, BOB = b"\x02" + b"\xaa" * 32, b"\x02" + b"\xbb" * 32

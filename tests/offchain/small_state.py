@@ -16,8 +16,8 @@ from consensus.state.erasure import ErasureReceiptRow
 from consensus.state.records import RECORD
 from consensus.state.rights import QUARANTINE
 from contracts.state.view import MemoryState
-from node.offchain.chain_facts import ChainFacts
-from node.offchain.store import Checkpoint
+from node.custody.chain_facts import ChainFacts
+from node.custody.stores.custody_store import Checkpoint
 from tests.offchain.house import ACCESS_ID, ERASURE_ID
 from tests.offchain.small_chain import ALICE, CUSTODIAN, EXPIRES_MS, OTHER_CUSTODIAN, START_MS, RecordedClip
 from tests.state_rows import row_of

@@ -7,8 +7,8 @@ import secrets
 from pathlib import Path
 
 from consensus.primitives.hashing import sha256
-from node.offchain.sqlite_store import DATABASE_FILE_NAME
-from node.offchain.store import ClipRow, FrameRow
+from node.custody.stores.custody_store import ClipRow, FrameRow
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 
 FRAMES_COUNT = 4
 FRAME_BYTES = 9_000

@@ -24,8 +24,8 @@ from consensus.records.sharing import (
     seal_package,
     split_share_key,
 )
-from node.offchain.sharing import HeldPart
-from node.offchain.sqlite_store import SqliteStore
+from node.custody.shares import HeldPart
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.house import House, read_all
 from tests.offchain.small_chain import ALICE, CUSTODIAN, OTHER_CUSTODIAN, START_MS, RecordedClip, erasure, record_clip
 from tests.offchain.test_sharing import GRANT_ID, GRANTEE, asked, granted, revoked

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from consensus.records.clips import check_clip_download
-from node.offchain.sharing import CLOCK_SLACK_MS
+from node.custody.shares import CLOCK_SLACK_MS
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,

@@ -9,7 +9,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
-from node.offchain.sqlite_store import SqliteStore
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.house import House, refused
 from tests.offchain.small_chain import empty_frames_withdrawn
 from tests.offchain.small_state import State

@@ -11,10 +11,10 @@ import pytest
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload
 from consensus.records.sharing import GrantUpload, SharedDownload
-from network.sim.custody_store import MemoryCustodyStore
-from node.offchain.finalized import FinalizedEvents
-from node.offchain.mongo_store import MongoStore
-from node.offchain.store import RecordFacts
+from network.sim.world.custody_store import MemoryCustodyStore
+from node.custody.finalized_events import FinalizedEvents
+from node.custody.stores.custody_store import RecordFacts
+from node.custody.stores.mongo_store import MongoStore
 from tests.fuzz.target import refusing
 from tests.offchain.house import House
 from tests.offchain.interleaving import NEVER, Interleaving

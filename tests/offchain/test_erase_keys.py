@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.offchain.custodian import Custodian
-from node.offchain.erase_keys import (
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import (
     ERASE_KEY_BYTES,
     ERASE_KEYS_FILE_NAME,
     HEADER_BYTES,
@@ -19,7 +19,7 @@ from node.offchain.erase_keys import (
     unwrap_key,
     wrap_key,
 )
-from node.offchain.sqlite_store import SqliteStore
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.small_chain import CUSTODIAN, SmallChain, erasure, record_clip, recorded
 
 RECORD_ID = bytes(range(16))

@@ -9,9 +9,9 @@ import pytest
 from pymongo import MongoClient
 
 from consensus.errors import BlockRobotError
-from node.offchain.finalized import FinalizedEvents
-from node.offchain.mongo_store import MongoStore
-from node.offchain.sqlite_store import SqliteStore
+from node.custody.finalized_events import FinalizedEvents
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.house import ERASURE_ID, House
 from tests.offchain.small_chain import ALICE, CUSTODIAN, EXPIRES_MS, START_MS, erasure, record_clip, recorded
 from tests.offchain.test_every_write_point import STEPS_MAX_COUNT, Cutter, PowerCutError
@@ -107,7 +107,7 @@ async def test_a_power_cut_at_every_command_to_the_server(
     tmp_path: Path, mongo_database: str, monkeypatch: pytest.MonkeyPatch, first: int
 ) -> None:
     """Without transactions, so that the order of the commands has to bear it."""
-    monkeypatch.setattr("node.offchain.mongo_store._tells_of_transactions", lambda _hello: False)
+    monkeypatch.setattr("node.custody.stores.mongo_store._tells_of_transactions", lambda _hello: False)
     steps = 0
     with MongoClient(mongo_database) as client:
         database = client[urlsplit(mongo_database).path.lstrip("/")]

@@ -19,10 +19,10 @@ from pymongo import MongoClient
 from pymongo.errors import NotPrimaryError
 
 from consensus.errors import BlockRobotError
-from node.offchain.erase_keys import EraseKeys
-from node.offchain.finalized import FinalizedEvents
-from node.offchain.mongo_store import MongoStore
-from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
+from node.custody.erase_keys import EraseKeys
+from node.custody.finalized_events import FinalizedEvents
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 from tests.offchain import secantus
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
@@ -173,7 +173,7 @@ async def test_a_power_cut_at_every_command_to_the_server(
 ) -> None:
     """Without transactions the order of the commands has to bear it: each is cut, most of them in the long run of tests."""
     if not has_transactions:
-        monkeypatch.setattr("node.offchain.mongo_store._tells_of_transactions", lambda _hello: False)
+        monkeypatch.setattr("node.custody.stores.mongo_store._tells_of_transactions", lambda _hello: False)
     steps = 0
     with MongoClient(mongo_database) as client:
         database = client[urlsplit(mongo_database).path.lstrip("/")]

@@ -11,18 +11,18 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from consensus.block import Block, Header, QuorumCertificate, Receipt, Receipts
+from consensus.chain.block import Block, Header, QuorumCertificate, Receipt, Receipts
+from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.commitments import ciphertext_root, commitment_root
-from consensus.transaction import Transaction, decode_transaction
 from contracts.execution.executor import execute_block
-from network.sim.custody_store import MemoryCustodyStore
+from network.sim.world.custody_store import MemoryCustodyStore
 from node.api.services import SubmitResult
-from node.custody import OUTBOX_LIFETIME_MS, Custody
-from node.finality import FinalityFeed
-from node.offchain.custodian import Custodian
-from node.offchain.erase_keys import EraseKeys
+from node.custody.chain.chain_follower import OUTBOX_LIFETIME_MS, Custody
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import EraseKeys
+from node.ledger.ledger_writer import FinalityFeed
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore
 from tests.offchain.small_chain import RecordedClip, record_clip

@@ -14,7 +14,7 @@ import pytest
 from pymongo.errors import OperationFailure
 
 from consensus.errors import BlockRobotError
-from node.offchain.mongo_store import MongoStore
+from node.custody.stores.mongo_store import MongoStore
 from tests.offchain import secantus
 from tests.offchain.house import House, refused
 from tests.offchain.small_chain import record_clip
@@ -76,7 +76,7 @@ async def test_a_server_that_stands_still_for_too_long_stops_the_block_until_it_
 ) -> None:
     """Nobody waits for ever: the node's own work goes on, and the block is begun again."""
     for name in ("SOCKET_MAX_MS", "SERVER_SELECTION_MAX_MS"):
-        monkeypatch.setattr(f"node.offchain.mongo_store.{name}", 400)
+        monkeypatch.setattr(f"node.custody.stores.mongo_store.{name}", 400)
     async with _story_on_a_server(tmp_path) as (story, child):
         block, custodian = await story.prepare(), story.house.custodian
         with monkeypatch.context() as patches:

@@ -6,7 +6,7 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, FrameDownload
-from node.offchain.fetching import FETCH_AT_ONCE_COUNT
+from node.custody.clip_fetching import FETCH_AT_ONCE_COUNT
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,

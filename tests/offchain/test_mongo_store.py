@@ -16,8 +16,9 @@ from pymongo.database import Database
 from pymongo.errors import ConnectionFailure
 
 from consensus.errors import BlockRobotError
-from node.offchain.mongo_documents import Document
-from node.offchain.mongo_store import (
+from node.custody.stores.custody_store import BlockEffects, Checkpoint, ClipRow, FrameRow, Grant, OutboxRow
+from node.custody.stores.mongo_documents import Document
+from node.custody.stores.mongo_store import (
     _DURABLE,
     FORMAT_VERSION,
     MAJORITY_MAX_MS,
@@ -25,10 +26,9 @@ from node.offchain.mongo_store import (
     MongoStore,
     _tells_of_transactions,
 )
-from node.offchain.open_store import open_store
-from node.offchain.sqlite_store import SqliteStore
-from node.offchain.store import BlockEffects, Checkpoint, ClipRow, FrameRow, Grant, OutboxRow
-from node.offchain.uploads import DayUse, Use
+from node.custody.stores.open_store import open_store
+from node.custody.stores.sqlite_store import SqliteStore
+from node.custody.uploads import DayUse, Use
 from tests.offchain.stored_clips import make_clip
 
 RECORD_ID, OWNER, TXID = b"\x01" * 16, b"\x02" * 33, b"\x03" * 32

@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 import pytest
 from pymongo import MongoClient
 
-from node.offchain.mongo_store import MongoStore
-from node.offchain.sqlite_store import SqliteStore
-from node.offchain.store import BlockEffects, CustodyStore
+from node.custody.stores.custody_store import BlockEffects, CustodyStore
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.desk import Desk, Peer
 from tests.offchain.house import House, read_all
 from tests.offchain.small_chain import EXPIRES_MS, RecordedClip, record_clip
@@ -87,7 +87,7 @@ async def test_a_rebuild_cut_off_at_any_write_loses_no_byte_that_is_right(
 ) -> None:
     uri = None if kind == "sqlite" else request.getfixturevalue("mongo_database")
     if kind == "single mongo":
-        monkeypatch.setattr("node.offchain.mongo_store._tells_of_transactions", lambda _hello: False)
+        monkeypatch.setattr("node.custody.stores.mongo_store._tells_of_transactions", lambda _hello: False)
     for step in range(1, STEPS_MAX_COUNT):
         folder = tmp_path / str(step)
 

@@ -12,9 +12,9 @@ import pytest
 from consensus.state.audit import ENTRY
 from consensus.state.identity import CUSTODIANS
 from consensus.state.records import RECORD
-from node.offchain.chain_facts import ChainFacts, StateReader
-from node.offchain.erasing import RECORDS_A_CALL_MAX_COUNT
-from node.offchain.reconciling import RECORDS_AT_ONCE_COUNT
+from node.custody.chain_facts import ChainFacts, StateReader
+from node.custody.erasure import RECORDS_A_CALL_MAX_COUNT
+from node.custody.repair.reconciliation import RECORDS_AT_ONCE_COUNT
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,

@@ -8,7 +8,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload
-from node.offchain.store import BlockEffects, ClipRow
+from node.custody.stores.custody_store import BlockEffects, ClipRow
 from tests.offchain.desk import Desk, Peer
 from tests.offchain.house import ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import BOB, EXPIRES_MS, erasure, record_clip, recorded
@@ -222,7 +222,7 @@ async def test_a_custodian_that_is_behind_its_ledger_says_nothing_yet(
 ) -> None:
     await desk.hold(record_clip())
     desk.house.chain.height += 1
-    monkeypatch.setattr("node.offchain.scrub.settled.__wrapped__.__defaults__", (0.0,))
+    monkeypatch.setattr("node.custody.repair.scrub.settled.__wrapped__.__defaults__", (0.0,))
     await refused("CUSTODY_CATCHING_UP", desk.scrub())
 
 

@@ -14,11 +14,8 @@ from pymongo.asynchronous.collection import AsyncCollection
 from pymongo.errors import ConnectionFailure
 
 from consensus.errors import BlockRobotError
-from node.offchain import mongo_store, sqlite_store
-from node.offchain.mongo_store import MongoStore
-from node.offchain.share_store import PartPlace, PartRow, ShareRow
-from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
-from node.offchain.store import (
+from node.custody.stores import mongo_store, sqlite_store
+from node.custody.stores.custody_store import (
     BlockEffects,
     Checkpoint,
     ClipRow,
@@ -28,6 +25,9 @@ from node.offchain.store import (
     RecordFacts,
     VisitStanding,
 )
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.share_store import PartPlace, PartRow, ShareRow
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 
 OWNER, OTHER = b"\x02" * 33, b"\x03" * 33
 

@@ -24,8 +24,8 @@ from consensus.records.sharing import (
     seal_package,
     split_share_key,
 )
-from node.offchain.sharing import PARTS_STAGED_MAX_COUNT
-from node.offchain.store import CustodyStore
+from node.custody.shares import PARTS_STAGED_MAX_COUNT
+from node.custody.stores.custody_store import CustodyStore
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all
 from tests.offchain.house import refused as refused_with
 from tests.offchain.small_chain import (

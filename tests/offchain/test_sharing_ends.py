@@ -15,11 +15,11 @@ from consensus.primitives.encoding import encode_value
 from network.custody import hunt as hunting
 from network.custody.hunt import gather, hunt
 from network.custody.traces import read_traces, write_traces
-from node.offchain.chain_facts import ChainFacts
-from node.offchain.mongo_store import MongoStore
-from node.offchain.scrub import scrub
-from node.offchain.sqlite_store import SqliteStore
-from node.offchain.store import BlockEffects, RecordFacts
+from node.custody.chain_facts import ChainFacts
+from node.custody.repair.scrub import scrub
+from node.custody.stores.custody_store import BlockEffects, RecordFacts
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House
 from tests.offchain.house import refused as refused_with
 from tests.offchain.small_chain import (

@@ -13,9 +13,9 @@ import pytest
 from network.custody.hunt import explain, files_below
 from network.custody.searching import Search
 from network.custody.traces import Trace, trace_store
-from node.offchain.chain_facts import ChainFacts
-from node.offchain.scrub import scrub
-from node.offchain.sqlite_store import SqliteStore
+from node.custody.chain_facts import ChainFacts
+from node.custody.repair.scrub import scrub
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.house import ERASURE_ID, House
 from tests.offchain.house import refused as refused_with
 from tests.offchain.small_chain import ALICE, CUSTODIAN, START_MS, RecordedClip, erasure, record_clip

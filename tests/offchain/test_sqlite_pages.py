@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.offchain.sqlite_pages import PageFile
-from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
+from node.custody.stores.sqlite_pages import PageFile
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 from tests.offchain.stored_clips import bytes_in, make_clip, pieces_of
 
 CLIPS_COUNT = 40

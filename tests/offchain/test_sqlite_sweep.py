@@ -19,12 +19,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import node.offchain.sqlite_sweep as sweeping
+import node.custody.stores.sqlite_sweep as sweeping
 from consensus.errors import BlockRobotError
-from node.offchain.sqlite_log import read_written_pages
-from node.offchain.sqlite_pages import PageFile
-from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
-from node.offchain.store import BlockEffects, ClipRow, FrameRow, RecordFacts
+from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow, RecordFacts
+from node.custody.stores.sqlite_log import read_written_pages
+from node.custody.stores.sqlite_pages import PageFile
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 from tests.offchain.stored_clips import bytes_in, make_clip, pieces_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -261,7 +261,7 @@ async def test_a_process_killed_within_a_sweep_leaves_nothing_after_its_next_sta
 async def test_the_log_is_cut_when_it_has_grown_and_no_page_is_forgotten(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("node.offchain.sqlite_store.LOG_MAX_BYTES", 200_000)
+    monkeypatch.setattr("node.custody.stores.sqlite_store.LOG_MAX_BYTES", 200_000)
     async with SqliteStore(tmp_path) as store:
         churn = Churn(store, 5)
         for _ in range(120):
@@ -274,7 +274,7 @@ async def test_the_log_is_cut_when_it_has_grown_and_no_page_is_forgotten(
 async def test_a_file_too_large_to_tell_pages_by_their_first_byte_is_walked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("node.offchain.sqlite_pages._TOLD_BY_KIND_PAGES_COUNT", 1)
+    monkeypatch.setattr("node.custody.stores.sqlite_pages._TOLD_BY_KIND_PAGES_COUNT", 1)
     async with SqliteStore(tmp_path) as store:
         churn = Churn(store, 7)
         for _ in range(40):
@@ -288,7 +288,7 @@ async def test_a_file_too_large_to_tell_pages_by_their_first_byte_is_walked(
 async def test_a_reader_that_holds_the_log_delays_the_sweep_and_hides_no_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("node.offchain.sqlite_store.BUSY_TIMEOUT_MS", 50)
+    monkeypatch.setattr("node.custody.stores.sqlite_store.BUSY_TIMEOUT_MS", 50)
     async with SqliteStore(tmp_path) as store:
         churn = Churn(store, 11)
         for _ in range(20):
@@ -311,7 +311,7 @@ async def test_while_somebody_reads_no_write_waits_for_the_log_to_be_cut(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limit = 64 * 1024
-    monkeypatch.setattr("node.offchain.sqlite_store.LOG_MAX_BYTES", limit)
+    monkeypatch.setattr("node.custody.stores.sqlite_store.LOG_MAX_BYTES", limit)
     original, waits_ms = sweeping.Sweeper.sweep, list[int]()
 
     def noted(sweeper: sweeping.Sweeper, database: sqlite3.Connection) -> int:

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.offchain.custodian import Custodian
-from node.offchain.finalized import FinalizedEvents
-from node.offchain.scrub import Judge, ScrubReport
-from node.offchain.standing import find_standing
-from node.offchain.store import BlockEffects, VisitStanding
+from node.custody.custodian import Custodian
+from node.custody.finalized_events import FinalizedEvents
+from node.custody.repair.scrub import Judge, ScrubReport
+from node.custody.restrictions import find_standing
+from node.custody.stores.custody_store import BlockEffects, VisitStanding
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, refused
 from tests.offchain.small_chain import (
     ALICE,

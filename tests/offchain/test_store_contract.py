@@ -11,12 +11,9 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.limits import CIPHERTEXT_MAX_BYTES
 from consensus.primitives.hashing import sha256
-from network.sim.custody_store import MemoryEraseKeys
-from node.offchain.custodian import Custodian
-from node.offchain.mongo_documents import STAGING
-from node.offchain.mongo_store import MongoStore
-from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
-from node.offchain.store import (
+from network.sim.world.custody_store import MemoryEraseKeys
+from node.custody.custodian import Custodian
+from node.custody.stores.custody_store import (
     BlockEffects,
     Checkpoint,
     ClipRow,
@@ -27,6 +24,9 @@ from node.offchain.store import (
     OutboxRow,
     RecordFacts,
 )
+from node.custody.stores.mongo_documents import STAGING
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 
 OWNER, STRANGER = b"\x02" * 33, b"\x03" * 33
 TXID, NEWER_TXID = b"\x11" * 32, b"\x12" * 32
@@ -362,7 +362,7 @@ async def test_a_closed_store_says_that_it_is_unavailable(make_store: Callable[[
 async def test_a_server_that_does_not_answer_is_unavailable(
     monkeypatch: pytest.MonkeyPatch, driver_sockets: None
 ) -> None:
-    monkeypatch.setattr("node.offchain.mongo_store.SERVER_SELECTION_MAX_MS", 200)
+    monkeypatch.setattr("node.custody.stores.mongo_store.SERVER_SELECTION_MAX_MS", 200)
     with pytest.raises(BlockRobotError) as refusal:
         async with MongoStore("mongodb://reader:hidden-word@127.0.0.1:1/x"):
             pass

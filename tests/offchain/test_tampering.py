@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from network.demo.tampering import flip_stored_byte
-from node.offchain.open_store import open_store
-from node.offchain.store import ClipRow, FrameRow
+from node.custody.stores.custody_store import ClipRow, FrameRow
+from node.custody.stores.open_store import open_store
 
 RECORD_ID, LEAF = b"\x01" * 16, b"\x03" * 32
 

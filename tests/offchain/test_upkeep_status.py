@@ -6,8 +6,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from node.offchain.store import Checkpoint
-from node.upkeep import Upkeep
+from node.custody.chain.custody_admin import Upkeep
+from node.custody.stores.custody_store import Checkpoint
 from tests.offchain.house import ERASURE_ID, House
 from tests.offchain.small_chain import CUSTODIAN, OTHER_CUSTODIAN, START_MS, record_clip
 from tests.offchain.small_state import State

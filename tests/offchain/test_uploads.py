@@ -16,13 +16,17 @@ from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipUpload
 from consensus.upload_quotas import DAY_MS, MIB_BYTES, UploadQuotas
 from network.custody.upload_telling import find_upload_troubles
-from node.disk_reserve import DiskReserve
-from node.finality import FinalityFeed
-from node.offchain.store import CustodyStore
-from node.offchain.uploads import DayUse, UploadTerms, Use, find_day, require_quota
+from node.budgets.disk_reserve import DiskReserve
+from node.custody.chain.upload_admission import (
+    UPLOADS_OF_CONTENT_MAX_COUNT,
+    UPLOADS_OF_ROBOT_MAX_COUNT,
+    UploadAdmission,
+)
+from node.custody.chain.upload_report import LATELY_S, RefusedUploads, describe_uploads
+from node.custody.stores.custody_store import CustodyStore
+from node.custody.uploads import DayUse, UploadTerms, Use, find_day, require_quota
+from node.ledger.ledger_writer import FinalityFeed
 from node.storage.memory_store import MemoryStore
-from node.upload_admission import UPLOADS_OF_CONTENT_MAX_COUNT, UPLOADS_OF_ROBOT_MAX_COUNT, UploadAdmission
-from node.upload_report import LATELY_S, RefusedUploads, describe_uploads
 from tests.offchain.house import ERASURE_ID, House, refused
 from tests.offchain.small_chain import ALICE, START_MS, erasure, record_clip, recorded
 
@@ -232,8 +236,8 @@ def admitting(house: House, monkeypatch: pytest.MonkeyPatch, reserve: DiskReserv
     """What lets uploads in of visits that are all open, two clips of each robot at a time."""
     hold = None if reserve is None else reserve.hold
     admission = UploadAdmission(MemoryStore(), FinalityFeed(-1), house.custodian, hold)
-    monkeypatch.setattr("node.upload_admission.may_upload", lambda *_: True)
-    monkeypatch.setattr("node.upload_admission.find_visit", lambda *_: {})
+    monkeypatch.setattr("node.custody.chain.upload_admission.may_upload", lambda *_: True)
+    monkeypatch.setattr("node.custody.chain.upload_admission.find_visit", lambda *_: {})
     monkeypatch.setattr(admission, "read_terms", lambda robot: terms(robot, robot_staged_max_count=2))
     return admission
 

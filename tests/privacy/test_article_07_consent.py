@@ -9,11 +9,11 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from clients.wallet.consent_commands import consent
+from clients.wallet.commands.consent_commands import consent
 from consensus.limits import CALL_GAS_MAX
-from consensus.records.purposes import PURPOSES
-from consensus.records.sensors import SENSORS
-from contracts.execution.changes import GOVERNING
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.sensors import SENSORS
+from contracts.lifecycle.changes import GOVERNING
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 
 EVERYTHING = (sorted(PURPOSES), sorted(SENSORS))

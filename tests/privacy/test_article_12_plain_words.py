@@ -11,11 +11,11 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from clients.wallet.cli import wallet
+from clients.wallet.cli.main import wallet
 from consensus.errors import CATALOGUE
-from consensus.records import rights
-from consensus.records.purposes import PURPOSES
-from consensus.records.sensors import SENSORS
+from consensus.rights import right_codes
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.sensors import SENSORS
 from tests.unit.contracts.privacy.hospital import Hospital, Visit
 
 RIGHTS = {
@@ -37,7 +37,15 @@ def visit(hospital: Hospital) -> Visit:
 
 
 def test_1_every_code_that_a_person_meets_has_a_sentence() -> None:
-    lists = (PURPOSES, SENSORS, rights.GROUNDS, rights.CORRECTIONS, rights.RISKS, rights.RECIPIENTS, rights.REASONS)
+    lists = (
+        PURPOSES,
+        SENSORS,
+        right_codes.GROUNDS,
+        right_codes.CORRECTIONS,
+        right_codes.RISKS,
+        right_codes.RECIPIENTS,
+        right_codes.REASONS,
+    )
     for codes in lists:
         assert codes
         for code, sentence in codes.items():

@@ -11,16 +11,16 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.consenting import Consenting
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.notices import Notices
-from clients.wallet.wallet import Wallet
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.notice_reading import Notices
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
 from consensus.errors import BlockRobotError
-from consensus.records.notices import RIGHTS_NAMED, Notice, encode_notice
-from consensus.records.vouchers import encode_card_code
-from network.demo_notice import demo_notice
+from consensus.members.vouchers import encode_card_code
+from consensus.rights.notices import RIGHTS_NAMED, Notice, encode_notice
+from network.notices.demo_notice import demo_notice
 from tests.unit.clients.bundle.receipting import NoticeWard
 from tests.unit.clients.wallet.conftest import CHEAP
 

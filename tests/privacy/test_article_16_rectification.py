@@ -11,7 +11,7 @@ import secrets
 
 import pytest
 
-from consensus.records.rights import CORRECTION_SALT_BYTES, Correction, commit_correction
+from consensus.rights.right_codes import CORRECTION_SALT_BYTES, Correction, commit_correction
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, key_of
 
 

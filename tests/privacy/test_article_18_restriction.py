@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.records.purposes import PURPOSES
-from consensus.records.rights import GROUNDS, KEEP_MS, KEEPING_GROUNDS, OWN_PURPOSES
-from contracts.execution.changes import GOVERNING
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.right_codes import GROUNDS, KEEP_MS, KEEPING_GROUNDS, OWN_PURPOSES
+from contracts.lifecycle.changes import GOVERNING
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
 from tests.offchain.house import ACCESS_ID, House, refused
 from tests.offchain.small_chain import ALICE, EXPIRES_MS, START_MS, access, record_clip

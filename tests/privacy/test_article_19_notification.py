@@ -14,10 +14,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from clients.wallet import cli, erase_command
-from clients.wallet.received import Notice, Receipt
-from clients.wallet.rights import Chosen, Rights
-from clients.wallet.wallet import Wallet
+from clients.wallet.cli import main
+from clients.wallet.commands import erase_command
+from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.sharing.incoming_shares import Notice, Receipt
 from tests.unit.clients.wallet.shared_ward import SharedWard
 
 
@@ -95,7 +96,7 @@ def test_5_who_erases_is_told_who_had_received_it(
 
     asyncio.run(share_and_look())
     monkeypatch.setattr(erase_command, "run_opened", lambda _, action: asyncio.run(action(ward.wallet)))
-    told = CliRunner().invoke(cli.wallet, ["erase", ids[0].hex(), "--yes"])
+    told = CliRunner().invoke(main.wallet, ["erase", ids[0].hex(), "--yes"])
     assert told.exit_code == 0, told.output
     for part in ("Dr Weber", "looked", "is told", "wallet shares"):
         assert part in told.output

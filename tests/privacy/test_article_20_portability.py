@@ -12,7 +12,7 @@ from pathlib import Path
 
 import jsonschema
 
-from clients.bundle.checking import verify_bundle
+from clients.bundle.checks.bundle_check import verify_bundle
 from tests.unit.clients.bundle.ward import Ward
 
 

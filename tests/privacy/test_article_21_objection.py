@@ -10,10 +10,10 @@ from __future__ import annotations
 import pytest
 
 from consensus.primitives.encoding import decode_value
-from consensus.records.consents import find_consent, read_choices
-from consensus.records.purposes import PURPOSES
-from consensus.records.rights import OWN_PURPOSES
-from consensus.records.sensors import SENSORS
+from consensus.rights.consents import find_consent, read_choices
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.right_codes import OWN_PURPOSES
+from consensus.rights.sensors import SENSORS
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.records.rights import BREACH_NOTIFY_MS, REASONS
+from consensus.rights.right_codes import BREACH_NOTIFY_MS, REASONS
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit
 
 

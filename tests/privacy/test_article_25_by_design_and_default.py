@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from clients.registrar.desk import Desk
-from clients.robot.consents import Refusal
-from consensus.records.purposes import PURPOSES
-from consensus.records.sensors import SENSORS
-from consensus.records.vouchers import decode_card_code
+from clients.robot.consent.consent_view import Refusal
+from consensus.members.vouchers import decode_card_code
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.sensors import SENSORS
 from tests.unit.clients.robot.test_consents import ANN, Ward, story
 from tests.unit.contracts.privacy.hospital import Hospital, Person
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk.governance import MembershipView
+from clients.sdk.chain.governance import MembershipView
 from consensus.errors import BlockRobotError
 from consensus.state.membership import NodeRow, OrganisationRow
-from network.activities import OPEN, Activities, read_activities, tell_activities
-from network.demo_notice import demo_notice
+from network.notices.demo_notice import demo_notice
+from network.notices.processing_register import OPEN, Activities, read_activities, tell_activities
 from tests.unit.clients.bundle.receipting import NoticeWard
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from consensus.primitives.keys import PrivateKey
-from consensus.records.purposes import PURPOSES
-from consensus.records.rights import BREACH_NOTIFY_MS, REASONS
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.right_codes import BREACH_NOTIFY_MS, REASONS
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
 from tests.offchain.house import ACCESS_ID, House, refused
 from tests.offchain.small_chain import ALICE, access, record_clip

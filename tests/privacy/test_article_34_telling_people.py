@@ -9,7 +9,7 @@ from __future__ import annotations
 import pytest
 
 from consensus.primitives.keys import PrivateKey
-from consensus.records.rights import RECIPIENTS, RISKS
+from consensus.rights.right_codes import RECIPIENTS, RISKS
 from tests.unit.contracts.privacy.hospital import Hospital, Visit
 
 

@@ -20,20 +20,20 @@ import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
 from clients.registrar.desk import Desk
-from clients.robot.clocks import RunClocks
-from clients.robot.events import Facing, Frame, Sighting
 from clients.robot.hiding.hider import Kept
-from clients.robot.pairing import MEMORY_MS, Pairing
-from clients.robot.scenario import published_run_1
+from clients.robot.pairing.tag_pairing import MEMORY_MS, Pairing
+from clients.robot.sensing.sensor_clocks import RunClocks
+from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 from clients.robot.synthetic.render import Renderer, readings
-from clients.wallet.keystore import Keystore
+from clients.robot.synthetic.scenario import published_run_1
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
+from consensus.members.vouchers import decode_card_code
 from consensus.primitives.keys import PrivateKey
-from consensus.records.vouchers import decode_card_code
 from node.api import create_api
-from node.offchain.custodian import Custodian
-from node.offchain.erase_keys import EraseKeys
-from node.offchain.sqlite_store import SqliteStore
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import EraseKeys
+from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.house import refused
 from tests.offchain.small_chain import (
     ALICE,

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from consensus.records.consents import GIVEN, STEPS_MAX_COUNT, Step, find_consent, read_choices
-from consensus.transaction import Transaction
+from consensus.chain.transaction import Transaction
+from consensus.rights.consents import GIVEN, STEPS_MAX_COUNT, Step, find_consent, read_choices
 from tests.unit.contracts.privacy.hospital import Hospital, Person
 
 AHEAD = 6

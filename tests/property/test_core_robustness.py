@@ -6,8 +6,9 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consensus.block import IndexedSignature, QuorumCertificate, TimeoutCertificate
-from consensus.events import (
+from consensus.chain.block import IndexedSignature, QuorumCertificate, TimeoutCertificate
+from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.protocol.events import (
     BlocksFetched,
     NoticeReceived,
     ProposalReceived,
@@ -16,7 +17,6 @@ from consensus.events import (
     VoteReceived,
     WorkChanged,
 )
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
 from tests.unit.consensus.one_core import GENESIS_QC, NOW_MS, TRANSACTION, OneCore, Peers, committed, said
 
 PEERS = Peers()

@@ -5,11 +5,11 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consensus.block import Header, IndexedSignature, QuorumCertificate, TimeoutCertificate, TimeoutSignature
+from consensus.chain.block import Header, IndexedSignature, QuorumCertificate, TimeoutCertificate, TimeoutSignature
+from consensus.chain.messages import CertificateNotice, Timeout, Vote
+from consensus.chain.transaction import TransactionBody, decode_transaction
 from consensus.errors import BlockRobotError
-from consensus.messages import CertificateNotice, Timeout, Vote
 from consensus.primitives.encoding import Wire, decode, decode_value, encode, encode_value
-from consensus.transaction import TransactionBody, decode_transaction
 
 integers = st.integers(-(2**256) + 1, 2**256 - 1)
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)

@@ -7,12 +7,12 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
+from consensus.chain.epoch_settings import ChainSettings, check_settings
+from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.schedule import Schedule
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.limits import PRODUCERS_MAX_COUNT
-from consensus.possession import prove_possession
-from consensus.schedule import Schedule
-from consensus.settings import ChainSettings, check_settings
-from consensus.transaction import Transaction
 from tests.unit.contracts.system.consortium import (
     Consortium,
     admin_of,

@@ -12,7 +12,14 @@ from mnemonic import Mnemonic
 from shamir_mnemonic import EncryptedMasterSecret, Share, split_ems
 from shamir_mnemonic.wordlist import WORDLIST
 
-from clients.wallet.shares import Gathering, find_unknown, near_words, read_share, split_words, take_words
+from clients.wallet.recovery.slip39_shares import (
+    Gathering,
+    find_unknown,
+    near_words,
+    read_share,
+    split_words,
+    take_words,
+)
 from consensus.errors import BlockRobotError
 
 entropies = st.binary(min_size=32, max_size=32)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consensus.block import EpochProof, FinalityProof
+from consensus.chain.block import EpochProof, FinalityProof
+from consensus.chain.light_client import LightClient
 from consensus.errors import BlockRobotError
-from consensus.light_client import LightClient
 from tests.unit.consensus.many_epochs import GENESIS_FILE, ManyEpochs
 
 steps = st.lists(

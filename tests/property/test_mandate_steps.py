@@ -11,7 +11,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from consensus.records.mandates import ACCEPT_MS, APPROVE_MS
+from consensus.rights.mandates import ACCEPT_MS, APPROVE_MS
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person
 
 OFFICERS = ("eva", "max", "ida")

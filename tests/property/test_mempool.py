@@ -6,10 +6,10 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from consensus.transaction import Transaction
-from contracts.execution.standing import Account
-from node.byte_budget import ByteBudgets
+from contracts.execution.sender_admission import Account
+from node.mempool.byte_budget import ByteBudgets
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, transaction
 
 SENDERS, NUMBERS = 12, 12

@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.robot.clocks import RunClocks
-from clients.robot.events import Frame, Sighting
-from clients.robot.pairing import NOT_PAIRED_NO_TAG, NOT_PAIRED_UNKNOWN_TAG, Decision, Pairing
+from clients.robot.pairing.tag_pairing import NOT_PAIRED_NO_TAG, NOT_PAIRED_UNKNOWN_TAG, Decision, Pairing
+from clients.robot.sensing.sensor_clocks import RunClocks
+from clients.robot.sensing.sensor_events import Frame, Sighting
 
 WINDOW_MS = 500
 LATENESS_MS = 100

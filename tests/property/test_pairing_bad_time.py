@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.robot.clocks import CONFIRM_COUNT, HORIZON_MS, LATE_MAX_MS, ClockEstimator, RunClocks, Standing
-from clients.robot.events import Event, Frame, Sighting
-from clients.robot.pairing import MEMORY_MS, REFUSED_AND_COUNTED, Decision, Pairing
+from clients.robot.pairing.tag_pairing import MEMORY_MS, REFUSED_AND_COUNTED, Decision, Pairing
+from clients.robot.sensing.sensor_clocks import (
+    CONFIRM_COUNT,
+    HORIZON_MS,
+    LATE_MAX_MS,
+    ClockEstimator,
+    RunClocks,
+    Standing,
+)
+from clients.robot.sensing.sensor_events import Event, Frame, Sighting
 from consensus.errors import BlockRobotError
 
 START_MS = 1_579_278_405_000

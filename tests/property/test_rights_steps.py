@@ -12,7 +12,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from consensus.records.rights import GROUNDS, KEEP_MS, KEEPING_GROUNDS, OWN_PURPOSES
+from consensus.rights.right_codes import GROUNDS, KEEP_MS, KEEPING_GROUNDS, OWN_PURPOSES
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, key_of
 
 RECORDS_COUNT = 3

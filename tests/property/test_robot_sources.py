@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.robot.events import Frame, Refused, Sighting
-from clients.robot.messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
-from clients.robot.sources.feed import Message
-from clients.robot.sources.recording import Recording
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.sensing.sensor_events import Frame, Refused, Sighting
+from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.sources.recordings.recording import Recording
+from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, stamp, storage_file
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.wallet.keystore import KnownVisit
-from clients.wallet.page.seals import Seal, VerifiedBlock, seal_json
-from clients.wallet.viewing import (
+from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.page.record_seals import Seal, VerifiedBlock, seal_json
+from clients.wallet.records.viewing import (
     CHECKS,
     CUSTODY_CHECKS,
     STATUS_CORRUPTED,
@@ -17,7 +17,7 @@ from clients.wallet.viewing import (
     FrameView,
     RecordView,
 )
-from clients.wallet.wallet import RecordEntry
+from clients.wallet.store.keystore import KnownVisit
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 from consensus.records.metadata import RecordMetadata
 from consensus.state.records import RecordRow

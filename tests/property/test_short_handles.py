@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
-from consensus.records.handles import (
+from consensus.members.handles import (
     _BECH32M,
     _LETTERS,
     SHORT_HANDLE_BYTES,

@@ -20,7 +20,7 @@ from consensus.primitives.encoding import decode_value
 from consensus.state import access, audit, consent, identity, mandates, membership, producers, records, rights
 from consensus.state.keys import RECORD_ID, Prefix, Row, Rows, to_value
 from consensus.state.layout import LAYOUT, owners_of
-from contracts.execution.registry import read_source
+from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy import callers as of_privacy
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, key_of
 from tests.unit.contracts.system import callers as of_system

@@ -8,10 +8,10 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consensus.effects import EvidenceFound
-from consensus.events import ProposalReceived, VoteReceived
-from consensus.evidence import verify_evidence
-from consensus.messages import Proposal, Timeout, Vote, Word
+from consensus.chain.evidence import verify_evidence
+from consensus.chain.messages import Proposal, Timeout, Vote, Word
+from consensus.protocol.effects import EvidenceFound
+from consensus.protocol.events import ProposalReceived, VoteReceived
 from tests.sim.named_chain import CHAIN_ID, make_transaction
 from tests.unit.consensus.one_core import NOW_MS, OneCore, Peers, of_type, said
 

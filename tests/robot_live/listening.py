@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from clients.robot.events import Frame, Refused, Sighting, SourceEvent
-from clients.robot.sources.feed import Feed
-from clients.robot.sources.live import LiveSource
+from clients.robot.sensing.sensor_events import Frame, Refused, Sighting, SourceEvent
+from clients.robot.sources.live.live_feed import Feed
+from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.source import StoppableClock
 from clients.robot.sources.topics import Topics
 

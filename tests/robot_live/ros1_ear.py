@@ -12,10 +12,10 @@ import threading
 from collections import Counter
 from pathlib import Path
 
-from clients.robot.clocks import RunClocks
-from clients.robot.events import Frame, Refused, Sighting
-from clients.robot.sources.live import LiveSource
-from clients.robot.sources.ros1 import Ros1Feed
+from clients.robot.sensing.sensor_clocks import RunClocks
+from clients.robot.sensing.sensor_events import Frame, Refused, Sighting
+from clients.robot.sources.live.live_source import LiveSource
+from clients.robot.sources.live.ros1 import Ros1Feed
 from clients.robot.sources.source import StoppableClock
 from clients.robot.sources.topics import parse_topics
 from consensus.errors import BlockRobotError

@@ -12,10 +12,10 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from clients.robot.events import Frame, Refused
-from clients.robot.sources.decoding import MessageReader
-from clients.robot.sources.message_types import LearntTypes, types_with
-from clients.robot.sources.ros2 import Ros2Feed
+from clients.robot.sensing.sensor_events import Frame, Refused
+from clients.robot.sources.live.ros2 import Ros2Feed
+from clients.robot.sources.messages.decoding import MessageReader
+from clients.robot.sources.messages.message_types import LearntTypes, types_with
 from clients.robot.sources.topics import parse_topics
 from consensus.errors import BlockRobotError
 

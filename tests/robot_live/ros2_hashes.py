@@ -7,7 +7,7 @@ from pathlib import Path
 
 import rclpy
 
-from clients.robot.sources import ros2_types
+from clients.robot.sources.live import ros2_types
 
 
 def main():

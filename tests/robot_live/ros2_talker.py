@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 
-from clients.robot.sources import ros2_types
+from clients.robot.sources.live import ros2_types
 
 WAIT_S = 60.0
 FLUSH_S = 0.5

@@ -8,10 +8,10 @@ from collections import Counter
 
 import pytest
 
-from clients.robot.events import Facing
-from clients.robot.sources.feed import CLOSE_MAX_S
-from clients.robot.sources.llrp import ANSWER_MAX_S, ASK_EVERY_S, LlrpFeed
-from clients.robot.sources.llrp_readings import GATHER_MS
+from clients.robot.sensing.sensor_events import Facing
+from clients.robot.sources.live.live_feed import CLOSE_MAX_S
+from clients.robot.sources.live.llrp import ANSWER_MAX_S, ASK_EVERY_S, LlrpFeed
+from clients.robot.sources.live.llrp_readings import GATHER_MS
 from clients.robot.sources.topics import LlrpReader, Topics
 from consensus.errors import BlockRobotError
 from tests.robot_live.listening import Heard, listening

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from clients.robot.sources.ros1 import Ros1Feed
+from clients.robot.sources.live.ros1 import Ros1Feed
 from clients.robot.sources.topics import load_topics
 from consensus.errors import BlockRobotError
 from tests.cluster.killed_robot import ROOT

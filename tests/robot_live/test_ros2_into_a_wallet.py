@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.identity import load_identity
-from clients.robot.open_visits import OpenVisits
+from clients.robot.identity.robot_keys import load_identity
+from clients.robot.recording.unclosed_visits import OpenVisits
 from tests.cluster.killed_robot import killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.robot_live.live_robot import LiveRobot

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clients.robot.sources import zenoh
-from clients.robot.sources.feed import CLOSE_MAX_S
-from clients.robot.sources.live import LOOK_EVERY_S
-from clients.robot.sources.sampling import Sample
+from clients.robot.sources.live import zenoh
+from clients.robot.sources.live.live_feed import CLOSE_MAX_S
+from clients.robot.sources.live.live_sampling import Sample
+from clients.robot.sources.live.live_source import LOOK_EVERY_S
+from clients.robot.sources.live.zenoh import ZenohFeed
 from clients.robot.sources.topics import Topics, parse_topics
-from clients.robot.sources.zenoh import ZenohFeed
 from consensus.errors import BlockRobotError
 from tests.robot_live.listening import WAIT_S, listening
 from tests.robot_live.ward import free_port, make_scene

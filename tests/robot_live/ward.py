@@ -11,11 +11,11 @@ import json
 from asyncio.subprocess import Process
 from pathlib import Path
 
-from clients.robot.bag import make_bag
-from clients.robot.events import Depth, Frame
-from clients.robot.scenario import parse_scenario
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.sensing.sensor_events import Depth, Frame
+from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenario import parse_scenario
+from clients.robot.synthetic.scenario_bag import make_bag
 from tests.cluster.network_under_test import find_base_port
 
 START_TIMEOUT_S = 60.0

@@ -15,12 +15,12 @@ from urllib.parse import urlsplit
 import aiohttp
 import msgspec
 
-from clients.sdk.enrolment import NewMember, registration_arguments
+from clients.sdk.chain.enrolment import NewMember, registration_arguments
+from consensus.chain.session_message import sign_session
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.errors import CATALOGUE
+from consensus.members.vouchers import Card, issue_card
 from consensus.primitives.keys import PrivateKey
-from consensus.records.vouchers import Card, issue_card
-from consensus.session import sign_session
-from consensus.transaction import Transaction, sign_transaction
 from tests.cluster.network_under_test import NetworkUnderTest
 
 PROBLEM = "application/problem+json"

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from consensus.block import Receipt
+from consensus.chain.block import Receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from contracts.execution.call_host import CallHost
 from contracts.execution.callers import ROLES, STRANGER, entry_rules, rule_of
 from contracts.execution.executor import execute_transaction
-from contracts.execution.registry import SHIPPED_CONTRACTS, SYSTEM_CONTRACTS, read_source
 from contracts.execution.results import PROTOCOL_LIMITS, BlockContext
+from contracts.lifecycle.registry import SHIPPED_CONTRACTS, SYSTEM_CONTRACTS, read_source
 from contracts.vm import CompiledContract, compile_contract
 from tests.unit.contracts.privacy import callers as privacy
 from tests.unit.contracts.system import callers as system

@@ -16,19 +16,19 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
+from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.session import sign_session
 from node.api import create_api
-from node.api.access import Access
-from node.api.authorisation import CALLERS, Caller, refusal_of
+from node.api.access.authorisation import CALLERS, Caller, refusal_of
+from node.api.access.principals import find_key_standing
+from node.api.access.route_access import Access
+from node.api.access.sessions import SESSION_LIFETIME_MS, SESSIONS_OF_KEY_MAX_COUNT
+from node.api.node_services import WallClock
 from node.api.routes import ROUTES
 from node.api.routing import Call, Handler, Route
-from node.api.sessions import SESSION_LIFETIME_MS, SESSIONS_OF_KEY_MAX_COUNT
-from node.api.standing import find_key_standing
 from node.faults import FaultSwitch
-from node.interface import WallClock
 from node.operator import OPEN_PATHS, create_operator_listener
 from tests.unit.contracts.privacy.hospital import Hospital, key_of
 from tests.unit.node.api.small_network import NOW_MS, SmallLedger, SmallNode

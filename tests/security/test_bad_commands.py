@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import CATALOGUE
-from consensus.records.vouchers import encode_card_code
-from network.layout import create_network
+from consensus.members.vouchers import encode_card_code
+from network.provisioning.network_layout import create_network
 from tests.cluster.network_under_test import NetworkUnderTest, find_base_port
 from tests.security.intruder import Intruder
 

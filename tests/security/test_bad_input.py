@@ -10,9 +10,9 @@ import secrets
 import msgspec
 import pytest
 
+from consensus.chain.transaction import Transaction, TransactionWire
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS, TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.encoding import encode
-from consensus.transaction import Transaction, TransactionWire
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import MSGPACK, Intruder, new_key, new_member, nothing_changes, now_ms
 

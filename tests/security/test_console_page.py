@@ -15,7 +15,7 @@ import pytest
 from network.cluster import Cluster
 from network.console.live import CONSOLE_ASSETS, LiveConsole
 from network.console.routes import console_routes
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 from pages.local_page import SESSION_HEADER, LocalPage
 from pages.serving import Assets
 from tests.cluster.network_under_test import find_base_port

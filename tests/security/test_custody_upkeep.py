@@ -16,9 +16,9 @@ from aiohttp.test_utils import TestServer, make_mocked_request
 from consensus.errors import BlockRobotError
 from network.custody.asking import LINE_TIMEOUT_S, ask_status, run_work
 from node.config import NodeConfig
+from node.custody.chain.custody_admin_routes import HEARTBEAT_S
 from node.faults import TOKEN_FILE_NAME
 from node.operator import create_operator_listener
-from node.upkeep_routes import HEARTBEAT_S
 
 pytestmark = pytest.mark.smoke
 
@@ -166,8 +166,8 @@ async def test_work_that_has_nothing_to_say_for_long_is_still_heard_of(
     config: NodeConfig, upkeep: ScriptedUpkeep, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever hears nothing hangs up, and work that nobody waits for is given up."""
-    monkeypatch.setattr("node.upkeep_routes.TELL_EVERY_S", 0.001)
-    monkeypatch.setattr("node.upkeep_routes.HEARTBEAT_S", 0.0)
+    monkeypatch.setattr("node.custody.chain.custody_admin_routes.TELL_EVERY_S", 0.001)
+    monkeypatch.setattr("node.custody.chain.custody_admin_routes.HEARTBEAT_S", 0.0)
     upkeep.may_end.clear()
     heard: list[str] = []
 

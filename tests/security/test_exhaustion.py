@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from node.api.access.sessions import SESSIONS_OF_KEY_MAX_COUNT
 from node.api.server import CONNECTIONS_MAX_COUNT
-from node.api.sessions import SESSIONS_OF_KEY_MAX_COUNT
 from pages.listening import HELD_BACK_OF_KEY_MAX_COUNT
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder

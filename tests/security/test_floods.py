@@ -11,11 +11,11 @@ import aiohttp
 import msgspec
 import pytest
 
+from consensus.chain.transaction import TransactionWire
 from consensus.primitives.encoding import encode
-from consensus.transaction import TransactionWire
-from network.authority import issue_node_certificate, load_authority
 from network.cluster import read_metric
 from network.doctor.examination import examine_network
+from network.provisioning.certificate_authority import issue_node_certificate, load_authority
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, TransactionBatch, encode_frame
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import MSGPACK, new_key

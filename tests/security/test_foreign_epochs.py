@@ -8,13 +8,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from consensus.block import EpochProof, FinalityProof, QuorumCertificate
+from consensus.chain.block import EpochProof, FinalityProof, QuorumCertificate
+from consensus.chain.messages import CertificateNotice
 from consensus.errors import BlockRobotError
-from consensus.messages import CertificateNotice
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from node.epochs import KEPT_WORDS_OF_PEER_MAX_BYTES, KEPT_WORDS_OF_PEER_MAX_COUNT
+from node.consensus.epoch_change import KEPT_WORDS_OF_PEER_MAX_BYTES, KEPT_WORDS_OF_PEER_MAX_COUNT
 from node.p2p.wire import BlockBatch, FrameKind, HeightNotice, RequestKind
 from tests.unit.node.small_nodes import SmallNodes, make_genesis
 from tests.virtual_time import run_virtual, virtual_now_ms

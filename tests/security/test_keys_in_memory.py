@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from network.custody.asking import ask_status
-from node.offchain.erase_keys import ERASE_KEY_BYTES, HEADER_BYTES, PAGE_SLOTS_COUNT
+from node.custody.erase_keys import ERASE_KEY_BYTES, HEADER_BYTES, PAGE_SLOTS_COUNT
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder
 from tests.security.ward import Ward

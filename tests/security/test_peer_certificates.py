@@ -9,12 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk import NetworkClient
-from clients.sdk.governance import Governor
+from clients.sdk.chain.governance import Governor
+from clients.sdk.network_client import NetworkClient
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
-from network.authority import Authority, NodeCertificate, create_authority, issue_node_certificate, load_authority
-from network.certificates import serial_bytes
+from network.provisioning.certificate_authority import (
+    Authority,
+    NodeCertificate,
+    create_authority,
+    issue_node_certificate,
+    load_authority,
+)
+from network.provisioning.node_certificates import serial_bytes
 from node.p2p.wire import PROTOCOL_VERSION, FrameDecoder, FrameKind, Hello, Refusal, encode_frame
 from tests.cluster.network_under_test import NetworkUnderTest
 

@@ -20,8 +20,8 @@ from consensus.primitives.keys import PrivateKey
 from contracts.execution.call_host import CallHost
 from contracts.execution.callers import entry_rules
 from contracts.execution.executor import execute_transaction
-from contracts.execution.registry import SYSTEM_CONTRACTS
 from contracts.execution.results import PROTOCOL_LIMITS, BlockContext
+from contracts.lifecycle.registry import SYSTEM_CONTRACTS
 from tests.unit.contracts.privacy import callers as privacy
 from tests.unit.contracts.privacy.hospital import key_of
 from tests.unit.contracts.system import callers as system

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from clients.registrar.desk import Desk
-from clients.sdk.http import NetworkClient
-from consensus.records.vouchers import decode_card_code
+from clients.sdk.network_client import NetworkClient
+from consensus.members.vouchers import decode_card_code
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder, new_key
 from tests.security.ward import Enrolled, Ward

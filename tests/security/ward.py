@@ -8,8 +8,10 @@ from typing import Any
 
 from nacl.public import PrivateKey as SealingKey
 
-from clients.sdk.enrolment import NewMember
+from clients.sdk.chain.enrolment import NewMember
+from consensus.chain.transaction import Transaction
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
+from consensus.members.vouchers import Card
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
@@ -17,8 +19,6 @@ from consensus.records.clips import ClipUpload
 from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, frame_commitment
 from consensus.records.envelopes import seal_data_key, seal_frame
 from consensus.records.owner_keys import derive_owner_key, open_visit_keys
-from consensus.records.vouchers import Card
-from consensus.transaction import Transaction
 from tests.security.intruder import MSGPACK, Intruder, new_key, now_ms
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from consensus.block import Header
-from consensus.effects import Message
-from consensus.messages import Proposal, Timeout, Vote
+from consensus.chain.block import Header
+from consensus.chain.messages import Proposal, Timeout, Vote
+from consensus.protocol.effects import Message
 
 Place = tuple[int, int, int]
 """(node, epoch, round)."""

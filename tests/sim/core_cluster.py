@@ -11,11 +11,11 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from consensus.block import genesis_certificate
-from consensus.evidence import Evidence
-from consensus.genesis import ChainSettings
-from consensus.schedule import Epoch
-from consensus.signature_cache import SignatureCache
+from consensus.chain.block import genesis_certificate
+from consensus.chain.evidence import Evidence
+from consensus.chain.genesis import ChainSettings
+from consensus.chain.schedule import Epoch
+from consensus.chain.signature_cache import SignatureCache
 from tests.sim.core_checks import Violations
 from tests.sim.core_node import SimNode
 from tests.sim.named_chain import (

@@ -6,9 +6,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from consensus.block import Block, EpochProof, FinalityProof, Header, QuorumCertificate, certificate_of
-from consensus.core import Core
-from consensus.effects import (
+from consensus.chain.block import Block, EpochProof, FinalityProof, Header, QuorumCertificate, certificate_of
+from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
+from consensus.protocol.core import Core
+from consensus.protocol.effects import (
     BlockCertified,
     Broadcast,
     BuildBlock,
@@ -25,7 +26,7 @@ from consensus.effects import (
     SetTimer,
     SilenceChanged,
 )
-from consensus.events import (
+from consensus.protocol.events import (
     BlockBuilt,
     BlockExecuted,
     BlocksFetched,
@@ -42,7 +43,6 @@ from consensus.events import (
     WordsAsked,
     WorkChanged,
 )
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
 from tests.sim.core_store import CoreStore, Stored
 from tests.sim.named_chain import (
     CHAIN_ID,

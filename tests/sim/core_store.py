@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from consensus.block import Block, EpochProof, QuorumCertificate, genesis_certificate
-from consensus.light_client import verify_finality
-from consensus.schedule import Epoch, Schedule, compute_epoch_hash
+from consensus.chain.block import Block, EpochProof, QuorumCertificate, genesis_certificate
+from consensus.chain.light_client import verify_finality
+from consensus.chain.schedule import Epoch, Schedule, compute_epoch_hash
 from tests.sim.named_chain import CHAIN_ID
 
 

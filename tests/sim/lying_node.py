@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import msgspec
 
-from consensus.block import Block
-from consensus.effects import Message
-from consensus.messages import Proposal, sign_block, sign_vote
+from consensus.chain.block import Block
+from consensus.chain.messages import Proposal, sign_block, sign_vote
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
+from consensus.protocol.effects import Message
 from tests.sim.core_node import SimNode
 from tests.sim.named_chain import CHAIN_ID
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import msgspec
 
-from consensus.block import (
+from consensus.chain.block import (
     HEADER_VERSION,
     Block,
     Header,
@@ -15,13 +15,13 @@ from consensus.block import (
     compute_receipts_root,
     compute_transactions_root,
 )
-from consensus.effects import BuildBlock
-from consensus.messages import sign_block
+from consensus.chain.epoch_settings import Epoch, compute_epoch_hash
+from consensus.chain.messages import sign_block
+from consensus.chain.transaction import TransactionWire, compute_txid
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.settings import Epoch, compute_epoch_hash
-from consensus.transaction import TransactionWire, compute_txid
+from consensus.protocol.effects import BuildBlock
 
 CHAIN_ID = sha256(b"a chain of the simulator")
 EPOCH_START_MS = 1_800_000_000_000

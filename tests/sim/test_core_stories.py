@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.genesis import ChainSettings
+from consensus.chain.genesis import ChainSettings
 from tests.sim.core_cluster import Cluster, Links
 
 DELAY_MS = 10

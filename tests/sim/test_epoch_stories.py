@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from consensus.genesis import ChainSettings
+from consensus.chain.genesis import ChainSettings
 from tests.sim.core_cluster import Cluster
 from tests.sim.test_core_stories import DELAY_MS, even
 

@@ -6,9 +6,9 @@ import copy
 
 import pytest
 
-from consensus.evidence import verify_evidence
-from consensus.journal_records import encode_restored_record
-from consensus.returning import Returning
+from consensus.chain.evidence import verify_evidence
+from consensus.chain.journal_records import encode_restored_record
+from consensus.protocol.signing_guard import Returning
 from tests.sim.core_cluster import Cluster, Links
 from tests.sim.lying_node import LyingNode
 from tests.sim.named_chain import CHAIN_ID

@@ -5,11 +5,11 @@ Four real cores, whose messages are carried by hand: everybody hears only what t
 
 from __future__ import annotations
 
-from consensus.blocktree import BlockTree, Execution, TwoChain
-from consensus.effects import BuildBlock, Effect
-from consensus.events import TimeoutReceived, VoteReceived
-from consensus.messages import Proposal, Timeout, Vote
-from consensus.voter import Voter
+from consensus.chain.messages import Proposal, Timeout, Vote
+from consensus.protocol.block_tree import BlockTree, Execution, TwoChain
+from consensus.protocol.effects import BuildBlock, Effect
+from consensus.protocol.events import TimeoutReceived, VoteReceived
+from consensus.protocol.voter import Voter
 from tests.unit.consensus.one_core import GENESIS_QC, TRANSACTION, OneCore, committed, of_type, said
 
 

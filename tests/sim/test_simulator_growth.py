@@ -7,7 +7,7 @@ import itertools
 import msgspec
 import pytest
 
-from consensus.genesis import ChainSettings
+from consensus.chain.genesis import ChainSettings
 from network.sim.history import BlockFinalized, Ended, EpochBegan, Healed, History, VoteSent
 from network.sim.plan import make_growth_plan
 from network.sim.run import run_with_history

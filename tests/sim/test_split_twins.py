@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from consensus.messages import Proposal, Vote, sign_vote
-from consensus.witness import Witness
+from consensus.chain.messages import Proposal, Vote, sign_vote
+from consensus.protocol.message_log import Witness
 from tests.sim.core_cluster import Cluster, Links
 from tests.sim.lying_node import LyingNode
 from tests.sim.named_chain import CHAIN_ID

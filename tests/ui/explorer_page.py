@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from playwright.async_api import Page, expect
 
-from network.cli.contract_signers import find_signers
-from network.cli.explore_command import find_entrance
+from network.cli.cluster.explore_command import find_entrance
+from network.cli.contract.contract_signers import find_signers
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.ui.watched_page import move_to
 

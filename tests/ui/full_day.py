@@ -16,11 +16,11 @@ from pathlib import Path
 import msgspec
 from playwright.async_api import Page
 
-from clients.wallet.keystore import KnownVisit
+from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.page import ASSETS, make_page
 from clients.wallet.page.session import PageSession
-from clients.wallet.page.snapshot import Snapshot, VisitPart
-from clients.wallet.wallet import RecordEntry
+from clients.wallet.page.wallet_snapshot import Snapshot, VisitPart
+from clients.wallet.store.keystore import KnownVisit
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.weights import weigh
 

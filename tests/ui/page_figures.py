@@ -16,8 +16,8 @@ from typing import Any
 
 from playwright.async_api import Browser, Page, async_playwright, expect
 
-from network.cli.contract_signers import find_signers
-from network.cli.explore_command import find_entrance
+from network.cli.cluster.explore_command import find_entrance
+from network.cli.contract.contract_signers import find_signers
 from tests.ui.chromium import open_chromium
 from tests.ui.console_under_test import ConsoleUnderTest
 from tests.ui.full_day import measure_full_day, serve_full_day, weigh_all_views

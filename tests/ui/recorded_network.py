@@ -12,11 +12,11 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-from clients.wallet.consenting import Consenting
-from clients.wallet.keystore import Keystore
-from clients.wallet.wallet import RecordEntry, Wallet
-from consensus.genesis import Genesis
-from network.notice_publishing import publish_demo_notice
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.store.keystore import Keystore
+from consensus.chain.genesis import Genesis
+from network.notices.notice_publishing import publish_demo_notice
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward
 from tests.walking_alone import UID

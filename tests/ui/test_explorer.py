@@ -14,7 +14,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, Request, Route, expect
 
-from clients.wallet.erasing import Erasing
+from clients.wallet.records.erasure import Erasing
 from consensus.primitives.encoding import encode_value
 from node.config import CONFIG_FILE
 from tests.ui.accessible import find_accessibility_faults

@@ -9,10 +9,10 @@ import click
 import pytest
 from playwright.async_api import Page
 
-from clients.wallet.guardian_sheets import build_sheet, read_written, write_sheets
-from clients.wallet.guardians import GuardianSet
-from clients.wallet.language import choose_language
-from clients.wallet.shares import split_words, take_words
+from clients.wallet.present.translations import choose_language
+from clients.wallet.recovery.guardian_sheets import build_sheet, read_written, write_sheets
+from clients.wallet.recovery.slip39_shares import split_words, take_words
+from clients.wallet.store.guardian_set import GuardianSet
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.watched_page import NARROW
 

@@ -8,7 +8,7 @@ from playwright.async_api import Page, expect
 
 from network.cluster import Cluster
 from network.console.live import LiveConsole
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 from tests.unit.network.console.sights import sights
 
 PAPER_PX = (718, 1047)

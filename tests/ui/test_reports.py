@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from playwright.async_api import Page
 
-from clients.sdk.picture_names import name_picture
+from clients.sdk.pictures.picture_names import name_picture
 from consensus.errors import BlockRobotError
 from network.demo.checks import CheckList
 from network.demo.report import build_summary, write_report
 from network.experiments.comparison import MAP_FILE, write_reading
-from network.experiments.page import build_index, build_page
+from network.experiments.pages.experiment_page import build_index, build_page
 from network.experiments.run_one import Outcome
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.reading_reports import look_all_ways, pictures_in, print_on_a4

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from clients.wallet.keystore import Keystore
-from clients.wallet.shares import read_share, split_words
+from clients.wallet.recovery.slip39_shares import read_share, split_words
+from clients.wallet.store.keystore import Keystore
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.typed import CONTROL, ROWS, WIPED, Typed, at_terminal, plain
 from tests.unit.clients.wallet.conftest import CHEAP

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet.keystore import Keystore
+from clients.wallet.store.keystore import Keystore
 from tests.ui.typed import Typed, at_terminal, plain
 from tests.unit.clients.wallet.conftest import CHEAP
 

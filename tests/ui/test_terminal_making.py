@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet.keystore import Keystore
+from clients.wallet.store.keystore import Keystore
 from tests.ui.typed import CONTROL, ROWS, WIPED, Typed, at_terminal
 
 ABANDON = " ".join(["abandon"] * 23 + ["art"])
@@ -278,7 +278,7 @@ def home(tmp_path: Path) -> Path:
     (tmp_path / "words.txt").write_text(ABANDON)
     typed = make(tmp_path, "restore", "--words-file", str(tmp_path / "words.txt"), "--fast-passphrase")
     assert typed.ended() == 0
-    from consensus.genesis import genesis_to_json
+    from consensus.chain.genesis import genesis_to_json
     from tests.unit.clients.wallet.conftest import make_genesis
 
     (tmp_path / "network").mkdir()

@@ -15,7 +15,7 @@ from zipfile import ZipFile
 import pytest_asyncio
 from pexpect import EOF
 
-from clients.wallet.keystore import Keystore
+from clients.wallet.store.keystore import Keystore
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.typed import CONTROL, WIPED, Typed, at_terminal, plain, type_line
 from tests.walking_alone import UID

@@ -14,7 +14,7 @@ from playwright.async_api import Page, expect
 
 from consensus.records.metadata import NOTICE_SENSOR
 from network.demo.tampering import flip_stored_byte
-from node.offchain.sqlite_store import DATABASE_FILE_NAME
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, open_page, serve_wallet, watch_first_meeting

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 from playwright.async_api import Page, Request, expect
 
-from clients.wallet.auditing import audit_all
+from clients.wallet.ledger.visit_audit import audit_all
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, go, open_page, serve_wallet, watch_first_meeting
 from tests.ui.watched_page import Watch

@@ -16,11 +16,11 @@ import pytest_asyncio
 from msgspec.structs import replace
 from playwright.async_api import Dialog, Page, Route, expect
 
-from clients.wallet.consenting import Consenting, Word
-from clients.wallet.page import clip_routes
+from clients.wallet.consent.consent_choices import Consenting, Word
+from clients.wallet.page.routes import clip_routes
 from consensus.records.metadata import NOTICE_SENSOR
-from consensus.records.notices import encode_notice
-from network.demo_notice import demo_notice
+from consensus.rights.notices import encode_notice
+from network.notices.demo_notice import demo_notice
 from tests.ui.shown_page import COMMAND, SOON_MS, Shown, show_ward
 from tests.ui.watched_page import SERVER_ENDED, Watch
 from tests.unit.clients.wallet.shared_ward import SharedWard

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from playwright.async_api import CDPSession, Page, expect
 
-from clients.sdk.picture import encode_depth_png
-from clients.wallet.page.clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT
+from clients.sdk.pictures.rendition_picture import encode_depth_png
+from clients.wallet.page.open_clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 from consensus.primitives.hashing import sha256
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition

@@ -12,7 +12,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Locator, Page, expect
 
-from clients.robot.sealing import VisitChain
+from clients.robot.recording.sealing import VisitChain
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.renditions import ENCODING_LABEL, ENCODING_WAV, RENDITION_VERSION, Rendition
 from tests.ui.accessible import find_accessibility_faults

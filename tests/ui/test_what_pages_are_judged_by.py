@@ -7,7 +7,7 @@ import re
 import pytest
 from playwright.async_api import Page
 
-from clients.wallet.viewing import Viewing
+from clients.wallet.records.viewing import Viewing
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.watched_page import NARROW, Pages, Watch

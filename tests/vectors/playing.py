@@ -15,8 +15,8 @@ HERE = Path(__file__).resolve().parent
 def main() -> None:
     sys.path.insert(0, str(HERE.parents[1]))
     from contracts import vectors
-    from network.hostile.child import run_corpus
-    from network.hostile.fuzzing import fuzz
+    from network.lab.hostile.child import run_corpus
+    from network.lab.hostile.fuzzing import fuzz
     from tests.property.both_ways import digest_of_programs, digest_of_readings
 
     differences = []

@@ -9,7 +9,7 @@ from typing import Any
 import contracts.vm
 from contracts import vectors
 from contracts.execution import executor, genesis, views
-from contracts.execution.registry import SHIPPED_CONTRACTS
+from contracts.lifecycle.registry import SHIPPED_CONTRACTS
 from tests.unit.contracts.privacy.hospital import Hospital, Person, key_of
 from tests.unit.contracts.system.consortium import Consortium, admin_of, node_fields, organisation_fields, producer_of
 from tests.unit.contracts.system.deploying import VISITORS, deployment, upload

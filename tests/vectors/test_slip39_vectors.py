@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from clients.wallet.shares import Gathering, read_share, require_of_wallet
+from clients.wallet.recovery.slip39_shares import Gathering, read_share, require_of_wallet
 from consensus.errors import BlockRobotError
 
 VECTORS: list[dict[str, Any]] = json.loads(Path(__file__).with_name("slip39.json").read_text(encoding="utf-8"))

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from consensus.genesis import genesis_to_json
+from consensus.chain.genesis import genesis_to_json
 from contracts.worker.machine import Staff, WorkerMachine
 from contracts.worker.wire import Begin
-from node.machine import genesis_block
+from node.execution.genesis_block import genesis_block
+from node.execution.sandboxed_contracts import WORKER_COMMAND, StoreOfWorkers
 from node.storage.lmdb_store import LmdbStore
-from node.walled_contracts import WORKER_COMMAND, StoreOfWorkers
 from tests.worker.written_blocks import Chain
 
 MEMORY_MAX_BYTES = 512 * 1024**2

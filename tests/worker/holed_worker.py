@@ -18,10 +18,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import contracts.vm.host as vm_host
+import contracts.vm.library.host as vm_host
+from consensus.chain.transaction import Transaction
 from consensus.primitives import hashing
 from consensus.primitives.encoding import encode_value
-from consensus.transaction import Transaction
 from contracts.execution.executor import execute_block
 from contracts.execution.results import BlockContext, BlockResult, note_nothing
 from contracts.execution.views import run_view
@@ -29,7 +29,7 @@ from contracts.state.view import StateReader, StateView
 from contracts.vm import compile_contract
 from contracts.worker.process import Workplace
 from contracts.worker.wire import Begin
-from node.contract_worker import main, prepare
+from node.execution.contract_worker import main, prepare
 
 SOURCE = '''
 @view

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-from network.bench.blocks import BlockBench
+from network.bench.vm.worker_blocks import BlockBench
 
 
 def test_the_benchmark_executes_full_blocks(tmp_path: Path) -> None:

@@ -16,12 +16,12 @@ from consensus.errors import BlockRobotError
 from contracts.vm import InternalFault
 from contracts.worker.machine import Staff, WorkerMachine, WorkerViews
 from contracts.worker.wall import PARTS
-from network.layout import create_network
+from network.ledger_diff.block_replay import base_of_genesis
+from network.provisioning.network_layout import create_network
 from node.config import load_config
-from node.contract_views import ContractViews
-from node.replaying import base_of_genesis
+from node.execution.contract_views import ContractViews
+from node.execution.sandboxed_contracts import open_walled_machine
 from node.storage.lmdb_reader import LedgerFile
-from node.walled_contracts import open_walled_machine
 from tests.worker.conftest import Start
 from tests.worker.written_blocks import Chain
 

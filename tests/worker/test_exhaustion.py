@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from consensus.transaction import Transaction
+from consensus.chain.transaction import Transaction
 from contracts.execution.results import BlockResult, ExecutionFault
 from contracts.worker import machine as worker_machine
 from contracts.worker.handle import ENDLESS

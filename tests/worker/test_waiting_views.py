@@ -6,11 +6,11 @@ import asyncio
 
 from consensus.errors import BlockRobotError
 from contracts.worker.machine import Staff
-from node.budget import Source
-from node.finality import FinalityFeed
-from node.interface import FinalizedLedger
-from node.view_places import VIEWS_OF_SOURCE_MAX_COUNT, VIEWS_WAITING_MAX_COUNT
-from node.walled_contracts import WalledContracts
+from node.api.node_services import FinalizedLedger
+from node.budgets.token_buckets import Source
+from node.execution.sandboxed_contracts import WalledContracts
+from node.execution.view_slots import VIEWS_OF_SOURCE_MAX_COUNT, VIEWS_WAITING_MAX_COUNT
+from node.ledger.ledger_writer import FinalityFeed
 from tests.worker.written_blocks import Chain
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from consensus.block import Receipts
+from consensus.chain.block import Receipts
+from consensus.chain.transaction import Transaction
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
-from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.state.view import Overlay, StateView

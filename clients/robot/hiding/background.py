@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from clients.robot.events import Depth, check_depth
+from clients.robot.sensing.sensor_events import Depth, check_depth
 from consensus.errors import BlockRobotError
 
 MODEL_FRAMES_MAX_COUNT = 31

@@ -1,6 +1,6 @@
 """Tells whether a silhouette holds a companion too: cues of its shape and depth, judged by a small learned model.
 
-The model is a file of decision trees made by `network.bench.companion_training` on synthetic scenes; it is read once
+The model is a file of decision trees made by `network.lab.hiding.companion_training` on synthetic scenes; it is read once
 and evaluated here with numpy alone. It must never decide who somebody is: only that one blob may be two people.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.events import Depth, Mask
+from clients.robot.sensing.sensor_events import Depth, Mask
 
 MODEL_FILE = "companion-model.json"
 PIXELS_MAX_COUNT = 5_000  # larger silhouettes are looked at with every second pixel

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.events import Depth
 from clients.robot.hiding.background import PNG_LEVEL, Background
 from clients.robot.hiding.segmentation import DEPTH_EDGE_MM, Segmented, Silhouette, foreground_of
+from clients.robot.sensing.sensor_events import Depth
 from consensus.errors import BlockRobotError
 
 REGROW_PX = 3

@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from clients.robot.events import Facing, Sighting
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Track
+from clients.robot.sensing.sensor_events import Facing, Sighting
 
 FORECAST_S = 30
 FRAME_EVERY_MS = 100

@@ -13,7 +13,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from clients.robot.events import Frame, Sighting, check_depth
 from clients.robot.hiding.background import Background, fits
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cut import Cut, cut
@@ -22,7 +21,8 @@ from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.merged_evidence import MergedEvidence
 from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Segmented, segment
 from clients.robot.hiding.tracking import Tracker
-from clients.robot.pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
+from clients.robot.pairing.tag_pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
+from clients.robot.sensing.sensor_events import Frame, Sighting, check_depth
 from consensus.errors import BlockRobotError
 
 BUFFER_DEFAULT_MS = 10_000

@@ -15,11 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from clients.robot.events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
 from clients.robot.hiding.likelihood import FILTERS, Belief, Step, log_antenna, log_evidence, log_sum, take
 from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, READINGS_MIN_COUNT, MatchEvidence
 from clients.robot.hiding.time_shift import find_delay_ms
 from clients.robot.hiding.tracking import NEAREST_RANGE_MS, Track
+from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
 
 PRIOR_ABSENT = 0.3
 UNBIND_LOG_ODDS = 0.0

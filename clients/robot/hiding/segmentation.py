@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.events import Depth
 from clients.robot.hiding.background import Background
 from clients.robot.hiding.companion import CUES, Floats, measure, shipped_model
 from clients.robot.hiding.merged_evidence import MergedBy, MergedEvidence
+from clients.robot.sensing.sensor_events import Depth
 
 Bytes2D = npt.NDArray[np.uint8]
 Labels = npt.NDArray[np.int32]

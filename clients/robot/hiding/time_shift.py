@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clients.robot.events import Sighting
 from clients.robot.hiding.tracking import Track
+from clients.robot.sensing.sensor_events import Sighting
 
 SHIFT_MAX_MS = 4_000
 SHIFT_STEP_MS = 250

@@ -12,7 +12,7 @@ import time
 from collections.abc import AsyncIterator, Iterator
 from typing import Protocol
 
-from clients.robot.events import Depth, Frame, Sighting, SourceEvent
+from clients.robot.sensing.sensor_events import Depth, Frame, Sighting, SourceEvent
 
 NS_PER_MS = 1_000_000
 

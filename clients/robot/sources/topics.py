@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
-from clients.robot.bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
-from clients.robot.events import DISTANCE_SIGMA_MAX_M
-from clients.robot.messages import SIGHTING_TYPE
-from clients.robot.sources.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
+from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M
+from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
+from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
+from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
 from consensus.errors import BlockRobotError
 
 TOPICS_FILE_MAX_BYTES = 256 * 1024

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.scenario import Person
 from clients.robot.synthetic.props import LYING_M, SEAT_M, Row, aid_rows
+from clients.robot.synthetic.scenario import Person
 
 STRIDE_M = 1.35
 TORSO_ROWS_COUNT = 7

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.scenario import Scenario
 from clients.robot.synthetic.body import Capsules
+from clients.robot.synthetic.scenario import Scenario
 
 Image = npt.NDArray[np.float32]
 Labels = npt.NDArray[np.uint8]

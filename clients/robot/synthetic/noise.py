@@ -8,7 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from clients.robot.events import Depth
+from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.corridor import Image, Labels
 
 AXIAL_FLOOR_M = 0.0012

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from clients.robot.scenario import Bed, Person
+from clients.robot.synthetic.scenario import Bed, Person
 
 Row = tuple[float, float, float, float, float, float, float]  # right, up, ahead of both ends, radius; metres
 

@@ -8,11 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from clients.robot.events import Depth, Facing
-from clients.robot.scenario import Scenario
+from clients.robot.sensing.sensor_events import Depth, Facing
 from clients.robot.synthetic.body import pose
 from clients.robot.synthetic.corridor import AID_BIT, Camera, Image, Labels, draw, empty_corridor
 from clients.robot.synthetic.noise import CameraNoise
+from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.surroundings import furnish, mirror
 
 RENDERER_VERSION = 3

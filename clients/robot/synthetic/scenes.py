@@ -12,7 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from clients.robot.scenario import (
+from clients.robot.synthetic.scenario import (
     Aid,
     Arms,
     Bed,

@@ -11,11 +11,11 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from clients.robot.events import Mask
-from clients.robot.scenario import Door, Surroundings
+from clients.robot.sensing.sensor_events import Mask
 from clients.robot.synthetic.body import Capsules
 from clients.robot.synthetic.corridor import BEYOND_M, HALF_WIDTH_M, NEAR_M, Camera, Image, Labels, directions, draw
 from clients.robot.synthetic.props import bed_rows
+from clients.robot.synthetic.scenario import Door, Surroundings
 
 DOOR_HEIGHT_M = 2.05
 DOOR_SWING_S = 1.4

@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from clients.wallet.language import refusal
+from clients.wallet.present.translations import refusal
 from consensus.errors import BlockRobotError
 
 WAIT_MAX_MS = 25_000

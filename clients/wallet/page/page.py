@@ -6,29 +6,29 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from clients.wallet.language import describe_error, language_in_use, text
-from clients.wallet.page import (
+from clients.wallet.page.routes import (
     clip_routes,
     consent_routes,
-    erasing_routes,
+    erasure_routes,
     export_routes,
     inbox_routes,
     reading_routes,
-    registering_routes,
+    registration_routes,
     sharing_routes,
 )
 from clients.wallet.page.session import PageSession
+from clients.wallet.present.translations import describe_error, language_in_use, text
 from pages.local_page import LocalPage
 from pages.serving import Assets
 
 ASSETS = Path(__file__).parent / "assets"
 _PARTS = (
     reading_routes,
-    registering_routes,
+    registration_routes,
     clip_routes,
     consent_routes,
     sharing_routes,
-    erasing_routes,
+    erasure_routes,
     export_routes,
     inbox_routes,
 )

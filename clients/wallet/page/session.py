@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from clients.wallet.language import refusal
-from clients.wallet.page.clips import Clips
+from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.jobs import Jobs
-from clients.wallet.page.looks import Looks
-from clients.wallet.page.passphrase import PassphraseGate
-from clients.wallet.page.snapshot import Snapshot, read_snapshot
-from clients.wallet.wallet import Wallet
+from clients.wallet.page.meeting_looks import Looks
+from clients.wallet.page.open_clips import Clips
+from clients.wallet.page.passphrase_check import PassphraseGate
+from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
+from clients.wallet.present.translations import refusal
 from consensus.errors import BlockRobotError
 
 READ_EVERY_S = 2.0

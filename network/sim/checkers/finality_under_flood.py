@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from consensus.settings import ChainSettings
+from consensus.chain.epoch_settings import ChainSettings
 from network.sim.checkers.violation import Violation
 from network.sim.history import Asked, BlockFinalized, Flooded, History, PeerCutOff
 

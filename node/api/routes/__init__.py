@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from node.api.routes import (
     announcements,
-    backgrounds,
     blocks,
-    clips,
-    consent_receipts,
     contracts,
     event_pages,
     events,
@@ -19,9 +16,9 @@ from node.api.routes import (
     proofs,
     queries,
     sessions,
-    shares,
     transactions,
 )
+from node.api.routes.custody import backgrounds, clips, consent_receipts, shares
 from node.api.routing import Route
 
 ROUTES: tuple[Route, ...] = (

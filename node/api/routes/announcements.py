@@ -7,9 +7,9 @@ from aiohttp import web
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
-from node.api.access import MEMBER
+from node.api.access.metering import Steps
+from node.api.access.route_access import MEMBER
 from node.api.documents import AnnouncementItem, AnnouncementsAnswer, finality_document
-from node.api.metering import Steps
 from node.api.routes.proofs import prove_keys
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot

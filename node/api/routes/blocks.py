@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from consensus.block import Header
+from consensus.chain.block import Header
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
-from node.api.access import MEMBER
+from node.api.access.metering import Steps
+from node.api.access.route_access import MEMBER
 from node.api.documents import PAGE_MAX_COUNT, BlockAnswer, BlocksAnswer, BlockSummary
-from node.api.metering import Steps
 from node.api.pruned import Keepers, require_kept
 from node.api.routes.transactions import receipt_document
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer

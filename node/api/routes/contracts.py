@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from contracts.execution.describing import VersionRow, list_contracts, list_due, read_version, read_version_source
-from node.api.access import MEMBER
+from contracts.lifecycle.describing import VersionRow, list_contracts, list_due, read_version, read_version_source
+from node.api.access.route_access import MEMBER
 from node.api.contract_documents import (
     ContractChange,
     ContractEntry,

@@ -12,12 +12,12 @@ from functools import partial
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
-from node.api.access import MEMBER
-from node.api.metering import Steps
+from node.api.access.metering import Steps
+from node.api.access.route_access import MEMBER
 from node.api.pruned import Keepers, require_kept
 from node.api.routing import SSE, Answer, Call, Parameter, Route
 from node.api.services import LedgerSnapshot
-from node.costs import bytes_cost_us
+from node.budgets.work_costs import bytes_cost_us
 
 KEEP_ALIVE_MS = 10_000
 BLOCKS_PER_PART_COUNT = 64

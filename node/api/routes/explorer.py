@@ -9,7 +9,8 @@ from __future__ import annotations
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
-from node.api.access import ANYONE, EXPLORER
+from node.api.access.metering import Steps
+from node.api.access.route_access import ANYONE, EXPLORER
 from node.api.chain_headers import HeaderReader, count_all, describe_epoch, describe_producers
 from node.api.documents import PAGE_MAX_COUNT
 from node.api.explorer_documents import (
@@ -21,8 +22,7 @@ from node.api.explorer_documents import (
     RefusalAnswer,
     RoundDocument,
 )
-from node.api.metering import Steps
-from node.api.refusal_meanings import explain_refusal
+from node.api.openapi.refusal_meanings import explain_refusal
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import BYTES, JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import ApiServices, LedgerSnapshot, RoundWatch

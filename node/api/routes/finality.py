@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from node.api.access import ANYONE, READER
+from node.api.access.metering import Steps
+from node.api.access.route_access import ANYONE, READER
 from node.api.documents import (
     EPOCHS_PAGE_MAX_COUNT,
     PAGE_MAX_COUNT,
@@ -17,7 +18,6 @@ from node.api.documents import (
     HeadersAnswer,
     finality_document,
 )
-from node.api.metering import Steps
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot
 

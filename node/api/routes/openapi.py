@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from node.api.access import ANYONE
+from node.api.access.route_access import ANYONE
 from node.api.routing import JSON, Answer, Call, Route, bytes_answer
 
 DOCUMENT_KEY = web.AppKey("openapi_document", bytes)

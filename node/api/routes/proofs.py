@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from aiohttp import web
 
 from consensus.primitives.encoding import encode
-from node.api.access import READER
+from node.api.access.metering import Steps
+from node.api.access.principals import require_readable
+from node.api.access.route_access import READER
 from node.api.documents import KeyProof, ProofsAnswer, ProofsRequest, finality_document
-from node.api.metering import Steps
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 from node.api.services import LedgerSnapshot
-from node.api.standing import require_readable
 
 
 def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[list[KeyProof]]:

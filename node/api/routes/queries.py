@@ -6,7 +6,7 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
-from node.api.access import MEMBER_OR_OWNER
+from node.api.access.route_access import MEMBER_OR_OWNER
 from node.api.documents import QueryAnswer, QueryRequest
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from node.api.access import ANYONE, READER
+from node.api.access.route_access import ANYONE, READER
 from node.api.documents import ChallengeAnswer, ChallengeRequest, SessionAnswer, SessionRequest
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 

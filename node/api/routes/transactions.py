@@ -9,14 +9,14 @@ from __future__ import annotations
 import msgspec
 from aiohttp import web
 
-from consensus.block import Receipt
+from consensus.chain.block import Receipt
 from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.hashing import sha256
-from node.api.access import ANYONE
+from node.api.access.metering import Steps
+from node.api.access.route_access import ANYONE
 from node.api.documents import Problem, ReceiptDocument, SubmitAnswer, SubmitOutcome, TransactionState
 from node.api.evidence import build_evidence
-from node.api.metering import Steps
 from node.api.problems import problem_document
 from node.api.pruned import Keepers, require_kept
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, json_answer

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.block import TimeoutCertificate
-from consensus.blocktree import BlockTree, Execution, TwoChain
-from consensus.schedule import Schedule
+from consensus.chain.block import TimeoutCertificate
+from consensus.chain.schedule import Schedule
+from consensus.protocol.block_tree import BlockTree, Execution, TwoChain
 from tests.sim.mutants.mutant import Mutant
 from tests.sim.mutants.schedules import HALVES
 from tests.sim.mutants.scripts import A_BLOCK_LEFT_BEHIND, ALTERNATING_ROUNDS

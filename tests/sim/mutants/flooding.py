@@ -6,10 +6,10 @@ import contextlib
 
 import pytest
 
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from consensus.transaction import Transaction
-from node import intake
-from node.mempool import Mempool
+from node.mempool import transaction_intake
+from node.mempool.mempool import Mempool
 from tests.sim.mutants.mutant import Mutant
 from tests.sim.mutants.schedules import EXPIRED_FLOOD
 
@@ -26,7 +26,7 @@ def check_signatures_first(patch: pytest.MonkeyPatch) -> None:
         require_timely(self, transaction, now_ms)
 
     patch.setattr(Mempool, "_require_timely", require)
-    patch.setattr(intake, "SLICE_MAX_US", EVERYTHING_US)
+    patch.setattr(transaction_intake, "SLICE_MAX_US", EVERYTHING_US)
 
 
 FLOODING = (

@@ -7,16 +7,16 @@ from collections.abc import Iterable, Mapping
 import msgspec
 import pytest
 
-from consensus import core, standing
-from consensus.block import Header
-from consensus.blocktree import BlockTree
-from consensus.committing import Commit, _prove
-from consensus.journal_records import JournalRecord, JournalState, _merge
+from consensus.chain.block import Header
+from consensus.chain.epoch_settings import Epoch
+from consensus.chain.journal_records import JournalRecord, JournalState, _merge
 from consensus.primitives.encoding import decode
-from consensus.settings import Epoch
-from network.sim.chain import make_chain
+from consensus.protocol import core, core_state
+from consensus.protocol.block_tree import BlockTree
+from consensus.protocol.commit_rule import Commit, _prove
 from network.sim.plan import NetworkSize
-from node import execution
+from network.sim.world.sim_chain import make_chain
+from node.execution import block_executor
 from tests.sim.mutants.mutant import Mutant
 from tests.sim.mutants.schedules import CHANGES, CHANGES_AND_LOST_LEADERS, CUT_AT_THE_BOUNDARY, REMOVAL
 
@@ -32,7 +32,7 @@ def let_words_span_epochs(patch: pytest.MonkeyPatch) -> None:
             _merge(state, record)
         return state
 
-    patch.setattr(standing, "read_journal", read)
+    patch.setattr(core_state, "read_journal", read)
 
 
 def ignore_the_boundary(patch: pytest.MonkeyPatch) -> None:
@@ -41,7 +41,7 @@ def ignore_the_boundary(patch: pytest.MonkeyPatch) -> None:
     def next_epoch(writes: object, current: int) -> Epoch | None:
         return None
 
-    patch.setattr(execution, "next_epoch", next_epoch)
+    patch.setattr(block_executor, "next_epoch", next_epoch)
 
 
 def never_end_an_epoch(patch: pytest.MonkeyPatch) -> None:
@@ -67,13 +67,13 @@ def carry_the_round_over(patch: pytest.MonkeyPatch) -> None:
 def keep_the_removed(patch: pytest.MonkeyPatch) -> None:
     """Who had a seat at genesis leads and votes in every later epoch too."""
     first = tuple(key.public_key for key in make_chain(NetworkSize(4, 4)).producers)
-    decide = execution.next_epoch
+    decide = block_executor.next_epoch
 
     def next_epoch(writes: Mapping[bytes, bytes | None], current: int) -> Epoch | None:
         following = decide(writes, current)
         return None if following is None else msgspec.structs.replace(following, producers=first)
 
-    patch.setattr(execution, "next_epoch", next_epoch)
+    patch.setattr(block_executor, "next_epoch", next_epoch)
 
 
 FOLLOWING = (

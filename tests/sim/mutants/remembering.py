@@ -6,16 +6,16 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from consensus import standing
-from consensus.blocktree import BlockNode
-from consensus.effects import Effect, Persist
-from consensus.journal_records import JournalState, read_journal
-from consensus.journalling import Journalist
-from consensus.messages import Vote
-from consensus.returning import Returning
-from consensus.voter import Voter
-from node.engine import Engine
-from node.journal import Journal, _frame
+from consensus.chain.journal_records import JournalState, read_journal
+from consensus.chain.messages import Vote
+from consensus.protocol import core_state
+from consensus.protocol.block_tree import BlockNode
+from consensus.protocol.effects import Effect, Persist
+from consensus.protocol.journal_builder import Journalist
+from consensus.protocol.signing_guard import Returning
+from consensus.protocol.voter import Voter
+from node.consensus.engine import Engine
+from node.consensus.journal import Journal, _frame
 from tests.sim.mutants.mutant import Mutant
 from tests.sim.mutants.schedules import CHAOS, OLD_JOURNAL, POWER_CUTS, STORES_BEHIND
 from tests.sim.mutants.scripts import A_WORD_THAT_NOBODY_TELLS, TWO_ROUNDS_GIVEN_UP
@@ -29,7 +29,7 @@ def _forget(patch: pytest.MonkeyPatch, forget: Callable[[JournalState], None]) -
         forget(state)
         return state
 
-    patch.setattr(standing, "read_journal", read)
+    patch.setattr(core_state, "read_journal", read)
 
 
 def forget_the_last_voted_round(patch: pytest.MonkeyPatch) -> None:

@@ -14,21 +14,22 @@ from typing import Any
 
 import msgspec
 
-from consensus.effects import Message
-from consensus.messages import Proposal
-from consensus.transaction import Transaction, sign_transaction
+from consensus.chain.messages import Proposal
+from consensus.chain.transaction import Transaction, sign_transaction
+from consensus.protocol.effects import Message
 from contracts.execution.epochs import read_epoch
 from network.byzantine import Behaviour
-from network.sim import cluster as cluster_module
-from network.sim.chain import EPOCH_MS
 from network.sim.checkers import Violation
-from network.sim.cluster import SimCluster
-from network.sim.node import SimNode
 from network.sim.plan import FLOODS, Fault, Plan, make_flood_plan, make_plan
 from network.sim.run import run_seed
 from network.sim.workload import producer_turnover
-from node import pruning, recording
-from node.engine import Outbox
+from network.sim.world import sim_cluster as cluster_module
+from network.sim.world.sim_chain import EPOCH_MS
+from network.sim.world.sim_cluster import SimCluster
+from network.sim.world.sim_node import SimNode
+from node.consensus import journal_writer
+from node.consensus.engine import Outbox
+from node.ledger import pruning
 from node.snapshot.checking import restore_into
 from node.snapshot.form import MemorySnapshotFolder
 from node.snapshot.making import make_snapshot
@@ -123,7 +124,7 @@ def play_stores_behind(seed: int) -> list[Violation]:
     """
     slow = [Fault(kind="slow-store", at_ms=300, for_ms=2_000, node=node, amount=300) for node in range(4)]
     cut = Fault(kind="power-cut", at_ms=300 + 2 * 330 + 100, for_ms=40)
-    with with_constants(recording, COMPACT_ABOVE_BYTES=1):
+    with with_constants(journal_writer, COMPACT_ABOVE_BYTES=1):
         return played(Plan(seed=seed, rounds=ROUNDS, faults=(*slow, cut)), make_punctual)
 
 

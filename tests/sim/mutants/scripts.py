@@ -5,8 +5,8 @@ Everybody hears only what the story says. Without the mutant the story ends wher
 
 from __future__ import annotations
 
-from consensus.effects import BuildBlock
-from consensus.messages import Proposal, Timeout, Vote
+from consensus.chain.messages import Proposal, Timeout, Vote
+from consensus.protocol.effects import BuildBlock
 from network.sim.checkers import Violation
 from tests.sim.mutants.mutant import Schedule
 from tests.sim.test_scripted_schedules import Table, play_two_branches_of_alternating_rounds

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.core import Core
-from consensus.effects import Broadcast
-from consensus.messages import Proposal, sign_vote
-from consensus.voter import Voter
+from consensus.chain.messages import Proposal, sign_vote
+from consensus.protocol.core import Core
+from consensus.protocol.effects import Broadcast
+from consensus.protocol.voter import Voter
 from tests.sim.mutants.mutant import Mutant
 from tests.sim.mutants.schedules import CHAOS, TWO_BLOCKS_FOR_ALL
 

@@ -7,15 +7,15 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from consensus.block import FinalityProof
+from consensus.chain.block import FinalityProof
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext
-from node import execution
-from node.assembly import Assembly
-from node.custody import Custody
-from node.execution import ExecutedBlock, _BranchTransactions
-from node.finality import FinalityFeed, LedgerWriter
-from node.offchain.finalized import collect_events
+from node.components import Assembly
+from node.custody.chain.chain_follower import Custody
+from node.custody.finalized_events import collect_events
+from node.execution import block_executor
+from node.execution.block_executor import ExecutedBlock, _BranchTransactions
+from node.ledger.ledger_writer import FinalityFeed, LedgerWriter
 from node.storage.ledger_store import KeptBlock
 from node.storage.memory_store import MemoryRestore, _Tables
 from tests.sim.mutants.mutant import Mutant
@@ -34,7 +34,7 @@ def look_at_ones_own_clock(patch: pytest.MonkeyPatch) -> None:
 
 def compare_no_roots(patch: pytest.MonkeyPatch) -> None:
     """Whatever a header says of its block's results is believed."""
-    patch.setattr(execution, "_require_equal", lambda header, result, following: None)
+    patch.setattr(block_executor, "_require_equal", lambda header, result, following: None)
 
 
 def forget_stored_txids(patch: pytest.MonkeyPatch) -> None:

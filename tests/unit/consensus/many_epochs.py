@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import msgspec
 
-from consensus.block import Block, EpochProof, FinalityProof
-from consensus.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry
+from consensus.chain.block import Block, EpochProof, FinalityProof
+from consensus.chain.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry
+from consensus.chain.schedule import Epoch, compute_epoch_hash
 from consensus.primitives.hashing import sha256
-from consensus.schedule import Epoch, compute_epoch_hash
 from tests.sim.named_chain import make_keys
 from tests.unit.consensus.one_core import Peers
 

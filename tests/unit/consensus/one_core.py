@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from consensus.block import (
+from consensus.chain.block import (
     HEADER_VERSION,
     Block,
     Header,
@@ -15,9 +15,26 @@ from consensus.block import (
     compute_transactions_root,
     genesis_certificate,
 )
-from consensus.core import Core
-from consensus.effects import BuildBlock, CommitBlocks, Effect, ExecuteBlock, Message, Persist
-from consensus.events import (
+from consensus.chain.genesis import ChainSettings
+from consensus.chain.messages import (
+    SPEAKING,
+    CertificateNotice,
+    Proposal,
+    Timeout,
+    Vote,
+    Word,
+    WordsAnswer,
+    sign_block,
+    sign_timeout,
+    sign_vote,
+)
+from consensus.chain.schedule import Epoch, Schedule, compute_epoch_hash
+from consensus.chain.signature_cache import SignatureCache
+from consensus.primitives.encoding import encode
+from consensus.primitives.hashing import sha256
+from consensus.protocol.core import Core
+from consensus.protocol.effects import BuildBlock, CommitBlocks, Effect, ExecuteBlock, Message, Persist
+from consensus.protocol.events import (
     BlockBuilt,
     BlockExecuted,
     Event,
@@ -30,23 +47,6 @@ from consensus.events import (
     WordsAnswered,
     WorkChanged,
 )
-from consensus.genesis import ChainSettings
-from consensus.messages import (
-    SPEAKING,
-    CertificateNotice,
-    Proposal,
-    Timeout,
-    Vote,
-    Word,
-    WordsAnswer,
-    sign_block,
-    sign_timeout,
-    sign_vote,
-)
-from consensus.primitives.encoding import encode
-from consensus.primitives.hashing import sha256
-from consensus.schedule import Epoch, Schedule, compute_epoch_hash
-from consensus.signature_cache import SignatureCache
 from tests.sim.named_chain import (
     CHAIN_ID,
     EPOCH_START_MS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from consensus.collectors import TimeoutCollector, VoteCollector
+from consensus.protocol.vote_collectors import TimeoutCollector, VoteCollector
 from tests.unit.consensus.one_core import Peers
 
 PEERS = Peers()

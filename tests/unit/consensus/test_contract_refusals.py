@@ -8,8 +8,8 @@ import pytest
 
 from consensus.contract_refusals import NEXT_STEPS, find_next_step
 from consensus.errors import CATALOGUE, BlockRobotError
-from consensus.records.purposes import PURPOSES, require_published, require_purpose
-from contracts.execution.registry import SHIPPED_CONTRACTS, read_source
+from consensus.rights.purposes import PURPOSES, require_published, require_purpose
+from contracts.lifecycle.registry import SHIPPED_CONTRACTS, read_source
 
 OF_THE_MACHINE = {"ARGUMENTS_INVALID", "ENTRY_UNKNOWN"}
 

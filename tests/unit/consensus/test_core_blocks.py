@@ -5,12 +5,12 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from consensus.block import Block, IndexedSignature, QuorumCertificate
-from consensus.effects import TIMER_FETCH, CancelTimer, ExecuteBlock, FetchBlocks, Halt, SetTimer
-from consensus.events import BlocksFetched, FinalizedElsewhere, ProposalReceived, VoteReceived
+from consensus.chain.block import Block, IndexedSignature, QuorumCertificate
+from consensus.chain.messages import Proposal, Vote, sign_block
 from consensus.limits import ORPHAN_BLOCKS_MAX_COUNT
-from consensus.messages import Proposal, Vote, sign_block
 from consensus.primitives.hashing import sha256
+from consensus.protocol.effects import TIMER_FETCH, CancelTimer, ExecuteBlock, FetchBlocks, Halt, SetTimer
+from consensus.protocol.events import BlocksFetched, FinalizedElsewhere, ProposalReceived, VoteReceived
 from tests.sim.named_chain import make_transaction
 from tests.unit.consensus.one_core import NOW_MS, TRANSACTION, OneCore, committed, of_type, said
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from consensus.effects import BlockCertified, BuildBlock, CommitBlocks, FetchBlocks, Halt
-from consensus.events import BlockExecuted, BlocksFetched, ProposalReceived
-from consensus.light_client import verify_finality
-from consensus.messages import Proposal
+from consensus.chain.light_client import verify_finality
+from consensus.chain.messages import Proposal
+from consensus.protocol.effects import BlockCertified, BuildBlock, CommitBlocks, FetchBlocks, Halt
+from consensus.protocol.events import BlockExecuted, BlocksFetched, ProposalReceived
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import GENESIS, TRANSACTION, OneCore, committed, of_type
 

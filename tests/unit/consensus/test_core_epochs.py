@@ -5,22 +5,22 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from consensus.block import certificate_of, genesis_certificate
-from consensus.core import Core
-from consensus.effects import BuildBlock, CancelTimer, CommitBlocks, ExecuteBlock, Halt, Persist, SetTimer
+from consensus.chain.block import certificate_of, genesis_certificate
+from consensus.chain.epoch_settings import ChainSettings
+from consensus.chain.light_client import verify_finality
+from consensus.chain.messages import CertificateNotice, Timeout, Vote
+from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
-from consensus.events import (
+from consensus.primitives.hashing import sha256
+from consensus.protocol.core import Core
+from consensus.protocol.effects import BuildBlock, CancelTimer, CommitBlocks, ExecuteBlock, Halt, Persist, SetTimer
+from consensus.protocol.events import (
     BlocksFetched,
     FinalizedElsewhere,
     PeerConnected,
     TimeoutReceived,
     VoteReceived,
 )
-from consensus.light_client import verify_finality
-from consensus.messages import CertificateNotice, Timeout, Vote
-from consensus.primitives.hashing import sha256
-from consensus.schedule import Schedule
-from consensus.settings import ChainSettings
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import GENESIS, TRANSACTION, OneCore, Peers, committed, of_type, said, told
 

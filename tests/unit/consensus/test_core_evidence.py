@@ -5,14 +5,14 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from consensus.effects import EvidenceFound, SendTo
+from consensus.chain.evidence import make_evidence, verify_evidence
+from consensus.chain.messages import Proposal, Vote
+from consensus.chain.signature_cache import SignatureCache
 from consensus.errors import BlockRobotError
-from consensus.events import ProposalReceived, VoteReceived
-from consensus.evidence import make_evidence, verify_evidence
 from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, WORD_CHECKS_MAX_COUNT
-from consensus.messages import Proposal, Vote
 from consensus.primitives.encoding import encode
-from consensus.signature_cache import SignatureCache
+from consensus.protocol.effects import EvidenceFound, SendTo
+from consensus.protocol.events import ProposalReceived, VoteReceived
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import NOW_MS, TRANSACTION, OneCore, Peers, of_type
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.block import Block
-from consensus.block_rules import lost_rounds_before_giving_up, may_give_up_change
-from consensus.effects import (
+from consensus.chain.block import Block
+from consensus.chain.block_rules import lost_rounds_before_giving_up, may_give_up_change
+from consensus.chain.epoch_settings import ChainSettings
+from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.limits import EXECUTION_RETRY_MAX_MS, EXECUTION_RETRY_MIN_MS
+from consensus.protocol.effects import (
     TIMER_EXECUTE,
     BuildBlock,
     CommitBlocks,
@@ -16,10 +19,7 @@ from consensus.effects import (
     ProposalLost,
     SetTimer,
 )
-from consensus.events import BlockExecuted, NoticeReceived, ProposalReceived
-from consensus.limits import EXECUTION_RETRY_MAX_MS, EXECUTION_RETRY_MIN_MS
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
-from consensus.settings import ChainSettings
+from consensus.protocol.events import BlockExecuted, NoticeReceived, ProposalReceived
 from tests.unit.consensus.one_core import NOW_MS, TRANSACTION, OneCore, Peers, of_type, said
 
 

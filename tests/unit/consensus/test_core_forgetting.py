@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from consensus.block import genesis_certificate
-from consensus.core import Core
-from consensus.effects import BuildBlock
-from consensus.messages import ASKING, SILENT, Proposal, Timeout, Vote
-from consensus.schedule import Schedule
+from consensus.chain.block import genesis_certificate
+from consensus.chain.messages import ASKING, SILENT, Proposal, Timeout, Vote
+from consensus.chain.schedule import Schedule
+from consensus.protocol.core import Core
+from consensus.protocol.effects import BuildBlock
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import CHECK, TRANSACTION, OneCore, Peers, of_type, said
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.core import Core
-from consensus.effects import TIMER_ROUND, Broadcast, BuildBlock, CommitBlocks, ExecuteBlock, Persist, SendTo
+from consensus.chain.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalRecord, read_journal
+from consensus.chain.messages import Proposal, Timeout, Vote
 from consensus.errors import BlockRobotError
-from consensus.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalRecord, read_journal
-from consensus.messages import Proposal, Timeout, Vote
 from consensus.primitives.encoding import decode
+from consensus.protocol.core import Core
+from consensus.protocol.effects import TIMER_ROUND, Broadcast, BuildBlock, CommitBlocks, ExecuteBlock, Persist, SendTo
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import GENESIS, TRANSACTION, OneCore, of_type, said
 
@@ -171,7 +171,7 @@ def test_a_block_that_was_forgotten_is_not_journalled_again():
 
 
 def test_a_node_whose_store_lags_too_far_signs_nothing(monkeypatch):
-    monkeypatch.setattr("consensus.journalling.UNSTORED_BLOCKS_MAX_COUNT", 1)
+    monkeypatch.setattr("consensus.protocol.journal_builder.UNSTORED_BLOCKS_MAX_COUNT", 1)
     node = OneCore(6, count=7)
     one, two, three, four = node.chain(1, 2, 3, 4)
     for block in (one, two, three):

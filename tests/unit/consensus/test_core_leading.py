@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.effects import TIMER_ASK, TIMER_PROPOSE, Broadcast, BuildBlock, ExecuteBlock, Persist, SetTimer
+from consensus.chain.genesis import ChainSettings, parse_production
+from consensus.chain.messages import Proposal, Vote
 from consensus.errors import BlockRobotError
-from consensus.events import BlockBuilt, ProposalReceived
-from consensus.genesis import ChainSettings, parse_production
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
-from consensus.messages import Proposal, Vote
+from consensus.protocol.effects import TIMER_ASK, TIMER_PROPOSE, Broadcast, BuildBlock, ExecuteBlock, Persist, SetTimer
+from consensus.protocol.events import BlockBuilt, ProposalReceived
 from tests.unit.consensus.one_core import NOW_MS, TRANSACTION, OneCore, of_type, said
 
 

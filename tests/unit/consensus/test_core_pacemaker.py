@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.effects import TIMER_HEARTBEAT, TIMER_ROUND, CancelTimer, SetTimer
-from consensus.genesis import ChainSettings
-from consensus.pacemaker import compute_timeout_ms
+from consensus.chain.genesis import ChainSettings
+from consensus.protocol.effects import TIMER_HEARTBEAT, TIMER_ROUND, CancelTimer, SetTimer
+from consensus.protocol.pacemaker import compute_timeout_ms
 from tests.unit.consensus.one_core import TRANSACTION, OneCore, of_type
 
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.core import Core
-from consensus.effects import TIMER_ASK, Broadcast, CancelTimer, Persist, SendTo, SetTimer, SilenceChanged
-from consensus.events import PeerConnected, Started, WordsAnswered, WordsAsked
-from consensus.journal_records import (
+from consensus.chain.journal_records import (
     JournalRecord,
     SilenceMark,
     encode_restored_record,
     encode_silence_record,
     read_journal,
 )
-from consensus.messages import (
+from consensus.chain.messages import (
     ASKING,
     SILENT,
     SPEAKING,
@@ -25,8 +22,11 @@ from consensus.messages import (
     WordsAnswer,
     WordsRequest,
 )
+from consensus.chain.schedule import Schedule
 from consensus.primitives.encoding import decode
-from consensus.schedule import Schedule
+from consensus.protocol.core import Core
+from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, Persist, SendTo, SetTimer, SilenceChanged
+from consensus.protocol.events import PeerConnected, Started, WordsAnswered, WordsAsked
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import CHECK, GENESIS_QC, NOW_MS, TRANSACTION, OneCore, Peers, of_type, said, told
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.block import QuorumCertificate
-from consensus.effects import TIMER_RESEND, TIMER_ROUND, Broadcast, BuildBlock, CancelTimer, Persist, SetTimer
-from consensus.events import PeerConnected, TimeoutReceived, VoteReceived
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.chain.block import QuorumCertificate
+from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.protocol.effects import TIMER_RESEND, TIMER_ROUND, Broadcast, BuildBlock, CancelTimer, Persist, SetTimer
+from consensus.protocol.events import PeerConnected, TimeoutReceived, VoteReceived
 from tests.unit.consensus.one_core import NOW_MS, OneCore, of_type, said, told
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.effects import Broadcast, ExecuteBlock, Persist
-from consensus.events import BlockExecuted, ProposalReceived
+from consensus.chain.epoch_settings import ChainSettings
+from consensus.chain.messages import Proposal, Vote
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
-from consensus.messages import Proposal, Vote
-from consensus.settings import ChainSettings
+from consensus.protocol.effects import Broadcast, ExecuteBlock, Persist
+from consensus.protocol.events import BlockExecuted, ProposalReceived
 from tests.unit.consensus.one_core import GENESIS, NOW_MS, TRANSACTION, OneCore, of_type, said
 
 

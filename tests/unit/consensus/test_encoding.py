@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from consensus.block import IndexedSignature, QuorumCertificate
+from consensus.chain.block import IndexedSignature, QuorumCertificate
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, decode_value, encode, encode_value, u32, u64
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk.terminal import fail
+from clients.sdk.terminal.terminal import fail
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.exit_codes import (
     EXIT_FAILED,

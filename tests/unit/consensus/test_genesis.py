@@ -7,9 +7,8 @@ import json
 import msgspec
 import pytest
 
-from consensus.block import NO_BLOCK, compute_header_id
-from consensus.errors import BlockRobotError
-from consensus.genesis import (
+from consensus.chain.block import NO_BLOCK, compute_header_id
+from consensus.chain.genesis import (
     ChainSettings,
     ContractEntry,
     Genesis,
@@ -18,6 +17,7 @@ from consensus.genesis import (
     genesis_from_json,
     genesis_to_json,
 )
+from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from tests.sim.named_chain import make_keys
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from consensus.block import FinalityProof, Header, IndexedSignature
+from consensus.chain.block import FinalityProof, Header, IndexedSignature
+from consensus.chain.genesis import ChainSettings, Genesis, NodeEntry
+from consensus.chain.light_client import LightClient, verify_finality
+from consensus.chain.messages import sign_vote
 from consensus.errors import BlockRobotError
-from consensus.genesis import ChainSettings, Genesis, NodeEntry
-from consensus.light_client import LightClient, verify_finality
-from consensus.messages import sign_vote
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.trie import Proof, hash_page, hash_value

@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from consensus.block import EpochProof, FinalityProof, certificate_of
+from consensus.chain.block import EpochProof, FinalityProof, certificate_of
+from consensus.chain.light_client import LightClient
 from consensus.errors import BlockRobotError
-from consensus.light_client import LightClient
 from consensus.primitives.encoding import decode, encode
 from tests.unit.consensus.many_epochs import GENESIS_FILE, ManyEpochs, make_epoch, renamed
 

@@ -7,10 +7,10 @@ import itertools
 import msgspec
 import pytest
 
-from consensus.block import QuorumCertificate, TimeoutCertificate
+from consensus.chain.block import QuorumCertificate, TimeoutCertificate
+from consensus.chain.epoch_settings import ChainSettings, Epoch, compute_epoch_hash
+from consensus.chain.schedule import Schedule, verify_qc, verify_tc
 from consensus.errors import BlockRobotError
-from consensus.schedule import Schedule, verify_qc, verify_tc
-from consensus.settings import ChainSettings, Epoch, compute_epoch_hash
 from tests.sim.named_chain import CHAIN_ID, make_keys
 from tests.unit.consensus.one_core import GENESIS, Peers
 

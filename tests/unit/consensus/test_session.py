@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from consensus.chain.session_message import session_parts, sign_session, verify_session
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.session import session_parts, sign_session, verify_session
 
 KEY = PrivateKey(sha256(b"a member"))
 OTHER = PrivateKey(sha256(b"another"))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from consensus.chain.transaction import TransactionWire, compute_txid, decode_transaction, sign_transaction
 from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.transaction import TransactionWire, compute_txid, decode_transaction, sign_transaction
 
 KEY = PrivateKey(sha256(b"a member"))
 THIEF = PrivateKey(sha256(b"a thief"))

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from network.authority import create_authority, encode_private_key, write_secret
-from network.certificates import (
+from network.cluster import Cluster
+from network.provisioning.certificate_authority import create_authority, encode_private_key, write_secret
+from network.provisioning.network_layout import create_network
+from network.provisioning.node_certificates import (
     DAY_MS,
     find_authority,
     issue_into,
@@ -19,8 +21,6 @@ from network.certificates import (
     renew,
     serial_bytes,
 )
-from network.cluster import Cluster
-from network.layout import create_network
 from node.config import NodeConfig
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 
 BASE_PORT = 45_670
 

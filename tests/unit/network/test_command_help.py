@@ -10,7 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from clients.sdk.lazy_group import LazyGroup
+from clients.sdk.terminal.lazy_group import LazyGroup
 from network.cli.main import SECTIONS, main
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "cli.md"

@@ -14,10 +14,10 @@ from click.testing import CliRunner, Result
 from nacl import pwhash
 
 from clients.sdk.passphrase import PassphraseCost
-from clients.wallet.keystore import Keystore
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import CATALOGUE
 from network.cli.main import main
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 
 WORDS = "abandon " * 23 + "art"
 CHEAP = PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN)

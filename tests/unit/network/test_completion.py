@@ -8,7 +8,7 @@ import pytest
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
-from clients.sdk.lazy_group import LazyGroup
+from clients.sdk.terminal.lazy_group import LazyGroup
 from network.cli.main import main
 
 

@@ -13,10 +13,10 @@ from pymongo.uri_parser import parse_uri
 from ruamel.yaml import YAML
 
 from network.cli.main import main
-from network.layout import store_uri_of
+from network.provisioning.network_layout import store_uri_of
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.open_store import open_store
 from node.main import main as run_node
-from node.offchain.mongo_store import MongoStore
-from node.offchain.open_store import open_store
 
 ROOT = Path(__file__).resolve().parents[3]
 FOLDER = ROOT / "docs" / "examples" / "mongodb"

@@ -13,9 +13,9 @@ from click.testing import CliRunner, Result
 
 from contracts.kit import template
 from contracts.kit.template import read_dialect_stub
-from contracts.vm.names import RESERVED
-from network.cli.contract_author_commands import ranges
-from network.cli.contract_commands import contract
+from contracts.vm.frontend.name_binding import RESERVED
+from network.cli.contract.contract_author_commands import ranges
+from network.cli.contract.contract_commands import contract
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "docs" / "examples"
 

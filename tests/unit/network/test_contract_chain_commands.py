@@ -12,18 +12,18 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-import network.cli.contract_signers as contract_signers
+import network.cli.contract.contract_signers as contract_signers
+from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.passphrase import PassphraseCost
-from clients.sdk.receipts import FinalReceipt
-from clients.wallet.keys import derive_keys
-from clients.wallet.keystore import Keystore
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import derive_keys
+from consensus.chain.genesis import genesis_to_json
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from consensus.genesis import genesis_to_json
 from consensus.primitives.keys import PrivateKey
-from consensus.transaction import Transaction
 from contracts.execution.results import BlockContext
 from contracts.execution.views import run_view
-from network.cli.contract_commands import contract
+from network.cli.contract.contract_commands import contract
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2, upgrade

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-import network.cli.contract_events_command as command
-import network.cli.contract_signers as contract_signers
-from clients.sdk.contract_events import EventPage, FoundEvent, Place
+import network.cli.contract.contract_events_command as command
+import network.cli.contract.contract_signers as contract_signers
+from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place
+from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import genesis_to_json
-from network.cli.contract_commands import contract
+from network.cli.contract.contract_commands import contract
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 

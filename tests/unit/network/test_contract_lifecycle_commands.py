@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-import network.cli.governing as governing
+import network.cli.governance.governance_signer as governing
+from consensus.chain.genesis import genesis_to_json
 from consensus.errors import CATALOGUE
-from consensus.genesis import genesis_to_json
-from contracts.execution.registry import read_source
-from network.cli.contract_commands import contract
+from contracts.lifecycle.registry import read_source
+from network.cli.contract.contract_commands import contract
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of
 from tests.unit.contracts.system.deploying import FAILING, VISITORS, VISITORS_2

@@ -12,10 +12,10 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-import network.cli.contract_signers as contract_signers
+import network.cli.contract.contract_signers as contract_signers
+from clients.sdk.chain.receipts import FinalReceipt, final_receipt
 from clients.sdk.connections import NodeAddress
-from clients.sdk.receipts import FinalReceipt, final_receipt
-from consensus.block import (
+from consensus.chain.block import (
     HEADER_VERSION,
     Block,
     Header,
@@ -24,15 +24,15 @@ from consensus.block import (
     compute_transactions_root,
     genesis_certificate,
 )
+from consensus.chain.genesis import genesis_to_json
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from consensus.genesis import genesis_to_json
 from consensus.primitives.encoding import encode
-from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
 from contracts.worker.wall import REQUIRED_PARTS
-from network import contract_tracing
-from network.cli.contract_commands import contract
-from network.contract_tracing import WalledTracer, trace_transaction
+from network.cli.contract.contract_commands import contract
+from network.contracts import contract_tracing
+from network.contracts.contract_tracing import WalledTracer, trace_transaction
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
 NODE = NodeAddress("node-01", "http://127.0.0.1:1")

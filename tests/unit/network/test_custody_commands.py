@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from consensus.errors import BlockRobotError
 from consensus.upload_quotas import UploadQuotas
 from network.cli.main import main
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 
 ERASURE = "ab" * 32
 
@@ -111,8 +111,8 @@ def says(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             raise report
         return {"node": config.name, **report}
 
-    monkeypatch.setattr("network.cli.custody_commands.ask_all", ask_all)
-    monkeypatch.setattr("network.cli.custody_commands.run_work", run_work)
+    monkeypatch.setattr("network.cli.custody.custody_commands.ask_all", ask_all)
+    monkeypatch.setattr("network.cli.custody.custody_commands.run_work", run_work)
     return said
 
 

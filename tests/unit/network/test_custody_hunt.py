@@ -20,7 +20,7 @@ from network.custody import searching
 from network.custody.hunt import explain, files_below, place_of
 from network.custody.searching import PREFIX_BYTES, Search, spread
 from network.custody.traces import Trace, read_traces, trace_plaintext, write_traces
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 
 KINDS = ("id", "root", "metadata", "leaf", "ciphertext", "wrapped-key", "sealed-key", "erase-key", "plaintext")
 PLACES = ("store", "erase-keys", "ledger", "journal", "snapshots", "log", "other")
@@ -180,7 +180,7 @@ def _hunt_for(
             trace.pieces |= each.pieces
         return [trace]
 
-    monkeypatch.setattr("network.cli.custody_hunt_command.gather", know)
+    monkeypatch.setattr("network.cli.custody.custody_hunt_command.gather", know)
     told = ["custody", "hunt", trace.record_id.hex(), *arguments, "--dir", str(folder)]
     said = CliRunner().invoke(main, told)
     assert ("Nothing was found" in said.stdout) == (said.exit_code == 0), said.output

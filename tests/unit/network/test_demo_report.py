@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from clients.robot.hiding.hider import Reason
-from clients.sdk.picture_names import name_picture
+from clients.sdk.pictures.picture_names import name_picture
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList
 from network.demo.leader_kill import LeaderKill

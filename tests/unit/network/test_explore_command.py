@@ -14,12 +14,12 @@ from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 from click.testing import CliRunner
 
-from clients.sdk.http import NetworkClient
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import genesis_to_json
-from network.cli import explore_command
-from network.cli.contract_signers import Signer
-from network.cli.explore_command import LINK_LIFETIME_S, explore, keep_link
+from network.cli.cluster import explore_command
+from network.cli.cluster.explore_command import LINK_LIFETIME_S, explore, keep_link
+from network.cli.contract.contract_signers import Signer
 from node.api import create_api
 from tests.unit.node.api.small_network import ADMIN, OWNER, STRANGER, SUBJECT, SmallLedger, SmallNode, make_genesis
 

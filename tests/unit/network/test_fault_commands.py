@@ -16,7 +16,7 @@ from network.byzantine.process import ByzantineNode
 from network.byzantine.process import main as run_liar
 from network.cli.main import main
 from network.cluster import Cluster
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 from node.config import load_config
 from node.faults import STATE_FILE_NAME
 

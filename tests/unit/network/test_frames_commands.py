@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.sdk.frame_previews import PREVIEW_FILE, draw_preview
-from clients.sdk.picture import colourise, decode_colour_png, encode_depth_png
+from clients.sdk.pictures.frame_previews import PREVIEW_FILE, draw_preview
+from clients.sdk.pictures.rendition_picture import colourise, decode_colour_png, encode_depth_png
 from consensus.errors import BlockRobotError
 from network.cli.main import main
 from tests.unit.consensus.records.test_png import picture

@@ -10,15 +10,15 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-import network.cli.governing as governing
-import network.cli.live_quorum as live_quorum
+import network.cli.governance.governance_signer as governing
+import network.cli.governance.quorum_check as live_quorum
+from consensus.chain.genesis import genesis_to_json
 from consensus.errors import CATALOGUE
-from consensus.genesis import genesis_to_json
-from network.authority import create_authority, encode_private_key, issue_node_certificate
-from network.cli.certificate_commands import certificate
-from network.cli.org_commands import org
-from network.cli.producer_commands import producer
-from network.cli.settings_commands import settings
+from network.cli.governance.org_commands import org
+from network.cli.governance.producer_commands import producer
+from network.cli.governance.settings_commands import settings
+from network.cli.node.certificate_commands import certificate
+from network.provisioning.certificate_authority import create_authority, encode_private_key, issue_node_certificate
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of, node_fields, producer_of
 

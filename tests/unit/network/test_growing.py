@@ -6,9 +6,9 @@ from typing import cast
 
 import pytest
 
-from clients.sdk.http import NetworkClient
+from clients.sdk.network_client import NetworkClient
 from consensus.errors import BlockRobotError
-from network.growing import Growth, Step
+from network.provisioning.node_adding import Growth, Step
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of, node_fields, producer_of
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from network.authority import create_authority, encode_private_key
-from network.handed_over import (
+from network.provisioning.certificate_authority import create_authority, encode_private_key
+from network.provisioning.exchange_files import (
     HANDED_OVER_MAX_BYTES,
     ORGANISATION_ENTRY_FILE,
     read_authority_certificates,
@@ -17,7 +17,7 @@ from network.handed_over import (
     read_node_entry,
     read_organisation_entry,
 )
-from network.layout import create_organisation
+from network.provisioning.network_layout import create_organisation
 
 OLD, NEW = create_authority("hospital"), create_authority("hospital")
 

@@ -7,18 +7,25 @@ from pathlib import Path
 
 import pytest
 
+from consensus.chain.genesis import Genesis
+from consensus.chain.proof_of_possession import POSSESSION_TAG
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
-from consensus.possession import POSSESSION_TAG
 from consensus.primitives.keys import verify
-from network.certificates import find_authority, now_ms, read_report
 from network.cluster import Cluster
-from network.handed_over import read_node_entry
-from network.joining import ENTRY_FILE, Newcomer, init_node, newest_directory, next_base_port, organisation_of
-from network.layout import PORTS_PER_NODE, create_network
+from network.provisioning.exchange_files import read_node_entry
+from network.provisioning.network_layout import PORTS_PER_NODE, create_network
+from network.provisioning.node_certificates import find_authority, now_ms, read_report
+from network.provisioning.node_joining import (
+    ENTRY_FILE,
+    Newcomer,
+    init_node,
+    newest_directory,
+    next_base_port,
+    organisation_of,
+)
 from node.config import load_config, load_genesis
-from node.directory import content_of_genesis
-from node.journal import count_records
+from node.consensus.journal import count_records
+from node.directory.node_directory import content_of_genesis
 
 BASE_PORT = 20_000
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk import terminal
-from clients.sdk.json_fields import CommandAnswer, Field, Kind, write_section
+from clients.sdk.terminal import terminal
+from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind, write_section
 from network.cli.json_page import NOT_LISTED, PAGE, SECTIONS, write_json_page
-from network.observing import NodeLook, Observer, changes
+from network.cluster_monitor import NodeLook, Observer, changes
 from tests.json_answers import (
     CHECKS,
     answers_of_processes,

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 from consensus.primitives.encoding import encode_value
 from network.cli.main import main
-from network.layout import create_network
-from node.assembly import begin_ledger
+from network.provisioning.network_layout import create_network
+from node.components import begin_ledger
 from node.config import load_config
 from node.storage.lmdb_store import LmdbStore
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from consensus.genesis import Genesis
-from network.cli.node_setup_commands import init
+from consensus.chain.genesis import Genesis
+from network.cli.node.node_setup_commands import init
 from network.cluster import Cluster
-from network.joining import ENTRY_FILE, of_chain
-from network.layout import PORTS_PER_NODE, create_network
+from network.provisioning.network_layout import PORTS_PER_NODE, create_network
+from network.provisioning.node_joining import ENTRY_FILE, of_chain
 from node.config import load_config, load_genesis
-from node.directory_file import DIRECTORY_FILE
+from node.directory.directory_file import DIRECTORY_FILE
 
 HOME_PORT, OTHER_PORT = 21_000, 22_000
 

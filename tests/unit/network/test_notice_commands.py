@@ -9,11 +9,11 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
-from consensus.records.notices import NoticeRow, PublishedNotice, encode_notice, notice_digest
-from network.cli import notice_commands
+from consensus.rights.notices import NoticeRow, PublishedNotice, encode_notice, notice_digest
+from network.cli.governance import notice_commands
+from network.cli.governance.notice_commands import read_notice_file
 from network.cli.main import main
-from network.cli.notice_commands import read_notice_file
-from network.demo_notice import demo_notice, demo_notice_text
+from network.notices.demo_notice import demo_notice, demo_notice_text
 
 
 def run(*arguments: str) -> Result:

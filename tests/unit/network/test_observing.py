@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from network.cli.watch import render
-from network.observing import STUCK_AFTER_S, NodeLook, Observer, changes, state_of
+from network.cli.cluster.status_watch import render
+from network.cluster_monitor import STUCK_AFTER_S, NodeLook, Observer, changes, state_of
 
 
 def look(name: str = "node-1", *, faults: tuple[str, ...] = (), **status: Any) -> NodeLook:

@@ -16,8 +16,8 @@ from click.testing import CliRunner
 from consensus.errors import BlockRobotError
 from network.cli.main import main
 from network.cluster import Cluster
-from network.layout import create_network
-from network.removal import MAKING_MARK, remove_network
+from network.provisioning.network_layout import create_network
+from network.provisioning.network_removal import MAKING_MARK, remove_network
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from network.staging import Stage
+from network.testbed import Stage
 
 
 def test_a_tags_uid_does_not_stay_on_disk_where_no_card_was_issued(

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from network.cli.cluster_commands import report
+from network.cli.cluster.cluster_commands import report
 from network.cluster import NodeStatusReport
 from pages.moments import show_moment
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from consensus.block import (
+from consensus.chain.block import (
     HEADER_VERSION,
     Block,
     FinalityProof,
@@ -12,8 +12,8 @@ from consensus.block import (
     Receipts,
     genesis_certificate,
 )
-from consensus.genesis import ChainSettings, Genesis, NodeEntry
-from consensus.messages import sign_block, sign_vote
+from consensus.chain.genesis import ChainSettings, Genesis, NodeEntry
+from consensus.chain.messages import sign_block, sign_vote
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey

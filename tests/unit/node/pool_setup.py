@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.transaction import Transaction, sign_transaction
-from node.mempool import Mempool
-from node.transaction_cache import TransactionCache
+from node.mempool.mempool import Mempool
+from node.mempool.transaction_cache import TransactionCache
 
 CHAIN = sha256(b"a chain")
 NOW_MS = 1_700_000_000_000

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from consensus.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
-from network.authority import Authority
+from consensus.chain.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
+from network.provisioning.certificate_authority import Authority
 
 
 def small_genesis(authorities: Mapping[str, Authority]) -> Genesis:

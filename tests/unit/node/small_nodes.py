@@ -9,21 +9,21 @@ import asyncio
 from collections.abc import Iterable
 from typing import Any
 
+from consensus.chain.genesis import ChainSettings, Genesis, NodeEntry, Organisation
+from consensus.chain.signature_cache import SignatureCache
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.errors import BlockRobotError
-from consensus.genesis import ChainSettings, Genesis, NodeEntry, Organisation
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.signature_cache import SignatureCache
-from consensus.transaction import Transaction, sign_transaction
 from contracts.execution.genesis import complete_genesis
-from contracts.execution.registry import contract_entries
-from node.assembly import Assembly, Surroundings, begin_ledger
-from node.journal import JournalEntry
-from node.machines import Machine
+from contracts.lifecycle.registry import contract_entries
+from node.components import Assembly, Surroundings, begin_ledger
+from node.consensus.journal import JournalEntry
+from node.execution.execution_machines import Machine
+from node.mempool.transaction_cache import TransactionCache
 from node.p2p.network import PeerHandler
 from node.p2p.wire import FrameKind, RequestKind
 from node.storage.memory_store import MemoryStore
-from node.transaction_cache import TransactionCache
 from tests.virtual_time import virtual_now_ms
 
 ADMIN = PrivateKey(sha256(b"an admin"))

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from consensus.state.producers import ACCUSED, CANDIDATE, CandidateRow
-from consensus.transaction import decode_transaction
-from node.accuser import ACCUSE_AGAIN_MS, PENDING_MAX_COUNT, TURN_MS, Accuser
+from node.consensus.evidence_submitter import ACCUSE_AGAIN_MS, PENDING_MAX_COUNT, TURN_MS, Accuser
 from tests.sim.named_chain import CHAIN_ID
 from tests.state_rows import stored
 from tests.unit.consensus.one_core import Peers

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from node.budget import Allowance, Budgets, over_budget
+from node.budgets.token_buckets import Allowance, Budgets, over_budget
 
 ALLOWANCE = Allowance(us_per_s=1_000, burst_us=5_000)
 

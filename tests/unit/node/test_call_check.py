@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.call_check import CallCheck
+from node.mempool.call_check import CallCheck
 from tests.unit.contracts.system.consortium import Consortium, key_of
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2, activation, agree, disabling, upgrade
 

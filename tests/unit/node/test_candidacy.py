@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
+from consensus.chain.schedule import Schedule
+from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.schedule import Schedule
 from consensus.state.producers import CANDIDATE, CandidateRow
-from consensus.transaction import Transaction, decode_transaction
 from node.api.services import SubmitResult
-from node.candidacy import SAY_AGAIN_BLOCKS, SAY_AGAIN_MS, SAY_INTERVAL_MIN_MS, Candidacy
+from node.consensus.readiness_reporter import SAY_AGAIN_BLOCKS, SAY_AGAIN_MS, SAY_INTERVAL_MIN_MS, Candidacy
 from node.storage.ledger_store import Position
 from tests.state_rows import stored
 

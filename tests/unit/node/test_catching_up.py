@@ -8,17 +8,17 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import pytest
 
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
-from consensus.transaction import Transaction
 from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.state.view import Overlay, StateView
-from node.block_ranges import CheckedBlock, CheckedRange
-from node.catching_up import GROUP_BLOCKS_MAX_COUNT, CatchUp, grouped
-from node.execution import Executor
-from node.machines import Machine
+from node.execution.block_executor import Executor
+from node.execution.execution_machines import Machine
+from node.mempool.transaction_cache import TransactionCache
 from node.storage.memory_store import MemoryStore
-from node.transaction_cache import TransactionCache
+from node.sync.batch_execution import GROUP_BLOCKS_MAX_COUNT, CatchUp, grouped
+from node.sync.block_ranges import CheckedBlock, CheckedRange
 from tests.unit.node.written_chain import WritingMachine, WrittenChain
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from consensus.chain.genesis import genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import genesis_from_json, genesis_to_json
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 from node.config import SECTIONS, config_to_toml, load_config, load_genesis, load_key
 
 GOOD = """

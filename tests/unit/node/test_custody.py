@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from consensus.block import (
+from consensus.chain.block import (
     Block,
     FinalityProof,
     Header,
@@ -17,18 +17,24 @@ from consensus.block import (
     Receipt,
     Receipts,
 )
+from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload
 from consensus.records.sharing import SharedRequest
-from consensus.transaction import decode_transaction
 from node.api.services import SubmitResult
-from node.custody import CLIP_PART_BYTES, OUTBOX_BATCH_COUNT, OUTBOX_LIFETIME_MS, REFUSALS_MAX_COUNT, Custody
-from node.finality import FinalityFeed
-from node.offchain.peer_custodians import PeerLink
-from node.offchain.store import Checkpoint, OutboxRow
+from node.custody.chain.chain_follower import (
+    CLIP_PART_BYTES,
+    OUTBOX_BATCH_COUNT,
+    OUTBOX_LIFETIME_MS,
+    REFUSALS_MAX_COUNT,
+    Custody,
+)
+from node.custody.chain.peer_custodians import PeerLink
+from node.custody.stores.custody_store import Checkpoint, OutboxRow
+from node.ledger.ledger_writer import FinalityFeed
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore
@@ -96,7 +102,7 @@ class Rig:
     """A custody over a memory store whose blocks the test makes."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("node.custody.RETRY_MS", 0)
+        monkeypatch.setattr("node.custody.chain.chain_follower.RETRY_MS", 0)
         self.now_ms = 1_000_000
         self.custodian, self.pool, self.ledger = ScriptedCustodian(), Pool(), MemoryStore()
         self.feed = FinalityFeed(-1)
@@ -310,7 +316,7 @@ async def test_no_clip_leaves_before_the_custodian_has_followed_the_network_sinc
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its disk may be of an old backup: what was erased since is erased here first, and only then does it serve."""
-    monkeypatch.setattr("node.custody.CATCH_UP_MAX_MS", 0)
+    monkeypatch.setattr("node.custody.chain.chain_follower.CATCH_UP_MAX_MS", 0)
     in_touch = False
     rig.custody._is_in_touch = lambda: in_touch
     rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], [], [])
@@ -344,14 +350,14 @@ async def test_nothing_leaves_while_a_final_block_is_not_followed(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, ask_for: str
 ) -> None:
     """In that block a visit may have been denied, a record erased, an approval withdrawn."""
-    monkeypatch.setattr("node.custody.CATCH_UP_MAX_MS", 0)
+    monkeypatch.setattr("node.custody.chain.chain_follower.CATCH_UP_MAX_MS", 0)
     asked: list[str] = []
 
     async def give(*_: Any) -> ClipDownload:
         asked.append(ask_for)
         return ClipDownload(bytes(16), bytes(32), [], [], [])
 
-    monkeypatch.setattr("node.custody.require_grantee", lambda *_: None)
+    monkeypatch.setattr("node.custody.chain.chain_follower.require_grantee", lambda *_: None)
     for name in ("download", "download_shared", "get_background"):
         monkeypatch.setattr(rig.custodian, name, give, raising=False)
     rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], [], [])
@@ -385,7 +391,7 @@ async def test_nothing_leaves_while_a_final_block_is_not_followed(
     with pytest.raises(BlockRobotError, match="CUSTODY_CATCHING_UP"):
         await ask()
     assert len(asked) == before
-    monkeypatch.setattr("node.custody.CATCH_UP_MAX_MS", 5_000)
+    monkeypatch.setattr("node.custody.chain.chain_follower.CATCH_UP_MAX_MS", 5_000)
     waiting = asyncio.create_task(ask())
     await asyncio.sleep(0)
     held.set()

@@ -9,11 +9,11 @@ import lmdb
 import msgspec
 import pytest
 
-from consensus.block import Block, Receipts
+from consensus.chain.block import Block, Receipts
 from consensus.primitives.encoding import decode, encode, encode_value
 from contracts.state.view import MemoryState
-from node.difference import LedgerDiff, describe_difference, describe_key
-from node.replaying import Base
+from network.ledger_diff.block_replay import Base
+from network.ledger_diff.ledger_difference import LedgerDiff, describe_difference, describe_key
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerSnapshot
 from node.storage.lmdb_layout import page_key

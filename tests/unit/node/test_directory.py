@@ -10,9 +10,9 @@ from msgspec.structs import replace as changed
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
-from network.authority import Authority, create_authority
-from node.directory import Directory, DirectoryContent, content_of_genesis
-from node.directory_file import decode_directory, encode_directory, newest_beginning
+from network.provisioning.certificate_authority import Authority, create_authority
+from node.directory.directory_file import decode_directory, encode_directory, newest_beginning
+from node.directory.node_directory import Directory, DirectoryContent, content_of_genesis
 from tests.unit.node.p2p.linked_nodes import Membership
 from tests.unit.node.small_genesis import node_entry, small_genesis
 

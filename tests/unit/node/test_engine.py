@@ -7,13 +7,13 @@ import threading
 from types import SimpleNamespace
 from typing import Any
 
-from consensus.block import QuorumCertificate
-from consensus.effects import TIMER_ROUND, Broadcast, CancelTimer, Effect, Persist, SetTimer
+from consensus.chain.block import QuorumCertificate
+from consensus.chain.messages import CertificateNotice, Timeout
 from consensus.errors import BlockRobotError
-from consensus.events import Event, NoticeReceived, Started, TimerFired, WorkChanged
-from consensus.messages import CertificateNotice, Timeout
-from node.engine import Engine
-from node.quarantine import Quarantine
+from consensus.protocol.effects import TIMER_ROUND, Broadcast, CancelTimer, Effect, Persist, SetTimer
+from consensus.protocol.events import Event, NoticeReceived, Started, TimerFired, WorkChanged
+from node.consensus.engine import Engine
+from node.mempool.quarantine import Quarantine
 from tests.virtual_time import run_virtual
 
 NOTICE = CertificateNotice(qc=QuorumCertificate(epoch=0, round=0, block_id=bytes(32), votes=()), entered_by=None)

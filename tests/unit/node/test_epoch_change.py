@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import itertools
 
-from consensus.block import EpochProof
-from consensus.journal_records import JournalRecord
+from consensus.chain.block import EpochProof
+from consensus.chain.journal_records import JournalRecord
 from consensus.primitives.encoding import decode, encode
 from contracts.execution.epochs import read_epoch
 from node.p2p.wire import FrameKind, HeightNotice

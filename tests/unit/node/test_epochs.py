@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from consensus.chain.epoch_settings import ChainSettings, Epoch
 from consensus.errors import BlockRobotError
-from consensus.settings import ChainSettings, Epoch
-from node.epochs import (
+from node.consensus.epoch_change import (
     KEPT_WORDS_OF_PEER_MAX_BYTES,
     KEPT_WORDS_OF_PEER_MAX_COUNT,
     Handover,

@@ -8,18 +8,18 @@ from typing import Any
 import msgspec
 import pytest
 
-from consensus.block import Block, EpochProof, FinalityProof, Header, QuorumCertificate, genesis_certificate
-from consensus.effects import BuildBlock
+from consensus.chain.block import Block, EpochProof, FinalityProof, Header, QuorumCertificate, genesis_certificate
+from consensus.chain.epoch_settings import Epoch, compute_epoch_hash
+from consensus.chain.messages import sign_block
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.errors import BlockRobotError
-from consensus.messages import sign_block
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
-from consensus.settings import Epoch, compute_epoch_hash
+from consensus.protocol.effects import BuildBlock
 from consensus.state.producers import EPOCH
-from consensus.transaction import Transaction, sign_transaction
-from node.execution import ExecutedBlock, Executor
+from node.execution.block_executor import ExecutedBlock, Executor
+from node.mempool.transaction_cache import TransactionCache
 from node.storage.memory_store import MemoryStore
-from node.transaction_cache import TransactionCache
 from tests.unit.node.hand_made_chain import KEYS, START_MS, make_genesis, stored
 from tests.unit.node.written_chain import WritingMachine
 

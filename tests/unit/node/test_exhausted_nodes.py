@@ -7,10 +7,10 @@ from collections.abc import Iterable
 
 import pytest
 
-from contracts.execution.changes import read_record
-from contracts.execution.describing import list_contracts
 from contracts.execution.machine import ContractMachine
-from contracts.execution.registry import compute_source_hash
+from contracts.lifecycle.changes import read_record
+from contracts.lifecycle.describing import list_contracts
+from contracts.lifecycle.registry import compute_source_hash
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2, activation, deployment, parts_of
 from tests.unit.node.small_nodes import SmallNodes, make_genesis
 from tests.unit.node.weak_machine import WeakMachine

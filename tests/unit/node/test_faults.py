@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.disk import SystemDisk
+from node.api.node_services import WallClock
+from node.consensus.journal import Journal
+from node.consensus.journal_disk import SystemDisk
+from node.custody.stores.sqlite_store import SqliteStore
 from node.faults import (
     STATE_FILE_NAME,
     TOKEN_FILE_NAME,
@@ -18,9 +21,6 @@ from node.faults import (
     FillableDisk,
     read_or_make_token,
 )
-from node.interface import WallClock
-from node.journal import Journal
-from node.offchain.sqlite_store import SqliteStore
 from node.p2p.shaping import LinkFault
 
 

@@ -6,9 +6,9 @@ import asyncio
 from types import SimpleNamespace
 from typing import Any
 
-from consensus.block import FinalityProof, QuorumCertificate
+from consensus.chain.block import FinalityProof, QuorumCertificate
 from consensus.errors import BlockRobotError
-from node.finality import FinalityFeed, LedgerWriter
+from node.ledger.ledger_writer import FinalityFeed, LedgerWriter
 from node.storage.ledger_store import Position
 
 TXID = bytes(32)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.settings import ChainSettings
-from node.finality_watch import FinalityWatch
+from consensus.chain.epoch_settings import ChainSettings
+from node.consensus.stall_detector import FinalityWatch
 
 
 class Hand:

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.walled_contracts import open_contracts
+from node.execution.sandboxed_contracts import open_contracts
 from tests.unit.contracts.system.consortium import Consortium
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from consensus.chain.transaction import sign_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.sharing import GRANT_STEP_MS, SharedRequest, hash_grant_member
-from consensus.transaction import sign_transaction
-from contracts.execution.standing import find_account, name_grantees
-from node.offchain.grantees import require_grantee, require_open_grant
+from contracts.execution.sender_admission import find_account, name_grantees
+from node.custody.grantees import require_grantee, require_open_grant
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, key_of
 
 SALT, KEY = sha256(b"salt"), key_of("grantee")

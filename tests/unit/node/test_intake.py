@@ -10,17 +10,17 @@ from typing import Any, get_args
 
 import pytest
 
-import consensus.transaction
-import contracts.execution.standing
+import consensus.chain.transaction
+import contracts.execution.sender_admission
+from consensus.chain.transaction import Transaction, TransactionWire
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import recover
-from consensus.transaction import Transaction, TransactionWire
-from contracts.execution.standing import find_fault
-from node.budget import Source, SourceKind
-from node.costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
-from node.intake import LOOPBACK_ALLOWANCE, PEER_ALLOWANCE, Outcome, TransactionIntake
-from node.mempool import Mempool
+from contracts.execution.sender_admission import find_fault
+from node.budgets.token_buckets import Source, SourceKind
+from node.budgets.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
+from node.mempool.mempool import Mempool
+from node.mempool.transaction_intake import LOOPBACK_ALLOWANCE, PEER_ALLOWANCE, Outcome, TransactionIntake
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, transaction
 from tests.virtual_time import run_virtual
 
@@ -34,9 +34,9 @@ class _Counter:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.count = 0
-        for module in (consensus.transaction, contracts.execution.standing):
+        for module in (consensus.chain.transaction, contracts.execution.sender_admission):
             monkeypatch.setattr(module, "recover", self._recover)
-        contracts.execution.standing._recovers.cache_clear()
+        contracts.execution.sender_admission._recovers.cache_clear()
 
     def _recover(self, *arguments: Any) -> bytes:
         self.count += 1

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from node import journal as module
-from node.disk import SystemDisk
-from node.journal import Journal
+from node.consensus import journal as module
+from node.consensus.journal import Journal
+from node.consensus.journal_disk import SystemDisk
 
 PATH = Path("/journal/votes")
 IDENTITY = b"sixteen bytes..."

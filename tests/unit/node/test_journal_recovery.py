@@ -6,10 +6,10 @@ import errno
 
 import pytest
 
+from consensus.chain.journal_records import SILENCE_RESTORED, encode_silence_record, read_journal
 from consensus.errors import BlockRobotError
-from consensus.journal_records import SILENCE_RESTORED, encode_silence_record, read_journal
-from node.journal import Journal
-from node.restoring import DAMAGED_SUFFIX, open_journal
+from node.consensus.journal import Journal
+from node.consensus.journal_recovery import DAMAGED_SUFFIX, open_journal
 from tests.unit.node.test_journal import PATH, FakeDisk, code_of, journal_with, records_of, reopened
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+from consensus.chain.journal_records import encode_restored_record
+from consensus.chain.messages import sign_vote
 from consensus.errors import BlockRobotError
-from consensus.journal_records import encode_restored_record
-from consensus.messages import sign_vote
 from consensus.primitives.encoding import decode_stored_value, encode
 from consensus.primitives.hashing import sha256
 from node.p2p.wire import FrameKind

@@ -6,15 +6,15 @@ from contextlib import suppress
 
 import pytest
 
+from consensus.chain.transaction import TransactionWire
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_SIZE_MAX_BYTES, TRANSACTION_LIFETIME_MAX_MS, TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import GROUP_ORDER
-from consensus.transaction import TransactionWire
-from contracts.execution.standing import Account
-from node.byte_budget import ACCOUNT_BYTES_PER_S, ByteBudgets
-from node.mempool import Mempool
-from node.transaction_cache import TransactionCache
+from contracts.execution.sender_admission import Account
+from node.mempool.byte_budget import ACCOUNT_BYTES_PER_S, ByteBudgets
+from node.mempool.mempool import Mempool
+from node.mempool.transaction_cache import TransactionCache
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, take_all, transaction
 
 

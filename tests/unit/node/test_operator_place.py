@@ -11,7 +11,7 @@ import pytest
 
 import node.service as service
 from network.cluster import Cluster, fetch_status
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 from node.p2p.accepting import bind_listener
 from node.service import Node
 from tests.cluster.network_under_test import find_base_port

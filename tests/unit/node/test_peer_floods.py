@@ -6,14 +6,14 @@ import asyncio
 
 import pytest
 
+from consensus.chain.transaction import TransactionWire, sign_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.transaction import TransactionWire, sign_transaction
-from node.budget import Allowance
+from node.budgets.token_buckets import Allowance
+from node.p2p.peer_requests import PeerRequests
 from node.p2p.wire import FinalizedRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
-from node.peer_requests import PeerRequests
 from node.storage.memory_store import MemoryStore
 from tests.unit.node.small_nodes import SmallNodes, make_genesis
 from tests.virtual_time import run_virtual
@@ -122,7 +122,7 @@ async def _requests(over: list[str]) -> PeerRequests:
 def test_requests_in_a_loop_are_slowed_down_then_refused_and_other_peers_are_answered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("node.peer_requests.REQUEST_ALLOWANCE", Allowance(us_per_s=1_000, burst_us=4_000))
+    monkeypatch.setattr("node.p2p.peer_requests.REQUEST_ALLOWANCE", Allowance(us_per_s=1_000, burst_us=4_000))
 
     async def story() -> None:
         over: list[str] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
-from node.quarantine import HELD_MAX_COUNT, LOST_PAUSES_MS, PAUSES_MS, REASON_MAX_CHARS, Quarantine
+from node.mempool.quarantine import HELD_MAX_COUNT, LOST_PAUSES_MS, PAUSES_MS, REASON_MAX_CHARS, Quarantine
 
 ONE, OTHER = b"1" * 32, b"2" * 32
 

@@ -6,8 +6,8 @@ import asyncio
 
 import pytest
 
-from node.journal import Journal
-from node.recording import Recorder
+from node.consensus.journal import Journal
+from node.consensus.journal_writer import Recorder
 from tests.unit.node.test_journal import IDENTITY, PATH, FakeDisk, reopened
 from tests.virtual_time import run_virtual
 

@@ -7,21 +7,21 @@ from typing import Any
 
 import pytest
 
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
+from consensus.members.vouchers import CARD_TAG, sign_rotation
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.records.vouchers import CARD_TAG, sign_rotation
 from consensus.state.identity import handle_of, organisation_of
-from consensus.transaction import Transaction
 from consensus.upload_quotas import DAY_MS, MIB_BYTES, read_quotas
-from contracts.execution.standing import find_account, has_standing
+from contracts.execution.sender_admission import find_account, has_standing
 from contracts.state.view import MemoryState
-from node.api.standing import find_key_standing
-from node.byte_budget import VISITS_PART, ByteBudgets
-from node.intake import payer_of
-from node.mempool import Mempool, Screened
-from node.offchain.uploads import DayUse, UploadTerms, require_quota
-from node.transaction_cache import TransactionCache
+from node.api.access.principals import find_key_standing
+from node.custody.uploads import DayUse, UploadTerms, require_quota
+from node.mempool.byte_budget import VISITS_PART, ByteBudgets
+from node.mempool.mempool import Mempool, Screened
+from node.mempool.transaction_cache import TransactionCache
+from node.mempool.transaction_intake import payer_of
 from tests.unit.contracts.privacy.hospital import Hospital, Person
 
 BURST_BYTES = 64 * 64 * 1024

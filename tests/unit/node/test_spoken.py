@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.block import Block, Header, QuorumCertificate
-from consensus.messages import Proposal, Timeout, Vote
+from consensus.chain.block import Block, Header, QuorumCertificate
+from consensus.chain.messages import Proposal, Timeout, Vote
 from consensus.primitives.encoding import encode
-from node.spoken import GAVE_UP, PROPOSED, ROUNDS_KEPT_COUNT, VOTED, NotingOutbox, SpokenRounds
+from node.consensus.round_log import GAVE_UP, PROPOSED, ROUNDS_KEPT_COUNT, VOTED, NotingOutbox, SpokenRounds
 
 QC = QuorumCertificate(epoch=0, round=0, block_id=bytes(32), votes=())
 

@@ -8,16 +8,16 @@ from typing import Any
 import msgspec
 import pytest
 
-from consensus.block import Block, EpochProof, FinalityProof, genesis_certificate
+from consensus.chain.block import Block, EpochProof, FinalityProof, genesis_certificate
+from consensus.chain.messages import sign_block
+from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
-from consensus.messages import sign_block
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
-from consensus.transaction import decode_transaction
-from node.block_ranges import check_range, finality_of, proof_from_blocks, read_range
-from node.epochs import start_of_genesis
+from node.consensus.epoch_change import start_of_genesis
 from node.snapshot.making import header_of_block
 from node.storage.memory_store import MemoryStore
+from node.sync.block_ranges import check_range, finality_of, proof_from_blocks, read_range
 from tests.unit.node.hand_made_chain import KEYS, certify, make_chain, make_genesis, prove, stored
 
 GENESIS = make_genesis()

@@ -10,20 +10,20 @@ from typing import Any
 import msgspec
 import pytest
 
-from consensus.block import Block
+from consensus.chain.block import Block
+from consensus.chain.epoch_settings import ChainSettings, Epoch
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
-from consensus.settings import ChainSettings, Epoch
-from node import sync
-from node.block_ranges import read_range
-from node.epochs import EpochStart, start_of_genesis
-from node.execution import Executor
-from node.finality import FinalityFeed, LedgerWriter
+from node.consensus.epoch_change import EpochStart, start_of_genesis
+from node.execution.block_executor import Executor
+from node.ledger.ledger_writer import FinalityFeed, LedgerWriter
+from node.mempool.transaction_cache import TransactionCache
 from node.p2p.wire import BlockBatch, FinalizedRequest, RequestKind
 from node.snapshot.making import header_of_block
 from node.storage.memory_store import MemoryStore
-from node.sync import RANGE_COUNT, Synchroniser
-from node.transaction_cache import TransactionCache
+from node.sync import block_sync
+from node.sync.block_ranges import read_range
+from node.sync.block_sync import RANGE_COUNT, Synchroniser
 from tests.unit.node.hand_made_chain import KEYS
 from tests.unit.node.written_chain import WritingMachine, WrittenChain
 from tests.virtual_time import run_virtual
@@ -34,7 +34,7 @@ Serve = Callable[[FinalizedRequest], Awaitable[BlockBatch]]
 @pytest.fixture(autouse=True)
 def inline(monkeypatch: pytest.MonkeyPatch) -> None:
     """No threads: virtual time would run ahead of them."""
-    monkeypatch.setattr(sync, "INLINE_WEIGHT_MAX", 1_000_000)
+    monkeypatch.setattr(block_sync, "INLINE_WEIGHT_MAX", 1_000_000)
 
 
 class Behind:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.budget import Source
-from node.view_places import (
+from node.budgets.token_buckets import Source
+from node.execution.view_slots import (
     VIEWS_OF_SOURCE_MAX_COUNT,
     VIEWS_OF_VISIT_KEY_MAX_COUNT,
     VIEWS_WAITING_MAX_COUNT,

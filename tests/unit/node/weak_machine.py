@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from consensus.transaction import Transaction
+from consensus.chain.transaction import Transaction
 from contracts.execution.machine import ContractMachine
-from contracts.execution.opening import find_activation
 from contracts.execution.results import BlockResult, ExecutionFault
+from contracts.lifecycle.opening import find_activation
 from contracts.state.view import StateView
 
 

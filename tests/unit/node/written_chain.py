@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from consensus.block import (
+from consensus.chain.block import (
     HEADER_VERSION,
     Block,
     ContractEvent,
@@ -21,15 +21,15 @@ from consensus.block import (
     compute_transactions_root,
     genesis_certificate,
 )
-from consensus.genesis import Genesis
-from consensus.messages import sign_block
+from consensus.chain.epoch_settings import Epoch, compute_epoch_hash
+from consensus.chain.genesis import Genesis
+from consensus.chain.messages import sign_block
+from consensus.chain.schedule import Schedule
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.primitives.encoding import decode_value, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.schedule import Schedule
-from consensus.settings import Epoch, compute_epoch_hash
 from consensus.state.producers import EPOCH
-from consensus.transaction import Transaction, sign_transaction
 from contracts.execution.results import BlockResult
 from contracts.state.trie import apply_batch
 from contracts.state.view import MemoryState, StateView

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from clients.bundle.writing import Contents, write_bundle
-from clients.wallet.exporting import Exporting, Wanted
-from clients.wallet.viewing import Viewing
-from consensus.genesis import Genesis
+from clients.wallet.export.export_building import Exporting, Wanted
+from clients.wallet.records.viewing import Viewing
+from consensus.chain.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.bundle.repacking import Files, list_anew, pack, sign_anew, unpack
 from tests.unit.clients.bundle.ward import Ward

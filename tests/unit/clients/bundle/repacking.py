@@ -10,11 +10,11 @@ import msgspec
 
 from clients.bundle import documents as doc
 from clients.bundle import layout
-from clients.bundle.checking import Verdict, verify_bundle
+from clients.bundle.checks.bundle_check import Verdict, verify_bundle
 from clients.bundle.container import BundleReader, BundleWriter
 from clients.bundle.proving import SIGN_TAG, sign_parts
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
 
 Files = dict[str, bytes]

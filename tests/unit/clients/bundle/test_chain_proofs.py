@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from clients.bundle.chain_proofs import ProvedChain
+from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.documents import ReceiptProof
-from consensus.block import Block, FinalityProof, Receipt, compute_receipts_root, compute_transactions_root
+from consensus.chain.block import Block, FinalityProof, Receipt, compute_receipts_root, compute_transactions_root
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256

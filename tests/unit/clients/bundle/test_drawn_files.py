@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from clients.bundle.frames import Piece, is_same_file
-from clients.sdk.picture import encode_depth_png
+from clients.bundle.checks.frame_check import Piece, is_same_file
+from clients.sdk.pictures.rendition_picture import encode_depth_png
 
 PIXELS = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
 DEPTH = np.arange(6 * 8, dtype=np.uint16).reshape(6, 8)

@@ -12,10 +12,10 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import export_command
-from clients.wallet.export_command import export, read_past
-from clients.wallet.language import LANGUAGE_VARIABLE, section
-from clients.wallet.wallet import Wallet
+from clients.wallet.commands import export_command
+from clients.wallet.commands.export_command import export, read_past
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import LANGUAGE_VARIABLE, section
 from tests.unit.clients.bundle.ward import Ward
 
 DAY_MS = 24 * 3_600_000

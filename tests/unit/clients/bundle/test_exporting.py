@@ -16,15 +16,15 @@ import pytest
 from click.testing import CliRunner
 
 from clients.bundle import documents, layout
-from clients.bundle.checking import Verdict, unproved, verify_bundle
+from clients.bundle.checks.bundle_check import Verdict, unproved, verify_bundle
 from clients.bundle.cli import verify
 from clients.bundle.documents import read_document
 from clients.bundle.telling import open_corrections
 from clients.bundle.writing import write_bundle
-from clients.wallet import exporting as exporting_module
-from clients.wallet.exporting import Exporting, Wanted
-from clients.wallet.rights import Chosen, Rights
-from clients.wallet.viewing import Viewing
+from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.export import export_building as exporting_module
+from clients.wallet.export.export_building import Exporting, Wanted
+from clients.wallet.records.viewing import Viewing
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_data_key

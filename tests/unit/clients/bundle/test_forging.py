@@ -17,7 +17,7 @@ import pytest
 
 from clients.bundle import documents as doc
 from clients.bundle import layout
-from clients.bundle.checking import Verdict, unproved
+from clients.bundle.checks.bundle_check import Verdict, unproved
 from clients.bundle.writing import Contents, write_bundle
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode

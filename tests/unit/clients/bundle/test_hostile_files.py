@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from clients.bundle import layout
-from clients.bundle.checking import Verdict, verify_bundle
+from clients.bundle.checks.bundle_check import Verdict, verify_bundle
 from clients.bundle.container import ENTRIES_MAX_COUNT, BundleReader, BundleWriter, is_name
 from clients.bundle.writing import write_bundle
 from consensus.errors import BlockRobotError

@@ -9,13 +9,13 @@ import msgspec
 import pytest
 
 from clients.bundle import documents as doc
-from clients.bundle.chain_proofs import ProvedChain
-from clients.bundle.checking import verify_bundle
-from clients.wallet import kept_proofs
-from clients.wallet.consenting import Consenting
-from clients.wallet.erasing import Erasing
-from clients.wallet.kept_proofs import CheckedProof, KeptProof, check_all, check_kept, keep_receipt, read_kept
-from clients.wallet.keystore import Keystore
+from clients.bundle.checks.bundle_check import verify_bundle
+from clients.bundle.checks.chain_proofs import ProvedChain
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.store import kept_proofs
+from clients.wallet.store.kept_proofs import CheckedProof, KeptProof, check_all, check_kept, keep_receipt, read_kept
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.state.erasure import REQUEST
 from tests.unit.clients.bundle.test_key_history import NO_PICTURES, make, proved, rotate

@@ -13,13 +13,13 @@ import pytest
 
 from clients.bundle import documents as doc
 from clients.bundle import layout
-from clients.bundle.checking import Verdict, unproved, verify_bundle
+from clients.bundle.checks.bundle_check import Verdict, unproved, verify_bundle
 from clients.bundle.proving import schema_text
 from clients.bundle.writing import Contents, write_bundle
-from clients.sdk.blocks import read_transaction
-from clients.wallet.exporting import Wanted
-from clients.wallet.kept_proofs import receipt_proof
-from clients.wallet.rotating import Rotating
+from clients.sdk.chain.block_reader import read_transaction
+from clients.wallet.export.export_building import Wanted
+from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.errors import BlockRobotError
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.bundle.repacking import unpack

@@ -13,16 +13,16 @@ import pytest
 from click.testing import CliRunner
 
 from clients.bundle import documents as doc
-from clients.bundle.checking import unproved
+from clients.bundle.checks.bundle_check import unproved
 from clients.bundle.cli import verify
 from clients.bundle.writing import Contents, write_bundle
-from clients.robot.sealing import VisitChain
-from clients.wallet.exporting import Exporting, Wanted
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.proof_collecting import PersonProofs, collect_person
-from clients.wallet.viewing import Viewing
-from clients.wallet.wallet import Wallet
+from clients.robot.recording.sealing import VisitChain
+from clients.wallet.export.export_building import Exporting, Wanted
+from clients.wallet.export.proof_collection import PersonProofs, collect_person
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.records.viewing import Viewing
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.state.rights import RESTRICTION

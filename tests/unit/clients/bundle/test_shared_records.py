@@ -6,7 +6,7 @@ import json
 import zipfile
 from pathlib import Path
 
-from clients.bundle.checking import verify_bundle
+from clients.bundle.checks.bundle_check import verify_bundle
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.wallet.shared_ward import SharedWard
 

@@ -15,17 +15,18 @@ import pytest
 from click.testing import CliRunner
 
 from clients.bundle import documents as doc
-from clients.bundle import layout, signed_receipts
-from clients.bundle.checking import unproved, verify_bundle
+from clients.bundle import layout
+from clients.bundle.checks import signed_receipts
+from clients.bundle.checks.bundle_check import unproved, verify_bundle
+from clients.bundle.checks.signed_receipts import require_hers
 from clients.bundle.cli import verify
 from clients.bundle.proving import schema_text
-from clients.bundle.signed_receipts import require_hers
 from clients.bundle.writing import Contents, write_bundle
-from clients.wallet.exporting import Wanted
+from clients.wallet.export.export_building import Wanted
 from consensus.errors import BlockRobotError
-from consensus.records.consent_receipts import sign_as_controller, sign_as_person
+from consensus.rights.consent_receipts import sign_as_controller, sign_as_person
 from consensus.state.identity import MemberRow
-from network.demo_notice import demo_notice
+from network.notices.demo_notice import demo_notice
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.bundle.receipting import NoticeWard, entry_of
 from tests.unit.clients.bundle.repacking import judge, list_anew, pack, sign_anew, unpack

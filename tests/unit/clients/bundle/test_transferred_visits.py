@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from clients.bundle import visits
-from clients.bundle.checking import Verdict, verify_bundle
-from clients.wallet.exporting import Wanted
-from clients.wallet.keystore import Keystore
-from clients.wallet.proof_collecting import StateCollector
-from clients.wallet.rotating import Rotating
-from clients.wallet.visits import find_own_visits
-from clients.wallet.wallet import Wallet
+from clients.bundle.checks import visit_check
+from clients.bundle.checks.bundle_check import Verdict, verify_bundle
+from clients.wallet.export.export_building import Wanted
+from clients.wallet.export.proof_collection import StateCollector
+from clients.wallet.ledger.visit_scan import find_own_visits
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.state.audit import ENTRY
 from consensus.state.records import CURRENT
@@ -90,7 +90,7 @@ async def test_old_words_sign_no_bundle_by_leaving_out_which_key_decides(
     ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     thief = await steal(ward, tmp_path)
-    monkeypatch.setattr(visits, "trail_keys", without_current(visits.trail_keys))
+    monkeypatch.setattr(visit_check, "trail_keys", without_current(visit_check.trail_keys))
     assert await judged(ward, thief, tmp_path / "his.zip") == "BUNDLE_UNPROVEN"
 
 
@@ -98,7 +98,7 @@ async def test_nor_by_leaving_out_the_entry_that_tells_of_it_as_well(
     ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     thief = await steal(ward, tmp_path)
-    monkeypatch.setattr(visits, "trail_keys", without_current(visits.trail_keys))
+    monkeypatch.setattr(visit_check, "trail_keys", without_current(visit_check.trail_keys))
     document = StateCollector.document
 
     def shortened(collector: StateCollector) -> object:

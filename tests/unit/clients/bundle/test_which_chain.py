@@ -10,11 +10,11 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-from clients.bundle.checking import unproved, verify_bundle
+from clients.bundle.checks.bundle_check import unproved, verify_bundle
 from clients.bundle.cli import verify
 from clients.bundle.documents import write_document
+from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import genesis_to_json
 from contracts.execution.genesis import complete_genesis
 from tests.unit.clients.bundle.conftest import Made, make
 from tests.unit.clients.bundle.repacking import judge

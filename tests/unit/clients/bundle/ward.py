@@ -17,17 +17,17 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from clients.robot.sealing import ClipContent, VisitChain, seal_clip
-from clients.sdk.announcements import AnnouncementPage, read_announcements
-from clients.sdk.answers import EvidenceDocument, FinalityDocument, KeyProofDocument, ProofsAnswer
+from clients.robot.recording.sealing import ClipContent, VisitChain, seal_clip
+from clients.sdk.chain.announcements import AnnouncementPage, read_announcements
+from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.connections import NodeAddress
-from clients.sdk.picture import encode_depth_png
-from clients.sdk.receipts import FinalReceipt
-from clients.sdk.trust import ProvedState, Trust
-from clients.wallet.keys import WalletKeys, draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.wallet import Wallet
-from consensus.block import (
+from clients.sdk.node_answers import EvidenceDocument, FinalityDocument, KeyProofDocument, ProofsAnswer
+from clients.sdk.pictures.rendition_picture import encode_depth_png
+from clients.sdk.proof_checks import ProvedState, Trust
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import WalletKeys, draw_words
+from consensus.chain.block import (
     Block,
     FinalityProof,
     Header,
@@ -38,9 +38,10 @@ from consensus.block import (
     compute_transactions_root,
     genesis_certificate,
 )
+from consensus.chain.light_client import LightClient
+from consensus.chain.messages import VOTE_TAG, vote_parts
+from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.errors import BlockRobotError
-from consensus.light_client import LightClient
-from consensus.messages import VOTE_TAG, vote_parts
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
@@ -50,10 +51,9 @@ from consensus.records.owner_keys import open_visit_keys
 from consensus.records.renditions import Rendition
 from consensus.state.audit import ENTRY
 from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
-from consensus.transaction import Transaction, decode_transaction
+from node.api.access.metering import Steps
 from node.api.documents import finality_document
 from node.api.evidence import build_evidence
-from node.api.metering import Steps
 from node.api.services import TransactionPlace
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Hospital, Person, key_of

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from clients.registrar.card_sheet import build_card, describe_card, new_card_file, qr_text
-from clients.sdk.qr_codes import read_qr
+from clients.sdk.terminal.qr_codes import read_qr
 from consensus.errors import BlockRobotError
+from consensus.members.vouchers import Card, decode_card_code, encode_card_code, issue_card
 from consensus.primitives.keys import PrivateKey
-from consensus.records.vouchers import Card, decode_card_code, encode_card_code, issue_card
 from tests.unit.clients.sdk.test_qr_codes import drawn, packed
 
 UNTIL_MS = 1_801_432_800_000

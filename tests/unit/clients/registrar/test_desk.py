@@ -17,12 +17,12 @@ from rich.console import Console
 
 from clients.registrar.cli import card
 from clients.registrar.desk import CARD_LIFETIME_DEFAULT_MS, Desk
-from clients.sdk.pin_file import PIN_FILE
-from clients.sdk.trust import ProvedState
+from clients.sdk.proof_checks import ProvedState
+from clients.sdk.trust_pin_file import PIN_FILE
 from consensus.errors import BlockRobotError
+from consensus.members.roster import Roster, open_roster, roster_tag
+from consensus.members.vouchers import decode_card_code, recover_registrar
 from consensus.primitives.keys import PrivateKey
-from consensus.records.roster import Roster, open_roster, roster_tag
-from consensus.records.vouchers import decode_card_code, recover_registrar
 from consensus.state.identity import HANDLE, MEMBER, MemberRow
 from consensus.state.keys import to_value
 from tests.unit.clients.wallet.conftest import NOW_MS, make_genesis

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from clients.robot.bag import make_bag
-from clients.robot.scenario import Scenario, parse_scenario
+from clients.robot.synthetic.scenario import Scenario, parse_scenario
+from clients.robot.synthetic.scenario_bag import make_bag
 
 SMALL = """
 name = "small"

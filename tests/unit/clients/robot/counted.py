@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clients.robot.open_visits import OpenVisits
+from clients.robot.recording.unclosed_visits import OpenVisits
 
 
 def note(visits: OpenVisits, owner: bytes, sealed_count: int) -> None:

@@ -6,13 +6,13 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from clients.robot.consents import STALE_AFTER_MS, Consents
-from clients.robot.registry import RegistryReader
-from clients.robot.rosters import RosterBook
-from clients.sdk.trust import ProvedState
+from clients.robot.consent.consent_view import STALE_AFTER_MS, Consents
+from clients.robot.consent.registry_reader import RegistryReader
+from clients.robot.pairing.rosters import RosterBook
+from clients.sdk.proof_checks import ProvedState
 from consensus.errors import BlockRobotError
+from consensus.members.roster import Roster
 from consensus.primitives.keys import PrivateKey
-from consensus.records.roster import Roster
 from consensus.state import consent, identity
 from consensus.state.consent import CHOICES
 from consensus.state.identity import HANDLE, MEMBER, MemberRow

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from clients.robot.admission import (
+from clients.robot.pairing.tag_pairing import Pairing
+from clients.robot.sensing.input_throttle import (
     APART_MS,
     KNOWN_MAX_PER_S,
     READINGS_MAX_COUNT,
@@ -13,8 +14,7 @@ from clients.robot.admission import (
     TELL_EVERY_MS,
     Admission,
 )
-from clients.robot.events import Sighting
-from clients.robot.pairing import Pairing
+from clients.robot.sensing.sensor_events import Sighting
 
 START_MS = 1_579_278_405_000
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from clients.robot.alone import Aloneness
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import Kept, Reason, Withheld
-from clients.robot.pairing import Decision
+from clients.robot.pairing.occupancy import Aloneness
+from clients.robot.pairing.tag_pairing import Decision
 
 CUT = Cut(0, 0, 1, 1, b"")
 

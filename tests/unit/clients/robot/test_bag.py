@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from clients.robot.bag import DEPTH_TOPIC, RUN_START_MS, SIGHTING_TOPIC, make_bag
-from clients.robot.events import Facing, Frame, Sighting
-from clients.robot.messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
-from clients.robot.scenario import Scenario
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
+from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
 from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, RUN_START_MS, SIGHTING_TOPIC, make_bag
 from consensus.errors import BlockRobotError
 
 UID = "E200000000000001"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from clients.robot.batching import Batcher, ReadyClip
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import Kept
+from clients.robot.recording.batching import Batcher, ReadyClip
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 
 

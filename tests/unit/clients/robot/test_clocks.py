@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.clocks import (
+from clients.robot.sensing.sensor_clocks import (
     BIN_MS,
     CONFIRM_COUNT,
     DELAY_MAX_MS,
@@ -21,7 +21,7 @@ from clients.robot.clocks import (
     RunClocks,
     Standing,
 )
-from clients.robot.events import Event, Frame, Sighting
+from clients.robot.sensing.sensor_events import Event, Frame, Sighting
 
 START_MS = 1_579_278_405_650
 DAY_MS = 86_400_000

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.clocks import RunClocks
-from clients.robot.events import Facing, Frame, Sighting
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Track
+from clients.robot.sensing.sensor_clocks import RunClocks
+from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 
 FRAME_MS = 100
 BEHIND_MS = 1_500

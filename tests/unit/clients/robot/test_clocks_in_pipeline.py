@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from clients.robot.event_log import read_events
-from clients.robot.events import Event, Frame, Sighting
 from clients.robot.hiding.hider import Hider, Output
+from clients.robot.run.event_log import read_events
+from clients.robot.sensing.sensor_events import Event, Frame, Sighting
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
 from tests.virtual_time import run_virtual, virtual_now_ms

@@ -9,12 +9,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from clients.robot.bag import make_bag
-from clients.robot.delivery import Delivery
-from clients.robot.events import SourceEvent
-from clients.robot.open_visits import OpenVisits
-from clients.robot.scenario import parse_scenario
-from clients.robot.visits import CLOSE_DELAY_MAX_MS
+from clients.robot.delivery.delivery import Delivery
+from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.visit_book import CLOSE_DELAY_MAX_MS
+from clients.robot.sensing.sensor_events import SourceEvent
+from clients.robot.synthetic.scenario import parse_scenario
+from clients.robot.synthetic.scenario_bag import make_bag
 from consensus.limits import VISIT_MAX_MS
 from tests.unit.clients.robot.counted import note
 from tests.unit.clients.robot.test_consent_in_a_run import WALK

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from clients.robot.consents import Refusal
+from clients.robot.consent.consent_view import Refusal
 from tests.unit.clients.robot.test_consents import ANN, STEP_MS, Ward, story
 from tests.virtual_time import virtual_now_ms
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.bag import make_bag
-from clients.robot.consents import STALE_AFTER_MS
-from clients.robot.event_log import read_events
-from clients.robot.events import Frame, SourceEvent
-from clients.robot.pipeline import CLOSE_EVERY_S
-from clients.robot.scenario import parse_scenario
-from clients.robot.spool import Spool
-from clients.robot.visits import CLOSE_DELAY_MAX_MS
+from clients.robot.consent.consent_view import STALE_AFTER_MS
+from clients.robot.recording.spool import Spool
+from clients.robot.recording.visit_book import CLOSE_DELAY_MAX_MS
+from clients.robot.run.event_log import read_events
+from clients.robot.run.pipeline import CLOSE_EVERY_S
+from clients.robot.sensing.sensor_events import Frame, SourceEvent
+from clients.robot.synthetic.scenario import parse_scenario
+from clients.robot.synthetic.scenario_bag import make_bag
 from consensus.errors import BlockRobotError
 from consensus.limits import VISIT_MAX_MS
 from consensus.primitives.encoding import decode

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from clients.robot.consents import ConsentFigures
-from clients.robot.run_words import consent_lines
+from clients.robot.cli.run_report import consent_lines
+from clients.robot.consent.consent_view import ConsentFigures
 
 
 def said(figures: ConsentFigures) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.robot.consents import (
+from clients.robot.consent.consent_view import (
     CLOCK_AHEAD_MAX_MS,
     READ_WHOLE_EVERY_MS,
     REFRESH_EVERY_MS,
@@ -19,9 +19,9 @@ from clients.robot.consents import (
     Refusal,
     compute_stale_after_ms,
 )
-from clients.robot.spool import SpooledClip
+from clients.robot.recording.spool import SpooledClip
 from consensus.errors import BlockRobotError
-from consensus.records.roster import ROSTER_VERSION, Roster, RosterRow
+from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow
 from consensus.state import consent, identity
 from consensus.state.consent import CHOICES
 from consensus.state.identity import HANDLE, MEMBER

@@ -11,11 +11,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.robot.empty_scenes import DAY_MS, FOLDER, approve_scene, record_scene
-from clients.robot.events import Depth, Frame, SourceEvent
-from clients.robot.rosters import RosterBook
+from clients.robot.backgrounds.background_banks import DAY_MS, FOLDER, approve_scene, record_scene
+from clients.robot.pairing.rosters import RosterBook
+from clients.robot.run.run_validity import LOOK_EVERY_S
+from clients.robot.sensing.sensor_events import Depth, Frame, SourceEvent
 from clients.robot.sources.source import Clock, StoppableClock
-from clients.robot.tenure import LOOK_EVERY_S
 from tests.unit.clients.robot.test_pipeline import UID, roster
 from tests.unit.clients.robot.test_replay_start import Start, begin
 from tests.virtual_time import VirtualLoop, virtual_now_ms

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.robot.delivery import (
+from clients.robot.delivery.delivery import (
     CLIPS_LOADED_MAX_COUNT,
     DELIVERIES_AT_ONCE_MAX_COUNT,
     RETRY_MAX_MS,
@@ -20,12 +20,12 @@ from clients.robot.delivery import (
     Delivered,
     Delivery,
 )
-from clients.robot.open_visits import OpenVisits
-from clients.robot.spool import Spool, SpooledClip
+from clients.robot.recording.spool import Spool, SpooledClip
+from clients.robot.recording.unclosed_visits import OpenVisits
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
-from consensus.transaction import Transaction, sign_transaction
 from tests.unit.clients.robot.test_spool import KEY, clip
 from tests.virtual_time import run_virtual, virtual_now_ms
 

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.bag import make_bag
-from clients.robot.delivery import Delivery
-from clients.robot.open_visits import OpenVisits
-from clients.robot.scenario import parse_scenario
-from clients.robot.spool import Spool, SpooledClip
+from clients.robot.delivery.delivery import Delivery
+from clients.robot.recording.spool import Spool, SpooledClip
+from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.synthetic.scenario import parse_scenario
+from clients.robot.synthetic.scenario_bag import make_bag
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.counted import note
 from tests.unit.clients.robot.test_consent_in_a_run import WALK

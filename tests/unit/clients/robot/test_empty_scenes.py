@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from clients.robot.background_cli import background
-from clients.robot.empty_scenes import (
+from clients.robot.backgrounds.background_banks import (
     DAY_MS,
     PUBLISHED_MAX_COUNT,
     approve_scene,
@@ -22,11 +21,12 @@ from clients.robot.empty_scenes import (
     published_frames,
     record_scene,
 )
-from clients.robot.events import Depth
-from clients.robot.place import RobotPlace
-from clients.robot.scenario import Scenario
+from clients.robot.cli.background_commands import background
+from clients.robot.cli.robot_choice import RobotPlace
+from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.render import Renderer
-from clients.sdk.depth_colours import LEGEND_HEIGHT_PX
+from clients.robot.synthetic.scenario import Scenario
+from clients.sdk.pictures.depth_colours import LEGEND_HEIGHT_PX
 from consensus.errors import BlockRobotError
 
 NOW_MS = 1_700_000_000_000

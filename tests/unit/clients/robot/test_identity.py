@@ -9,14 +9,20 @@ import msgspec
 import pytest
 from nacl import pwhash
 
-from clients.robot.identity import RobotIdentity, change_passphrase, create_identity, is_sealed, load_identity
-from clients.robot.place import CREDENTIAL, RobotPlace, read_passphrase
-from clients.robot.rosters import RosterBook, load_roster
+from clients.robot.cli.robot_choice import CREDENTIAL, RobotPlace, read_passphrase
+from clients.robot.identity.robot_keys import (
+    RobotIdentity,
+    change_passphrase,
+    create_identity,
+    is_sealed,
+    load_identity,
+)
+from clients.robot.pairing.rosters import RosterBook, load_roster
 from clients.sdk.passphrase import PassphraseCost
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
+from consensus.members.roster import ROSTER_LIFETIME_MAX_MS, ROSTER_VERSION, Roster, RosterRow, roster_tag, seal_roster
 from consensus.primitives.keys import PrivateKey
-from consensus.records.roster import ROSTER_LIFETIME_MAX_MS, ROSTER_VERSION, Roster, RosterRow, roster_tag, seal_roster
 from tests.unit.clients.wallet.conftest import NOW_MS, make_genesis
 
 REGISTRAR = PrivateKey(bytes([2] * 32))
@@ -50,7 +56,7 @@ def test_a_robot_whose_keys_cannot_be_sealed_is_not_left_half_made(
         raise MemoryError
 
     with monkeypatch.context() as patched:
-        patched.setattr("clients.robot.identity.new_sealing_key", fail)
+        patched.setattr("clients.robot.identity.robot_keys.new_sealing_key", fail)
         with pytest.raises(MemoryError):
             create_identity(tmp_path, "four fine words here")
     assert list(tmp_path.iterdir()) == []

@@ -7,10 +7,15 @@ from collections.abc import AsyncIterator, Sequence
 import numpy as np
 import pytest
 
-from clients.robot.events import ColourFrame, Frame, Refused, Sighting, SourceEvent
-from clients.robot.inputs import NOTED_EACH_COUNT, NOTED_TOGETHER_COUNT, REFUSED_IN_A_ROW_MAX_COUNT, Inputs
-from clients.robot.sources.llrp_readings import LlrpReadings
-from clients.robot.tenure import ENDS
+from clients.robot.run.run_validity import ENDS
+from clients.robot.sensing.input_checks import (
+    NOTED_EACH_COUNT,
+    NOTED_TOGETHER_COUNT,
+    REFUSED_IN_A_ROW_MAX_COUNT,
+    Inputs,
+)
+from clients.robot.sensing.sensor_events import ColourFrame, Frame, Refused, Sighting, SourceEvent
+from clients.robot.sources.live.llrp_readings import LlrpReadings
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.test_llrp_readings import NOW_MS, READER, report
 

@@ -9,17 +9,17 @@ from typing import Any
 
 import pytest
 
-from clients.robot.batching import Batcher, ReadyClip
-from clients.robot.consents import STALE_AFTER_MS
-from clients.robot.event_log import EventLog, read_events
+from clients.robot.consent.consent_filter import Keeper, note_dropped
+from clients.robot.consent.consent_view import STALE_AFTER_MS
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import Kept, Reason, Withheld
-from clients.robot.keeping import Keeper, note_dropped
-from clients.robot.open_visits import OpenVisits
-from clients.robot.statistics import RunStatistics
-from clients.robot.visits import VisitBook
+from clients.robot.recording.batching import Batcher, ReadyClip
+from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.visit_book import VisitBook
+from clients.robot.run.event_log import EventLog, read_events
+from clients.robot.run.run_statistics import RunStatistics
+from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow
 from consensus.primitives.keys import PrivateKey
-from consensus.records.roster import ROSTER_VERSION, Roster, RosterRow
 from tests.unit.clients.robot.counted import note
 from tests.unit.clients.robot.registry_stand_in import ROBOT, RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_spool import KEY, clip

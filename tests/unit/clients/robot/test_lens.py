@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.events import Frame, Sighting, SourceEvent
+from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding import hider
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
-from clients.robot.lens import FOCAL_WAIT_MAX_S, Lens
-from clients.robot.run_words import summary_lines
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.sensing.camera_intrinsics import FOCAL_WAIT_MAX_S, Lens
+from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
+from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source
 from clients.robot.sources.topics import Topics
 from tests.unit.clients.robot.test_days_end import a_day

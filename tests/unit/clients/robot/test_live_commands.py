@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.robot import cli
-from clients.robot.empty_scenes import FRAMES_MIN_COUNT, approve_scene, record_scene
+from clients.robot.backgrounds.background_banks import FRAMES_MIN_COUNT, approve_scene, record_scene
+from clients.robot.cli import main
+from clients.robot.cli.live_options import notice_teller
+from clients.robot.cli.run_report import broken_line, summary_lines, waiting_line
 from clients.robot.hiding.match_evidence import MatchEvidence
-from clients.robot.identity import create_identity
-from clients.robot.live_options import notice_teller
-from clients.robot.run_words import broken_line, summary_lines, waiting_line
-from clients.robot.sources.feeds import BESIDE, CAMERAS
-from clients.robot.statistics import RunStatistics
+from clients.robot.identity.robot_keys import create_identity
+from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.sources.live.feed_catalogue import BESIDE, CAMERAS
 
 NOBODY = "http://127.0.0.1:9"
 
@@ -26,7 +26,7 @@ NOBODY = "http://127.0.0.1:9"
 def robot(tmp_path: Path, *arguments: str) -> Result:
     if not (tmp_path / "robot").exists():
         create_identity(tmp_path / "robot")
-    return CliRunner().invoke(cli.robot, ["--robot-dir", str(tmp_path), *arguments])
+    return CliRunner().invoke(main.robot, ["--robot-dir", str(tmp_path), *arguments])
 
 
 def test_a_live_run_without_an_approved_empty_scene_is_refused_with_how_to_record_one(tmp_path: Path) -> None:

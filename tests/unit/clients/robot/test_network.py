@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from clients.robot.network import COPIES_DEFAULT_COUNT, RobotNetwork
+from clients.robot.delivery.robot_network import COPIES_DEFAULT_COUNT, RobotNetwork
 from consensus.errors import BlockRobotError
 
 UPLOAD: Any = SimpleNamespace(record_id=bytes(16))

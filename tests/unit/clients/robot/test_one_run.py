@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.one_run import only_run
+from clients.robot.run.robot_lock import only_run
 from consensus.errors import BlockRobotError
 
 HOLDER = """
 import sys, time
 from pathlib import Path
-from clients.robot.one_run import only_run
+from clients.robot.run.robot_lock import only_run
 with only_run(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)

@@ -8,10 +8,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.robot import open_visits
-from clients.robot.open_visits import OpenVisits, VisitCount, _FormerCounts
-from clients.robot.sealed_file import seal_content
-from clients.robot.spool import Spool
+from clients.robot.recording import unclosed_visits
+from clients.robot.recording.sealed_file import seal_content
+from clients.robot.recording.spool import Spool
+from clients.robot.recording.unclosed_visits import OpenVisits, VisitCount, _FormerCounts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from tests.unit.clients.robot.counted import note
@@ -145,7 +145,7 @@ def test_a_thread_that_saves_sees_no_half_of_a_change(tmp_path: Path, monkeypatc
         visits.spooled(ANN, "000000000002.clip")
         return seal_content(*arguments)
 
-    monkeypatch.setattr(open_visits, "seal_content", meanwhile)
+    monkeypatch.setattr(unclosed_visits, "seal_content", meanwhile)
     visits.save()
     monkeypatch.undo()
     assert OpenVisits(tmp_path / "open-visits", KEY).counts == {ANN: 1}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.robot.pairing import (
+from clients.robot.pairing.tag_pairing import (
     CONFIRM_COUNT,
     FRAMES_WAITING_MAX_COUNT,
     INTERVALS_MAX_COUNT,

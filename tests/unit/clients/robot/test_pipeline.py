@@ -12,27 +12,27 @@ from typing import Any
 import pytest
 from nacl.public import PrivateKey as SealingPrivateKey
 
-from clients.robot.consents import Consents
-from clients.robot.delivery import Delivered, Delivery
-from clients.robot.event_log import EventLog, read_events
-from clients.robot.events import Frame, Sighting, SourceEvent
+from clients.robot.consent.consent_filter import note_dropped
+from clients.robot.consent.consent_view import Consents
+from clients.robot.delivery.delivery import Delivered, Delivery
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX, Hider
-from clients.robot.inputs import Inputs
-from clients.robot.keeping import note_dropped
-from clients.robot.open_visits import OpenVisits
-from clients.robot.pipeline import Camera, Pipeline, note_delivered
-from clients.robot.rosters import RosterBook
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.pairing.rosters import RosterBook
+from clients.robot.recording.spool import Spool
+from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.visit_book import VisitBook
+from clients.robot.run.event_log import EventLog, read_events
+from clients.robot.run.pipeline import Camera, Pipeline, note_delivered
+from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.sensing.input_checks import Inputs
+from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
+from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.topics import Topics
-from clients.robot.spool import Spool
-from clients.robot.statistics import RunStatistics
-from clients.robot.visits import VisitBook
+from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow, roster_tag
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata, find_chain_gaps
-from consensus.records.roster import ROSTER_VERSION, Roster, RosterRow, roster_tag
 from tests.unit.clients.robot.registry_stand_in import RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_delivery import FakeNetwork
 from tests.unit.clients.robot.test_spool import KEY

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clients.robot.backgrounds.background_publishing import FOLDER, publish_frames
+from clients.robot.cli.robot_choice import RobotPlace
 from clients.robot.hiding.background import EmptyFrame, empty_bank
-from clients.robot.place import RobotPlace
-from clients.robot.publishing import FOLDER, publish_frames
-from clients.sdk.frame_previews import PREVIEW_FILE, ROBOT_FILE
+from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey

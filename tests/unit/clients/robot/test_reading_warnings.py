@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.events import Facing
 from clients.robot.hiding.forecast import time_to_bind_s
-from clients.robot.reading_warnings import READ_EVERY_MS, warn_of_lens, warn_of_readings
+from clients.robot.sensing.reading_warnings import READ_EVERY_MS, warn_of_lens, warn_of_readings
+from clients.robot.sensing.sensor_events import Facing
 from clients.robot.sources.topics import Topics, parse_topics
 
 TAGS = '[[tags]]\ntopic = "/rfid"\nepc = "data{}.uid"\n'

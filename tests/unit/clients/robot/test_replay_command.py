@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.robot import cli
-from clients.robot.consents import ConsentFigures
-from clients.robot.identity import create_identity
-from clients.robot.sources.rosbag import BagSource
-from clients.robot.statistics import RunStatistics
+from clients.robot.cli import main
+from clients.robot.consent.consent_view import ConsentFigures
+from clients.robot.identity.robot_keys import create_identity
+from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.sources.recordings.bag_source import BagSource
 
 FRAMES = {"published": 6, "covered": 6, "kept": 6, "withheld": 0, "withheld_reasons": {}, "lost": 0}
 PAIRED = {
@@ -72,12 +72,12 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
                 "consents": consents,
             }
 
-        monkeypatch.setattr(cli, "replay_recording", summarised)
-        monkeypatch.setattr(cli, "load_genesis", lambda _path: None)
+        monkeypatch.setattr(main, "replay_recording", summarised)
+        monkeypatch.setattr(main, "load_genesis", lambda _path: None)
         if not (tmp_path / "robot").exists():
             create_identity(tmp_path / "robot")
         arguments = ["--robot-dir", str(tmp_path), "replay", str(small_bag), *options]
-        return CliRunner().invoke(cli.robot, arguments)
+        return CliRunner().invoke(main.robot, arguments)
 
     return run
 

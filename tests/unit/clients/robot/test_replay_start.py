@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from clients.robot import replay
 from clients.robot.hiding.background import EmptyFrame
-from clients.robot.identity import RobotIdentity
-from clients.robot.replay import FRESH_WITHIN_MS, ReplayOptions
-from clients.robot.rosters import RosterBook
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.identity.robot_keys import RobotIdentity
+from clients.robot.pairing.rosters import RosterBook
+from clients.robot.run import runner
+from clients.robot.run.runner import FRESH_WITHIN_MS, ReplayOptions
+from clients.robot.sources.recordings.bag_source import BagSource
+from consensus.chain.epoch_settings import ChainSettings
 from consensus.errors import BlockRobotError
-from consensus.settings import ChainSettings
 from tests.unit.clients.robot.registry_stand_in import ROBOT, RegistryStandIn
 from tests.unit.clients.robot.test_delivery import FakeNetwork
 from tests.unit.clients.robot.test_pipeline import CHAIN, DAY_MS, roster
@@ -53,13 +53,13 @@ class Start:
         client.light_client = SimpleNamespace(epoch=self.epoch)
         self.network, self.stop = Network(), asyncio.Event()
         identity = RobotIdentity(ROBOT, ROBOT, ROBOT, bytes(32), KEY)
-        monkeypatch.setattr(replay, "load_identity", lambda *_: identity)
-        monkeypatch.setattr(replay, "load_roster", lambda *_: RosterBook(known))
-        monkeypatch.setattr(replay, "RobotNetwork", lambda *_: self.network)
-        monkeypatch.setattr(replay, "NetworkMajority", lambda *_: self.registry)
+        monkeypatch.setattr(runner, "load_identity", lambda *_: identity)
+        monkeypatch.setattr(runner, "load_roster", lambda *_: RosterBook(known))
+        monkeypatch.setattr(runner, "RobotNetwork", lambda *_: self.network)
+        monkeypatch.setattr(runner, "NetworkMajority", lambda *_: self.registry)
         options = ReplayOptions(folder / "roster", "demo", 200, folder / "events.jsonl", True, False)
         self.source = BagSource(bag)
-        self.run = replay._Run(folder, client, options, lambda figures, *, last=False: None, self.stop)
+        self.run = runner._Run(folder, client, options, lambda figures, *, last=False: None, self.stop)
 
     async def block_after(self, seconds: float) -> None:
         await asyncio.sleep(seconds)

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import pytest
 
-from clients.robot.scenario import parse_scenario, published_run_1
 from clients.robot.synthetic.body import chest_distance_m
+from clients.robot.synthetic.scenario import parse_scenario, published_run_1
 from consensus.errors import BlockRobotError
 
 

@@ -7,8 +7,8 @@ import secrets
 import pytest
 from nacl.public import PrivateKey as SealingPrivateKey
 
-from clients.robot.sealing import ClipContent, VisitChain, compute_expiry, compute_time_bucket, seal_clip
-from clients.robot.spool import SpooledClip
+from clients.robot.recording.sealing import ClipContent, VisitChain, compute_expiry, compute_time_bucket, seal_clip
+from clients.robot.recording.spool import SpooledClip
 from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.encoding import decode

@@ -16,16 +16,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from clients.robot import senses
-from clients.robot.bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
-from clients.robot.messages import IMAGE_TYPE, SIGHTING_TYPE
-from clients.robot.scenario import Scenario, parse_scenario
+from clients.robot.recording import sensor_tracks
 from clients.robot.sources.topics import parse_topics
+from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.synthetic.render import Renderer, readings
-from clients.wallet.pictures import write_pictures
-from clients.wallet.viewing import Viewing
-from clients.wallet.wallet import RecordEntry
-from consensus.records.roster import Roster
+from clients.robot.synthetic.scenario import Scenario, parse_scenario
+from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
+from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.records.picture_files import write_pictures
+from clients.wallet.records.viewing import Viewing
+from consensus.members.roster import Roster
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, stamp
 from tests.unit.clients.robot.test_pipeline import ROBOT, UID, Robot, roster
 from tests.unit.clients.wallet.conftest import World
@@ -299,7 +299,7 @@ def test_what_there_was_no_memory_for_is_withheld_and_its_owner_told(
     tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nobody knows yet whose a picture is when memory runs out, so the owner hears of it once that is decided."""
-    monkeypatch.setattr(senses, "WAITING_MAX_BYTES", 8_000)
+    monkeypatch.setattr(sensor_tracks, "WAITING_MAX_BYTES", 8_000)
     robot = run(tmp_path, world, alone)
     figures = robot.statistics.senses_json()
     assert robot.statistics.frames_json()["kept"] > 10
@@ -313,7 +313,7 @@ def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_give
     tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Letting go what has waited longest would keep nothing at all, were more to come always than memory holds."""
-    monkeypatch.setattr(senses, "WAITING_MAX_BYTES", 30_000)
+    monkeypatch.setattr(sensor_tracks, "WAITING_MAX_BYTES", 30_000)
     robot = run(tmp_path, world, alone, registered=False)
     figures = robot.statistics.senses_json()
     assert figures["rgb"]["let_go"] > 0
@@ -325,7 +325,7 @@ def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_give
 def test_more_messages_of_a_sense_than_may_wait_are_withheld_as_well(
     tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(senses, "WAITING_MAX_COUNT", 10)
+    monkeypatch.setattr(sensor_tracks, "WAITING_MAX_COUNT", 10)
     robot = run(tmp_path, world, alone)
     figures = robot.statistics.senses_json()
     assert figures["rgb"]["let_go"] == figures["rgb"]["withheld_reasons"]["no-room"] == 20

@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.robot.sealed_file import seal_content
-from clients.robot.spool import Spool, SpooledClip
+from clients.robot.recording.sealed_file import seal_content
+from clients.robot.recording.spool import Spool, SpooledClip
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.records.clips import ClipUpload

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clients.robot.delivery import Delivered
-from clients.robot.statistics import ARRIVALS_MAX_COUNT, Distribution, RunStatistics
+from clients.robot.delivery.delivery import Delivered
+from clients.robot.run.run_statistics import ARRIVALS_MAX_COUNT, Distribution, RunStatistics
 from tests.unit.clients.robot.test_spool import clip
 
 

@@ -14,18 +14,18 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from clients.robot import cli
-from clients.robot.consents import ConsentFigures
-from clients.robot.events import Label, SourceEvent
-from clients.robot.identity import create_identity
-from clients.robot.replay import ReplayOptions, _events
-from clients.robot.rosters import RosterBook
-from clients.robot.scenario import Scenario
+from clients.robot.cli import main
+from clients.robot.consent.consent_view import ConsentFigures
+from clients.robot.identity.robot_keys import create_identity
+from clients.robot.pairing.rosters import RosterBook
+from clients.robot.pairing.unknown_tags import UnknownTags
+from clients.robot.run.run_validity import Tenure
+from clients.robot.run.runner import ReplayOptions, _events
+from clients.robot.sensing.sensor_events import Label, SourceEvent
+from clients.robot.sources.live.synthetic_source import SyntheticSource
 from clients.robot.sources.source import Clock, StoppableClock, SystemClock, play_events
-from clients.robot.sources.synthetic import SyntheticSource
-from clients.robot.synthetic_recording import load_or_draw_tags
-from clients.robot.tenure import Tenure
-from clients.robot.unknown_tags import UnknownTags
+from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.scene_tags import load_or_draw_tags
 from tests.unit.clients.robot.test_pipeline import roster
 from tests.virtual_time import run_virtual
 
@@ -117,11 +117,11 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
                 "consents": consents,
             }
 
-        monkeypatch.setattr(cli, "replay_recording", recording)
-        monkeypatch.setattr(cli, "load_genesis", lambda _path: None)
+        monkeypatch.setattr(main, "replay_recording", recording)
+        monkeypatch.setattr(main, "load_genesis", lambda _path: None)
         monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
         create_identity(tmp_path / "robot")
-        return CliRunner().invoke(cli.robot, ["--robot-dir", str(tmp_path), "run", *options]), seen
+        return CliRunner().invoke(main.robot, ["--robot-dir", str(tmp_path), "run", *options]), seen
 
     return start
 

@@ -6,8 +6,8 @@ import pickle
 
 import pytest
 
-from clients.robot import unknown_tags
-from clients.robot.unknown_tags import UnknownTags
+from clients.robot.pairing import unknown_tags
+from clients.robot.pairing.unknown_tags import UnknownTags
 
 
 def test_readings_and_tags_are_counted_apart() -> None:

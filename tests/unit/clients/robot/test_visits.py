@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import secrets
 
-from clients.robot.visits import CLOSE_DELAY_MAX_MS, VisitBook
+from clients.robot.recording.visit_book import CLOSE_DELAY_MAX_MS, VisitBook
 from consensus.limits import TIME_BUCKET_MS, VISIT_MAX_MS
+from consensus.members.roster import RosterRow
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import derive_owner_key, scan_announcement
-from consensus.records.roster import RosterRow
 
 CHAIN = bytes(range(32))
 ROBOT = PrivateKey(bytes([9] * 32)).public_key

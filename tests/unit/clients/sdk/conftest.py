@@ -8,9 +8,9 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
-from clients.sdk import NetworkClient
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from consensus.transaction import Transaction
 from node.api import create_api
 from tests.unit.node.api.small_network import SUBJECT, ManualClock, SmallLedger, SmallNode
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Container, Sequence
 from types import TracebackType
 
+from clients.sdk.chain.receipts import FinalReceipt, final_receipt
+from clients.sdk.chain.transactions import TransactionBuilder
 from clients.sdk.connections import NodeAddress
-from clients.sdk.receipts import FinalReceipt, final_receipt
-from clients.sdk.transactions import TransactionBuilder
-from clients.sdk.trust import ProvedState
+from clients.sdk.proof_checks import ProvedState
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.keys import PrivateKey
-from consensus.transaction import Transaction
-from contracts.execution.standing import require_standing
+from contracts.execution.sender_admission import require_standing
 from tests.unit.contracts.system.consortium import Consortium
 
 

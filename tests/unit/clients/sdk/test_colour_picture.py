@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from clients.sdk.depth_colours import UNMEASURED_GREY
-from clients.sdk.picture import check_jpeg, encode_depth_png, paint_colour
+from clients.sdk.pictures.depth_colours import UNMEASURED_GREY
+from clients.sdk.pictures.rendition_picture import check_jpeg, encode_depth_png, paint_colour
 from consensus.errors import BlockRobotError
 
 OWN = np.zeros((4, 5, 4), np.uint8)

@@ -17,9 +17,9 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
-from clients.sdk import NetworkClient
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from node.api import create_api
 from tests.unit.node.api.small_network import SUBJECT, SmallLedger, SmallNode
 

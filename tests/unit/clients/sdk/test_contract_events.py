@@ -6,9 +6,9 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from clients.sdk import NetworkClient
-from clients.sdk.contract_events import Place, _read_page, read_events, read_place
-from consensus.block import ContractEvent, Receipt
+from clients.sdk.chain.contract_events import Place, _read_page, read_events, read_place
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.block import ContractEvent, Receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from node.snapshot.making import header_of_block

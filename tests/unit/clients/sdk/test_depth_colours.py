@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.sdk.depth_colours import (
+from clients.sdk.pictures.depth_colours import (
     ANCHORS,
     FAR_MM,
     LEGEND_HEIGHT_PX,

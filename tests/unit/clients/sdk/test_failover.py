@@ -7,8 +7,8 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer
 
 from clients.sdk.failover import failure_of, may_ask_another
+from consensus.chain.schedule import Schedule
 from consensus.errors import CATALOGUE, BlockRobotError
-from consensus.schedule import Schedule
 from consensus.state import records
 from tests.unit.clients.sdk.conftest import DEAD_URL, make_transaction, refusal_of
 from tests.unit.node.api.small_network import SUBJECT

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from clients.sdk.governance import Governor, find_proposal, read_membership, read_producers, settings_in_force
+from clients.sdk.chain.governance import Governor, find_proposal, read_membership, read_producers, settings_in_force
 from consensus.errors import BlockRobotError
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import (

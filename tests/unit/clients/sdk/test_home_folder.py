@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk.terminal import home_folder
+from clients.sdk.terminal.terminal import home_folder
 
 
 @pytest.fixture

@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 import pytest
 
-from clients.sdk import NetworkClient
 from clients.sdk.known_nodes import REFRESH_MS, RETRY_MS, KnownNode, KnownNodes, nodes_of_genesis
-from clients.sdk.pin import open_pin, write_pin
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.trust_pin import open_pin, write_pin
+from consensus.chain.light_client import LightClient
 from consensus.errors import BlockRobotError
-from consensus.light_client import LightClient
 from consensus.primitives.encoding import encode_value
 from consensus.state import records
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow, OrganisationRow

@@ -8,16 +8,16 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.sdk import NetworkClient
+from clients.sdk.network_client import NetworkClient
 from clients.sdk.sessions import GrantKey
-from consensus.block import EpochProof
+from consensus.chain.block import EpochProof
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.state import access, records
-from node.interface import DecodedSnapshot
+from node.api.node_services import DecodedSnapshot
 from tests.state_rows import row_of
 from tests.unit.clients.sdk.conftest import make_transaction, refusal_of
 from tests.unit.node.api.small_network import (

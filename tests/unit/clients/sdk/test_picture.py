@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.sdk.picture import colourise, compose, decode_depth_png, encode_depth_png
-from clients.sdk.picture_guard import PNG_SIGNATURE
+from clients.sdk.pictures.picture_guard import PNG_SIGNATURE
+from clients.sdk.pictures.rendition_picture import colourise, compose, decode_depth_png, encode_depth_png
 from consensus.errors import BlockRobotError
 
 EMPTY = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64) + 1_000

@@ -12,10 +12,16 @@ import cv2
 import numpy as np
 import pytest
 
-from clients.robot.sources.images import DEPTH_HEADER_BYTES, decode_colour_file, decode_depth
-from clients.sdk.picture import check_jpeg, decode_depth_png
-from clients.sdk.picture_guard import JPEG_SCANS_MAX_COUNT, PNG_SIGNATURE, has_few_scans, jpeg_size, keep_pixels
-from clients.sdk.qr_codes import read_qr
+from clients.robot.sources.messages.image_decoding import DEPTH_HEADER_BYTES, decode_colour_file, decode_depth
+from clients.sdk.pictures.picture_guard import (
+    JPEG_SCANS_MAX_COUNT,
+    PNG_SIGNATURE,
+    has_few_scans,
+    jpeg_size,
+    keep_pixels,
+)
+from clients.sdk.pictures.rendition_picture import check_jpeg, decode_depth_png
+from clients.sdk.terminal.qr_codes import read_qr
 from consensus.errors import BlockRobotError
 
 DEPTH = np.full((4, 6), 1500, np.uint16)

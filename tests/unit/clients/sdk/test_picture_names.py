@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.sdk.picture_names import is_picture_name, name_picture, read_robot_frame
+from clients.sdk.pictures.picture_names import is_picture_name, name_picture, read_robot_frame
 
 
 def test_a_name_begins_with_the_number_in_the_record_and_says_the_robots_frame_after_it() -> None:

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from clients.sdk.known_nodes import KnownNode, KnownNodes
-from clients.sdk.pin import open_pin, write_pin
-from clients.sdk.pin_file import PIN_FILE, open_pinned_client, read_pin, write_pin_file
+from clients.sdk.trust_pin import open_pin, write_pin
+from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client, read_pin, write_pin_file
+from consensus.chain.light_client import LightClient
 from consensus.errors import BlockRobotError
-from consensus.light_client import LightClient
 from tests.unit.node.api.small_network import SUBJECT
 
 

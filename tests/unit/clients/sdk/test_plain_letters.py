@@ -8,9 +8,9 @@ import sys
 
 import pytest
 
-from clients.sdk.answers import read_problem
-from clients.sdk.plain_letters import PLAIN_ENCODING, STRANGE_MAX_CHARS, is_utf8, prepare_output, to_plain
-from clients.sdk.terminal import print_json
+from clients.sdk.node_answers import read_problem
+from clients.sdk.terminal.ascii_output import PLAIN_ENCODING, STRANGE_MAX_CHARS, is_utf8, prepare_output, to_plain
+from clients.sdk.terminal.terminal import print_json
 from consensus.visible_text import escape_controls
 
 

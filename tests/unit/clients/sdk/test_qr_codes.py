@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from PIL import Image
 
-from clients.sdk.qr_codes import PICTURE_MAX_BYTES, qr_columns, qr_lines, qr_svg, read_given, read_qr
+from clients.sdk.terminal.qr_codes import PICTURE_MAX_BYTES, qr_columns, qr_lines, qr_svg, read_given, read_qr
 from consensus.errors import BlockRobotError
 
 CODE = "BR1-" + "ABCDEFGHIJKLMNOPQRSTUVWXYZ234567" * 7

@@ -8,11 +8,11 @@ from typing import Any, Literal
 import pytest
 
 from clients.sdk.connections import NodeAddress
+from clients.sdk.proof_checks import ProvedState
 from clients.sdk.quorum import hear_quorum, is_turned_away
-from clients.sdk.trust import ProvedState
+from consensus.chain.epoch_settings import ChainSettings, Epoch
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from consensus.settings import ChainSettings, Epoch
 from consensus.state.keys import to_value
 from consensus.state.membership import NODE, NODES, NodeRow
 from tests.unit.node.api.small_network import SUBJECT

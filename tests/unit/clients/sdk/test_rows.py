@@ -7,8 +7,15 @@ from typing import Any
 
 import pytest
 
-from clients.sdk.rows import PROOF_KEYS_MAX_COUNT, in_session, proved_list, proved_row, proved_rows, put_query
-from clients.sdk.trust import ProvedState
+from clients.sdk.chain.proved_rows import (
+    PROOF_KEYS_MAX_COUNT,
+    in_session,
+    proved_list,
+    proved_row,
+    proved_rows,
+    put_query,
+)
+from clients.sdk.proof_checks import ProvedState
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey

@@ -24,9 +24,9 @@ from rich.syntax import Syntax
 from rich.table import Table
 from rich.text import Text
 
-from clients.sdk import terminal
-from clients.sdk.safe_logging import escape_values
-from clients.sdk.safe_output import SafeConsole, SafeStream, keep_own_tags, overwrite_line, safe_streams
+from clients.sdk.terminal import terminal
+from clients.sdk.terminal.safe_logging import escape_values
+from clients.sdk.terminal.safe_output import SafeConsole, SafeStream, keep_own_tags, overwrite_line, safe_streams
 from consensus.errors import BlockRobotError
 from consensus.visible_text import escape_controls, is_control
 from network.cli.root_group import RootGroup

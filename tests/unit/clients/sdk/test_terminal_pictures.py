@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from clients.sdk import terminal_pictures
-from clients.sdk.terminal_pictures import (
+from clients.sdk.terminal import terminal_pictures
+from clients.sdk.terminal.terminal_pictures import (
     ROWS_MAX,
     Way,
     find_way,

@@ -14,18 +14,18 @@ import msgspec
 import pytest
 from nacl import pwhash
 
-from clients.robot.sealing import ClipContent, VisitChain, seal_clip
-from clients.robot.spool import SpooledClip
-from clients.sdk.announcements import Announcement, AnnouncementPage
+from clients.robot.recording.sealing import ClipContent, VisitChain, seal_clip
+from clients.robot.recording.spool import SpooledClip
+from clients.sdk.chain.announcements import Announcement, AnnouncementPage
 from clients.sdk.connections import NodeAddress
 from clients.sdk.passphrase import PassphraseCost
-from clients.sdk.trust import ProvedState
-from clients.wallet import cli
-from clients.wallet.keys import WalletKeys, derive_keys, draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.wallet import Wallet
+from clients.sdk.proof_checks import ProvedState
+from clients.wallet.cli import main
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import WalletKeys, derive_keys, draw_words
+from consensus.chain.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
 from consensus.errors import BlockRobotError
-from consensus.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.commitments import ciphertext_leaves
@@ -59,7 +59,7 @@ def make_genesis() -> Genesis:
 @contextmanager
 def typed_for(profile: str, **places: Path | None) -> Iterator[None]:
     """While inside, as while a command runs for the wallet of this profile; `wallet_dir` and `genesis` if named."""
-    context = click.Context(cli.wallet)
+    context = click.Context(main.wallet)
     context.params = {"profile": profile, "wallet_dir": None, "genesis": None, **places}
     with context:
         yield

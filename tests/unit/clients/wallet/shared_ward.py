@@ -8,19 +8,20 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from clients.robot.sealing import VisitChain
-from clients.sdk.answers import ProofsAnswer
+from clients.robot.recording.sealing import VisitChain
+from clients.sdk.chain.receipts import FinalReceipt
+from clients.sdk.chain.transactions import TransactionBuilder
 from clients.sdk.connections import NodeAddress
-from clients.sdk.receipts import FinalReceipt
+from clients.sdk.node_answers import ProofsAnswer
+from clients.sdk.proof_checks import ProvedState
 from clients.sdk.sessions import GrantKey
-from clients.sdk.transactions import TransactionBuilder
-from clients.sdk.trust import ProvedState
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore, KnownVisit
-from clients.wallet.received import Receiving
-from clients.wallet.sharing import Grantee, Shared, Sharing
-from clients.wallet.wallet import RecordEntry, Wallet
-from consensus.block import FinalityProof, Header
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.sharing.incoming_shares import Receiving
+from clients.wallet.sharing.outgoing_shares import Grantee, Shared, Sharing
+from clients.wallet.store.keystore import Keystore, KnownVisit
+from clients.wallet.store.member_keys import draw_words
+from consensus.chain.block import FinalityProof, Header
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.sharing import (
@@ -34,9 +35,8 @@ from consensus.records.sharing import (
     hash_grant_member,
 )
 from consensus.state.identity import active_role
-from consensus.transaction import Transaction
 from contracts.state.view import MemoryState
-from node.api.standing import find_key_standing, require_readable
+from node.api.access.principals import find_key_standing, require_readable
 from tests.unit.clients.bundle.ward import Custodians, Patient, ProvingHospital, ShortWire, Ward
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import key_of

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from clients.sdk.announcements import Announcement, AnnouncementPage
-from clients.sdk.trust import ProvedState
-from clients.wallet.keys import WalletKeys, derive_keys
-from clients.wallet.keystore import Keystore, KnownVisit
-from clients.wallet.wallet import Wallet
+from clients.sdk.chain.announcements import Announcement, AnnouncementPage
+from clients.sdk.proof_checks import ProvedState
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.keystore import Keystore, KnownVisit
+from clients.wallet.store.member_keys import WalletKeys, derive_keys
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value, encode
 from consensus.primitives.keys import PrivateKey
@@ -22,8 +23,7 @@ from consensus.records.envelopes import seal_metadata
 from consensus.records.metadata import RecordMetadata, compute_metadata_hash
 from consensus.state.identity import active_role
 from consensus.state.records import decided_root
-from consensus.transaction import Transaction
-from contracts.execution.standing import has_standing
+from contracts.execution.sender_admission import has_standing
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 

@@ -11,15 +11,15 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from clients.wallet import contact_sheet
-from clients.wallet.album import Album
-from clients.wallet.completing import complete_profiles, complete_records
-from clients.wallet.contact_sheet import FRAMES_MAX_COUNT, TILES_MAX_COUNT, Collection, draw_animation, evenly
-from clients.wallet.keystore import KnownVisit
-from clients.wallet.pictures import write_frames
-from clients.wallet.viewing import FrameView, RecordView
-from clients.wallet.viewing_commands import _print_views
-from clients.wallet.wallet import RecordEntry
+from clients.wallet.cli.shell_completion import complete_profiles, complete_records
+from clients.wallet.commands.view_commands import _print_views
+from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.records import contact_sheet
+from clients.wallet.records.album import Album
+from clients.wallet.records.contact_sheet import FRAMES_MAX_COUNT, TILES_MAX_COUNT, Collection, draw_animation, evenly
+from clients.wallet.records.picture_files import write_frames
+from clients.wallet.records.viewing import FrameView, RecordView
+from clients.wallet.store.keystore import KnownVisit
 from consensus.records.metadata import RecordMetadata
 from consensus.records.renditions import ENCODING_JPEG, Rendition
 

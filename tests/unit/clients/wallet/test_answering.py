@@ -6,8 +6,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from clients.sdk.terminal import ask
-from clients.wallet.group_options import wallet_options
+from clients.sdk.terminal.terminal import ask
+from clients.wallet.cli.group_options import wallet_options
 
 
 @click.command()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clients.wallet.auditing import audit_all, audit_visit
+from clients.wallet.ledger.visit_audit import audit_all, audit_visit
 from tests.unit.clients.wallet.conftest import NOW_MS, World
 
 

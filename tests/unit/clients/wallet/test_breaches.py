@@ -12,12 +12,13 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import audit_command, breach_commands, records_command, rights_commands, viewing_commands
-from clients.wallet import cli as wallet_cli
-from clients.wallet.breaches import Breaches, breach_json
-from clients.wallet.rights import Rights, write_correction
+from clients.officer import breach_commands
+from clients.officer.breaches import Breaches, breach_json
+from clients.wallet.cli import main as wallet_cli
+from clients.wallet.commands import audit_command, records_command, rights_commands, view_commands
+from clients.wallet.consent.rights_requests import Rights, write_correction
 from consensus.errors import BlockRobotError
-from consensus.records.rights import BREACH_NOTIFY_MS, Correction, commit_correction
+from consensus.rights.right_codes import BREACH_NOTIFY_MS, Correction, commit_correction
 from consensus.state.rights import (
     BREACH,
     BREACH_COUNT,
@@ -188,7 +189,7 @@ def run(world: World, clock: list[int], saying: Saying, monkeypatch: pytest.Monk
     def opened(_: Any, action: Any) -> Any:
         return asyncio.run(action(world.wallet))
 
-    for module in (rights_commands, breach_commands, records_command, viewing_commands, audit_command):
+    for module in (rights_commands, breach_commands, records_command, view_commands, audit_command):
         monkeypatch.setattr(module, "run_opened", opened)
 
     def call(*arguments: str) -> Result:

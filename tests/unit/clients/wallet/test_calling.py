@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk.terminal import home_folder
-from clients.wallet.calling import WALLET_COMMAND, as_called, called, verify_command
-from clients.wallet.group_options import place_wallet
-from clients.wallet.guardian_sheets import build_sheet
-from clients.wallet.guardians import GuardianSet
-from clients.wallet.language import LANGUAGES, Form, describe_error, load, section, text
-from clients.wallet.shares import split_words
+from clients.sdk.terminal.terminal import home_folder
+from clients.wallet.cli.group_options import place_wallet
+from clients.wallet.cli.invocation import WALLET_COMMAND, as_called, called, verify_command
+from clients.wallet.present.translations import LANGUAGES, Form, describe_error, load, section, text
+from clients.wallet.recovery.guardian_sheets import build_sheet
+from clients.wallet.recovery.slip39_shares import split_words
+from clients.wallet.store.guardian_set import GuardianSet
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
 from tests.unit.clients.wallet.conftest import typed_for

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.wallet.calling import WALLET_COMMAND, as_called, called
-from clients.wallet.language import LANGUAGES, describe_error, refusal
+from clients.wallet.cli.invocation import WALLET_COMMAND, as_called, called
+from clients.wallet.present.translations import LANGUAGES, describe_error, refusal
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.conftest import typed_for
 

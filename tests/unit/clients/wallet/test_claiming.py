@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import pytest
 
-from clients.wallet.claiming import claim_or_read, claim_place, claim_wallet
+from clients.wallet.store.wallet_lock import claim_or_read, claim_place, claim_wallet
 from consensus.errors import BlockRobotError
 
 

@@ -15,21 +15,21 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-from clients.bundle import consent_receipts as file
-from clients.bundle.chain_proofs import ProvedChain
+from clients.bundle.checks import consent_receipts as file
+from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.cli import verify
-from clients.wallet import consent_commands
-from clients.wallet import consent_receipts as wallet_receipts
-from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.consenting import Consenting
-from clients.wallet.notice_commands import take_receipt
-from clients.wallet.notices import Notices
+from clients.wallet.commands import consent_commands
+from clients.wallet.commands.notice_commands import take_receipt
+from clients.wallet.consent import receipt_fetching as wallet_receipts
+from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.notice_reading import Notices
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from consensus.records.consent_receipts import sign_as_controller, sign_as_person
-from consensus.records.notices import Notice
+from consensus.rights.consent_receipts import sign_as_controller, sign_as_person
+from consensus.rights.notices import Notice
 from consensus.state.identity import MEMBER
-from network.demo_notice import demo_notice
+from network.notices.demo_notice import demo_notice
 from node.api.services import SignedReceipt
 from tests.unit.clients.bundle.receipting import NoticeWard
 from tests.unit.contracts.privacy.hospital import key_of
@@ -183,7 +183,7 @@ async def test_nobody_countersigns_a_consent_beyond_the_notice(
         issuer.issue(ward.network.ledger, txid, member)
     assert caught.value.code == code
     with pytest.MonkeyPatch.context() as node_of_before:
-        node_of_before.setattr("node.consent_receipts.require_told", lambda *_: None)
+        node_of_before.setattr("node.custody.chain.consent_receipts.require_told", lambda *_: None)
         with pytest.raises(BlockRobotError) as caught:
             await ConsentReceipts(ward.wallet).obtain(txid)
     assert caught.value.code == code

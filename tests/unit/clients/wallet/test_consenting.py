@@ -13,19 +13,19 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from clients.sdk.receipts import FinalReceipt, final_receipt
-from clients.sdk.trust import ProvedState
-from clients.wallet import consent_commands
-from clients.wallet.consent_commands import consent, read_time
-from clients.wallet.consenting import Consenting, round_period
-from clients.wallet.keystore import Keystore
-from clients.wallet.language import LANGUAGE_VARIABLE
-from clients.wallet.wallet import Wallet
+from clients.sdk.chain.receipts import FinalReceipt, final_receipt
+from clients.sdk.proof_checks import ProvedState
+from clients.wallet.commands import consent_commands
+from clients.wallet.commands.consent_commands import consent, read_time
+from clients.wallet.consent.consent_choices import Consenting, round_period
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import LANGUAGE_VARIABLE
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
-from consensus.records.sensors import SENSORS, require_sensor
+from consensus.rights.sensors import SENSORS, require_sensor
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Hospital, Person
 

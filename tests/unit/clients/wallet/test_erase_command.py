@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import erase_command
-from clients.wallet.auditing import audit_visit
-from clients.wallet.language import LANGUAGE_VARIABLE
-from clients.wallet.sharing_commands import explain
+from clients.wallet.commands import erase_command
+from clients.wallet.commands.share_commands import explain
+from clients.wallet.ledger.visit_audit import audit_visit
+from clients.wallet.present.translations import LANGUAGE_VARIABLE
 from pages.moments import show_moment
 from tests.unit.clients.wallet.test_sharing_commands import People
 

@@ -13,10 +13,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from clients.wallet import erasure_status
-from clients.wallet.auditing import AuditEntry
-from clients.wallet.erasing import Erasing
-from clients.wallet.erasure_status import (
+from clients.wallet.ledger.visit_audit import AuditEntry
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import LANGUAGE_VARIABLE
+from clients.wallet.records import erasure_status
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.records.erasure_status import (
     AskedErasure,
     custodian_names,
     describe_erasure,
@@ -24,9 +26,7 @@ from clients.wallet.erasure_status import (
     erasure_lines,
     erasures,
 )
-from clients.wallet.keystore import Keystore, KnownVisit
-from clients.wallet.language import LANGUAGE_VARIABLE
-from clients.wallet.wallet import Wallet
+from clients.wallet.store.keystore import Keystore, KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
 from consensus.state.erasure import REQUEST, ErasureReceiptRow, ErasureRow

@@ -9,19 +9,20 @@ from typing import Any
 
 import pytest
 
-from clients.robot.sealing import VisitChain
-from clients.wallet import album, viewing_commands
-from clients.wallet.contact_sheet import Tile, draw_sheet
-from clients.wallet.language import LANGUAGE_VARIABLE
-from clients.wallet.pictures import delete_frames
+from clients.robot.recording.sealing import VisitChain
+from clients.wallet.commands import view_commands
+from clients.wallet.present.translations import LANGUAGE_VARIABLE
+from clients.wallet.records import album
+from clients.wallet.records.contact_sheet import Tile, draw_sheet
+from clients.wallet.records.picture_files import delete_frames
 from tests.unit.clients.wallet.test_sharing_commands import NAMES, People
 
 
 @pytest.fixture
 def people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> People:
     made = People(tmp_path, monkeypatch)
-    monkeypatch.setattr(viewing_commands, "run_opened", made._run_opened)
-    monkeypatch.setitem(NAMES, "view", viewing_commands.view)
+    monkeypatch.setattr(view_commands, "run_opened", made._run_opened)
+    monkeypatch.setitem(NAMES, "view", view_commands.view)
     return made
 
 
@@ -59,7 +60,7 @@ def test_a_ctrl_c_says_how_much_is_written_and_how_to_get_the_rest(
     people: People, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks: list[object] = []
-    write = viewing_commands.write_pictures
+    write = view_commands.write_pictures
 
     async def stop_at_the_second(*arguments: Any) -> Any:
         looks.append(arguments)
@@ -68,7 +69,7 @@ def test_a_ctrl_c_says_how_much_is_written_and_how_to_get_the_rest(
         return await write(*arguments)
 
     people.ward.record_visit(2)
-    monkeypatch.setattr(viewing_commands, "write_pictures", stop_at_the_second)
+    monkeypatch.setattr(view_commands, "write_pictures", stop_at_the_second)
     out = tmp_path / "pictures"
     stopped = people.run(people.ward.wallet, "view", "--out", out, "--no-sheet")
     assert stopped.exit_code == 1

@@ -14,13 +14,14 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.robot.sealing import ClipContent, seal_clip
-from clients.wallet import erase_command, filtering, records_command, viewing_commands
-from clients.wallet.cli import wallet
-from clients.wallet.filtering import Filter, read_days, read_filter, read_minutes, select
-from clients.wallet.keystore import KnownVisit
-from clients.wallet.language import LANGUAGES, load
-from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from clients.robot.recording.sealing import ClipContent, seal_clip
+from clients.wallet.cli.main import wallet
+from clients.wallet.commands import erase_command, records_command, view_commands
+from clients.wallet.ledger import record_filter
+from clients.wallet.ledger.record_filter import Filter, read_days, read_filter, read_minutes, select
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.present.translations import LANGUAGES, load
+from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR, RecordMetadata
 from consensus.state.records import RecordRow
@@ -146,7 +147,7 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
             return None
 
     monkeypatch.setattr(records_command, "run_opened", opened)
-    monkeypatch.setattr(viewing_commands, "run_opened", opened)
+    monkeypatch.setattr(view_commands, "run_opened", opened)
     monkeypatch.setattr(erase_command, "run_opened", opened)
     monkeypatch.setattr(records_command, "Notices", NoNotices)
     return lambda *arguments: CliRunner().invoke(wallet, list(arguments))
@@ -233,5 +234,5 @@ def filtering_console(width: int) -> Any:
 
 
 def test_parts_of_the_day_cover_it_once() -> None:
-    hours = sorted(filtering.PARTS_OF_DAY.values())
+    hours = sorted(record_filter.PARTS_OF_DAY.values())
     assert [first for first, _ in hours] + [24] == [0] + [end for _, end in hours]

@@ -15,12 +15,12 @@ import pytest
 from click.testing import CliRunner, Result
 from shamir_mnemonic import shamir
 
-from clients.wallet import claiming
-from clients.wallet.cli import wallet
-from clients.wallet.guardian_sheets import read_written
-from clients.wallet.keys import derive_keys
-from clients.wallet.keystore import Keystore, WalletContent
-from clients.wallet.shares import SHARE_WORDS_COUNT, read_share, take_words
+from clients.wallet.cli.main import wallet
+from clients.wallet.recovery.guardian_sheets import read_written
+from clients.wallet.recovery.slip39_shares import SHARE_WORDS_COUNT, read_share, take_words
+from clients.wallet.store import wallet_lock
+from clients.wallet.store.keystore import Keystore, WalletContent
+from clients.wallet.store.member_keys import derive_keys
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
@@ -104,9 +104,9 @@ def test_the_wallet_remembers_who_and_when_and_no_word(home: Home) -> None:
 
 def test_beside_an_open_page_it_lists_and_hands_out_nothing(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("claim_wallet", "claim_or_read"):
-        at_once = functools.partial(getattr(claiming, name), wait_s=0, sleep=lambda _: None)
-        monkeypatch.setattr(f"clients.wallet.guardians_commands.{name}", at_once)
-    with claiming.claim_wallet(home.folder / "default.wallet"):
+        at_once = functools.partial(getattr(wallet_lock, name), wait_s=0, sleep=lambda _: None)
+        monkeypatch.setattr(f"clients.wallet.commands.account.guardians_commands.{name}", at_once)
+    with wallet_lock.claim_wallet(home.folder / "default.wallet"):
         assert home.json("list")["sets"] == []
         refused = home.json("split", *THREE, "--out", str(home.folder / "sheets"), code=1)
     assert refused["error"]["code"] == "WALLET_BUSY"
@@ -235,7 +235,7 @@ def test_the_keyring_s_passphrase_does_not_do_for_splitting(home: Home, monkeypa
     def unused(*_: object) -> str:
         raise AssertionError
 
-    monkeypatch.setattr("clients.wallet.opening.read_from_keyring", unused)
+    monkeypatch.setattr("clients.wallet.cli.wallet_context.read_from_keyring", unused)
     out = str(home.folder / "sheets")
     group = ["--wallet-dir", str(home.folder), "--keyring", "guardians", "split", *THREE, "--out", out, "--json"]
     done = CliRunner().invoke(wallet, group)
@@ -364,7 +364,7 @@ def test_words_that_cannot_be_written_after_all_leave_no_wallet_in_the_way(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("clients.wallet.guardians_recovering.write_words", full)
+    monkeypatch.setattr("clients.wallet.commands.account.guardians_recover_commands.write_words", full)
     refused = home.recover(first, second, options=("--words-file", str(words_file)), code=1)
     assert refused["code"] == "FILE_UNUSABLE"
     assert not (home.folder / "again.wallet").exists()
@@ -385,7 +385,7 @@ def test_a_recovery_that_is_stopped_says_what_it_left(
         raise KeyboardInterrupt
 
     step = "_ask_network" if is_made else "restore_wallet"
-    monkeypatch.setattr(f"clients.wallet.guardians_recovering.{step}", stop)
+    monkeypatch.setattr(f"clients.wallet.commands.account.guardians_recover_commands.{step}", stop)
     options = ("--words-file", str(words_file), "--fast-passphrase")
     stopped = home.run("recover", "--share", first, "--share", second, *options, profile="again")
     assert stopped.exit_code == 1

@@ -13,33 +13,33 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import (
+from clients.wallet.cli import main as cli
+from clients.wallet.commands import (
     audit_command,
-    cli,
     consent_commands,
     erase_command,
     records_command,
     rights_commands,
-    rotating_commands,
     serve_command,
 )
-from clients.wallet.consent_receipts import Receipts
-from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, section
-from clients.wallet.linking import tell_linked, tell_linked_moves
-from clients.wallet.notices import Told
-from clients.wallet.rights import describe_event
-from clients.wallet.rotating import Rotating
-from clients.wallet.rotating_commands import words_lines
-from clients.wallet.standing import BreachEnd, OfficersErasure, VisitRights
-from clients.wallet.standing_words import standing_lines
+from clients.wallet.commands.account import rotate_commands
+from clients.wallet.commands.account.rotate_commands import words_lines
+from clients.wallet.consent.notice_reading import Told
+from clients.wallet.consent.receipt_fetching import Receipts
+from clients.wallet.consent.rights_requests import describe_event
+from clients.wallet.ledger.visit_status import BreachEnd, OfficersErasure, VisitRights
+from clients.wallet.present.linking_notice import tell_linked, tell_linked_moves
+from clients.wallet.present.translations import DEFAULT_LANGUAGE, code_text, load, section
+from clients.wallet.present.visit_status_text import standing_lines
+from clients.wallet.recovery.key_rotation import Rotating
 from consensus.errors import BlockRobotError
-from consensus.records import rights as codes
-from consensus.records.lost_keys import LOST_KEY_REASONS
-from consensus.records.notices import NOTICE_LINES, NoticeRow, PublishedNotice, tell_notice
-from consensus.records.purposes import PURPOSES
+from consensus.rights import right_codes as codes
+from consensus.rights.lost_keys import LOST_KEY_REASONS
+from consensus.rights.notices import NOTICE_LINES, NoticeRow, PublishedNotice, tell_notice
+from consensus.rights.purposes import PURPOSES
 from consensus.state.rights import RestrictionRow
 from network.cli.main import main
-from network.demo_notice import demo_notice
+from network.notices.demo_notice import demo_notice
 from tests.unit.clients.wallet.conftest import NOW_MS, World
 from tests.unit.clients.wallet.test_rights import Saying
 from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
@@ -219,7 +219,7 @@ def test_new_words_are_asked_back_in_portuguese(desk: Desk, monkeypatch: pytest.
         return words[int(question.rsplit(maxsplit=1)[-1]) - 1] if question.startswith("Palavra") else ""
 
     monkeypatch.setattr(click, "prompt", prompt)
-    rotating_commands._hand_over(" ".join(words), None)
+    rotate_commands._hand_over(" ".join(words), None)
     assert (asked[0], asked[1]) == ("Quando estiver tudo escrito, prima Enter", asked[2])
     said = capsys.readouterr().out
     assert "As suas 24 palavras novas." in said

@@ -17,8 +17,8 @@ from keyring.backend import KeyringBackend
 from keyring.backends import chainer, fail
 from keyring.errors import KeyringLocked, PasswordDeleteError
 
-from clients.wallet.cli import wallet
-from clients.wallet.keystore import Keystore
+from clients.wallet.cli.main import wallet
+from clients.wallet.store.keystore import Keystore
 from tests.unit.clients.wallet.conftest import CHEAP
 
 WORDS = " ".join(["abandon"] * 23 + ["art"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.wallet.keys import WORDS_COUNT, derive_keys, draw_words
+from clients.wallet.store.member_keys import WORDS_COUNT, derive_keys, draw_words
 from consensus.errors import BlockRobotError
 
 # The published BIP-39 test vector for 32 bytes of zero, so that nobody takes these for real.

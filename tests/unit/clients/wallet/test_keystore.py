@@ -13,7 +13,7 @@ import pytest
 from nacl import pwhash
 
 from clients.sdk.passphrase import PassphraseCost
-from clients.wallet.keystore import Keystore, KnownVisit, WalletContent
+from clients.wallet.store.keystore import Keystore, KnownVisit, WalletContent
 from consensus.errors import BlockRobotError
 
 WORDS = "abandon " * 23 + "art"

@@ -10,8 +10,9 @@ from pathlib import Path
 import click
 import pytest
 
-from clients.wallet import language, naming
-from clients.wallet.language import (
+from clients.wallet.ledger import id_prefix
+from clients.wallet.present import translations
+from clients.wallet.present.translations import (
     ONE,
     OTHER,
     Form,
@@ -25,8 +26,8 @@ from clients.wallet.language import (
 )
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
-from consensus.records.purposes import PURPOSES
-from consensus.records.sensors import SENSORS
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.sensors import SENSORS
 
 ENGLISH_ONLY = frozenset(
     re.findall(
@@ -39,7 +40,7 @@ ENGLISH_ONLY = frozenset(
     )
 )
 """Words of English sentences that no Portuguese sentence has."""
-WALLET = Path(language.__file__).parent
+WALLET = Path(translations.__file__).parent
 
 
 def own_keys(name: str) -> set[str]:
@@ -97,7 +98,7 @@ def test_to_say_no_needs_no_reason_in_either_language() -> None:
 
 
 def test_no_text_is_empty_or_begins_or_ends_with_a_blank_line() -> None:
-    for name in language.LANGUAGES:
+    for name in translations.LANGUAGES:
         for key, form in load(name).items():
             for one in [form] if isinstance(form, str) else form.values():
                 assert one.strip(), key
@@ -131,7 +132,14 @@ def test_no_sentence_of_a_refusal_is_kept_that_nobody_says() -> None:
     asked = asked_for() | dict.fromkeys(
         f"because.{sentence}.{thing.one}"
         for sentence in ("short", "missing", "several")
-        for thing in (naming.RECORD, naming.VISIT, naming.GRANT, naming.BREACH, naming.PROPOSAL, naming.MANDATE)
+        for thing in (
+            id_prefix.RECORD,
+            id_prefix.VISIT,
+            id_prefix.GRANT,
+            id_prefix.BREACH,
+            id_prefix.PROPOSAL,
+            id_prefix.MANDATE,
+        )
     )
     trouble = ("took_nothing", "may_have", "may_still_have", "gave_nothing")
     asked |= dict.fromkeys((f"because.keyring_{each}" for each in trouble), "passphrase_sources.py")
@@ -324,21 +332,21 @@ def test_the_language_is_the_one_that_is_named_else_that_of_the_locale(
 def test_what_the_command_line_says_goes_before_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "en")
     with click.Context(click.Command("wallet")) as context:
-        language.choose_language(context, "pt")
+        translations.choose_language(context, "pt")
         assert text("records.none") == load("pt")["records.none"]
     assert text("records.none") == load("en")["records.none"]
 
 
 def test_a_plural_form_is_chosen_by_the_count_and_values_are_put_in(monkeypatch: pytest.MonkeyPatch) -> None:
     forms = {"a.pictures": {ONE: "{count} picture", OTHER: "{count} pictures"}}
-    monkeypatch.setattr(language, "load", lambda _name: forms)
+    monkeypatch.setattr(translations, "load", lambda _name: forms)
     said = [text("a.pictures", language="en", count=count) for count in (0, 1, 2)]
     assert said == ["0 pictures", "1 picture", "2 pictures"]
 
 
 def test_what_a_language_lacks_is_said_in_english(monkeypatch: pytest.MonkeyPatch) -> None:
     tables = {"en": {"page.title": "Yours"}, "pt": {}}
-    monkeypatch.setattr(language, "load", lambda name: tables[name])
+    monkeypatch.setattr(translations, "load", lambda name: tables[name])
     assert text("page.title", language="pt") == "Yours"
     assert section("page", "pt") == {"title": "Yours"}
 
@@ -346,7 +354,7 @@ def test_what_a_language_lacks_is_said_in_english(monkeypatch: pytest.MonkeyPatc
 def test_an_error_keeps_its_particulars_beside_its_translated_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
     table = {"errors.NOT_FOUND.meaning": "Não existe.", "errors.NOT_FOUND.next_step": "Verifique o nome."}
     table["ask.particulars"] = "{meaning} (em inglês: {detail})"
-    monkeypatch.setattr(language, "load", lambda name: table if name == "pt" else {})
+    monkeypatch.setattr(translations, "load", lambda name: table if name == "pt" else {})
     assert describe_error(BlockRobotError("NOT_FOUND"), "pt") == ("Não existe.", "Verifique o nome.")
     assert (
         describe_error(BlockRobotError("NOT_FOUND", "No visit 02ab."), "pt")[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.wallet.linking import tell_linked, tell_linked_moves
+from clients.wallet.present.linking_notice import tell_linked, tell_linked_moves
 
 
 def test_of_several_visits_she_is_told_that_they_are_linked(capsys: pytest.CaptureFixture[str]) -> None:

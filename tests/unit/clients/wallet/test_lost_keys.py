@@ -14,18 +14,20 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.sdk.announcements import AnnouncementPage
-from clients.sdk.receipts import FinalReceipt
-from clients.wallet import asking, audit_command, breach_commands, lost_keys_commands, records_command, viewing_commands
-from clients.wallet import cli as wallet_cli
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.lost_keys import LostKeys, make_span
-from clients.wallet.wallet import Wallet
-from consensus.block import Header
+from clients.officer import breach_commands, lost_keys_commands
+from clients.officer.lost_keys import LostKeys, make_span
+from clients.sdk.chain.announcements import AnnouncementPage
+from clients.sdk.chain.receipts import FinalReceipt
+from clients.wallet.cli import main as wallet_cli
+from clients.wallet.cli import prompts
+from clients.wallet.commands import audit_command, records_command, view_commands
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
+from consensus.chain.block import Header
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from consensus.records.lost_keys import CARRY_OUT_MS
+from consensus.rights.lost_keys import CARRY_OUT_MS
 from tests.unit.clients.bundle.ward import Patient, ShortWire, Ward
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Visit
@@ -270,7 +272,7 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Any:
     def opened(_: Any, action: Any) -> Any:
         return asyncio.run(action(who[0]))
 
-    for module in (lost_keys_commands, records_command, viewing_commands, audit_command):
+    for module in (lost_keys_commands, records_command, view_commands, audit_command):
         monkeypatch.setattr(module, "run_opened", opened)
 
     def call(name: str, *arguments: str, typed: str | None = None) -> Result:
@@ -288,7 +290,7 @@ def moment(time_ms: int) -> str:
 
 
 def test_questions_leave_the_json_alone(house: House, run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(asking, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    monkeypatch.setattr(prompts, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
     house.lost()
     from_ms, until_ms = house.pass_span()
     span = ("--robot", house.robot.hex()[:10], "--from", moment(from_ms), "--until", moment(until_ms))

@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from clients.wallet.received import Receipt, Receiving
-from clients.wallet.wallet import Wallet
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.sharing.incoming_shares import Receipt, Receiving
 from consensus.errors import BlockRobotError
 from consensus.records.sharing import KeyPart, SharedDownload, seal_package
 from tests.unit.clients.wallet.shared_ward import SharedWard, ThreeCustodians

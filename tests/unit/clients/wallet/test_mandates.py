@@ -15,28 +15,22 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import (
-    asking,
-    breach_commands,
-    consent_commands,
-    mandates_commands,
-    officer_mandates_commands,
-    records_command,
-    rights_commands,
-)
-from clients.wallet import cli as wallet_cli
-from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.mandate_papers import make_receipt, read_receipt, write_receipt
-from clients.wallet.mandates import Mandates
-from clients.wallet.wallet import Wallet
+from clients.officer import breach_commands, officer_mandates_commands
+from clients.officer.mandate_papers import make_receipt, read_receipt, write_receipt
+from clients.wallet.cli import main as wallet_cli
+from clients.wallet.cli import prompts
+from clients.wallet.commands import consent_commands, mandates_commands, records_command, rights_commands
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.ledger.mandates import Mandates
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
+from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
+from consensus.members.handles import encode_short
 from consensus.primitives.keys import PrivateKey
-from consensus.records.consent_receipts import read_word
-from consensus.records.handles import encode_short
+from consensus.rights.consent_receipts import read_word
 from consensus.state.identity import REMOVED
-from consensus.transaction import decode_transaction
 from tests.json_answers import differences
 from tests.unit.clients.bundle.ward import Patient, Ward
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -290,8 +284,8 @@ def test_a_proposal_that_the_network_did_not_take_is_made_again_by_the_same_comm
 def test_questions_leave_the_json_alone(house: House, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     receipt, paper = str(house.folder / "r.json"), str(house.folder / "birth.pdf")
     asked: list[bool] = []
-    monkeypatch.setattr(asking, "ask", lambda _, err=False: asked.append(err))
-    monkeypatch.setattr(asking, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    monkeypatch.setattr(prompts, "ask", lambda _, err=False: asked.append(err))
+    monkeypatch.setattr(prompts, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
     proposed = json.loads(run("eva", *house.proposal(), "--receipt", receipt, "--json").stdout)
     found = proposed["mandate_id"][:12]
     assert json.loads(run("max", "approve", found, "--receipt", receipt, "--papers", paper, "--json").stdout)["ok"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.wallet.visits import find_record
+from clients.wallet.ledger.visit_scan import find_record
 from consensus.errors import BlockRobotError
 
 KNOWN = ["3fa2c19b07de5a41b6f0c2d4e8a19377", "3fa9000000000000000000000000000a"]

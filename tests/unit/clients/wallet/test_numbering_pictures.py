@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet import records_command, viewing_commands
+from clients.wallet.commands import records_command, view_commands
 from tests.miscounting_robot import miscounting
 from tests.unit.clients.wallet.test_sharing_commands import NAMES, People
 
@@ -16,7 +16,7 @@ def test_the_picture_that_is_erased_is_the_one_that_has_this_number_wherever_she
 ) -> None:
     """Numbers count from 1: in what `verify` says, in both commands' JSON, and in what `erase --frames` takes."""
     people = People(tmp_path, monkeypatch)
-    for module, command in ((viewing_commands, viewing_commands.verify), (records_command, records_command.records)):
+    for module, command in ((view_commands, view_commands.verify), (records_command, records_command.records)):
         monkeypatch.setattr(module, "run_opened", people._run_opened)
         monkeypatch.setitem(NAMES, str(command.name), command)
     _, (record_id,) = people.ward.record_visit(1)

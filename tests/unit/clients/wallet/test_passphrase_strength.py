@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from clients.wallet.language import LANGUAGES, text
-from clients.wallet.passphrase_strength import Strength, count_parts, judge_passphrase
+from clients.wallet.present.translations import LANGUAGES, text
+from clients.wallet.store.passphrase_strength import Strength, count_parts, judge_passphrase
 from consensus.errors import BlockRobotError
 
 

@@ -12,11 +12,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from clients.sdk.terminal import plain_errors
-from clients.wallet import claiming, opening
-from clients.wallet.breach_commands import officer
-from clients.wallet.cli import wallet
-from clients.wallet.opening import reads_only, run_opened
+from clients.officer.breach_commands import officer
+from clients.sdk.terminal.terminal import plain_errors
+from clients.wallet.cli import wallet_context
+from clients.wallet.cli.main import wallet
+from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.store import wallet_lock
 from tests.unit.clients.wallet.test_rotating_commands import Desk
 
 READING = {
@@ -31,8 +32,8 @@ READING = {
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     for name in ("claim_wallet", "claim_or_read"):
-        at_once = functools.partial(getattr(claiming, name), wait_s=0, sleep=lambda _: None)
-        monkeypatch.setattr(opening, name, at_once)
+        at_once = functools.partial(getattr(wallet_lock, name), wait_s=0, sleep=lambda _: None)
+        monkeypatch.setattr(wallet_context, name, at_once)
     return Desk(tmp_path, monkeypatch)
 
 
@@ -41,7 +42,7 @@ def test_what_is_read_beside_another_program_leaves_the_file_as_it_was(
 ) -> None:
     path = desk.story.path
     before = path.read_bytes()
-    with claiming.claim_wallet(path), caplog.at_level(logging.INFO):
+    with wallet_lock.claim_wallet(path), caplog.at_level(logging.INFO):
         seen = desk.run("records", "--json")
         assert seen.exit_code == 0, seen.output
         assert json.loads(seen.stdout)["ok"] is True
@@ -54,7 +55,7 @@ def test_what_is_read_beside_another_program_leaves_the_file_as_it_was(
 
 def test_what_writes_is_not_let_through_beside_another_program(desk: Desk) -> None:
     before = desk.story.path.read_bytes()
-    with claiming.claim_wallet(desk.story.path):
+    with wallet_lock.claim_wallet(desk.story.path):
         refused = desk.rotate("--json")
     assert json.loads(refused.stdout)["error"]["code"] == "WALLET_BUSY"
     assert desk.story.path.read_bytes() == before
@@ -69,7 +70,7 @@ def test_a_command_is_let_through_for_its_mark_and_not_for_its_name(desk: Desk, 
 
     action = plain_errors(reads_only(act) if is_marked else act)
     command = click.Command("list", callback=click.pass_context(action))
-    with claiming.claim_wallet(desk.story.path):
+    with wallet_lock.claim_wallet(desk.story.path):
         done = CliRunner().invoke(command, obj=(desk.story.path, desk.folder / "genesis.json"))
     assert (done.exit_code == 0) == is_marked
     assert ("WALLET_BUSY" in done.output) != is_marked
@@ -83,7 +84,7 @@ def marked(group: click.Group, above: str = "") -> set[str]:
         assert command is not None
         if isinstance(command, click.Group):
             found |= marked(command, f"{above}{name} ")
-        elif getattr(command.callback, opening._READS_ONLY_MARK, False):
+        elif getattr(command.callback, wallet_context._READS_ONLY_MARK, False):
             found.add(f"{above}{name}")
     return found
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from clients.bundle.checking import Verdict, unproved, verify_bundle
-from clients.wallet import receipt_collecting
-from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.exporting import Wanted
-from clients.wallet.rotating import Rotating
+from clients.bundle.checks.bundle_check import Verdict, unproved, verify_bundle
+from clients.wallet.consent import receipt_collection
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.export.export_building import Wanted
+from clients.wallet.recovery.key_rotation import Rotating
 from consensus.errors import BlockRobotError
-from network.demo_notice import demo_notice
+from network.notices.demo_notice import demo_notice
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.bundle.receipting import NoticeWard, entry_of
 
@@ -87,7 +87,7 @@ async def test_who_asks_too_long_in_vain_asks_no_more(
         raise BlockRobotError("NODE_UNREACHABLE")
 
     monkeypatch.setattr(ConsentReceipts, "obtain", nobody)
-    monkeypatch.setattr(receipt_collecting, "FAILING_MAX_S", 1e-9)
+    monkeypatch.setattr(receipt_collection, "FAILING_MAX_S", 1e-9)
     verdict = await export(ward, tmp_path / "mine.zip")
     assert (len(asked), codes(verdict)) == (1, ["NODE_UNREACHABLE"] * 4)
     assert sum("was not asked for" in each.sentence for each in verdict.manifest.problems) == 3
@@ -129,10 +129,10 @@ async def test_the_receipt_of_another_person_in_the_wallet_is_left_out(ward: Not
 async def test_more_than_a_bundle_takes_leaves_out_the_oldest(
     ward: NoticeWard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(receipt_collecting, "RECEIPTS_MAX_COUNT", 2)
+    monkeypatch.setattr(receipt_collection, "RECEIPTS_MAX_COUNT", 2)
     verdict = await export(ward, tmp_path / "many.zip")
     assert (statuses(verdict), codes(verdict)) == (["refused", "withdrawn"], ["EXPORT_TOO_LARGE"])
-    monkeypatch.setattr(receipt_collecting, "SIGNED_RECEIPTS_MAX_BYTES", 2_000)
+    monkeypatch.setattr(receipt_collection, "SIGNED_RECEIPTS_MAX_BYTES", 2_000)
     verdict = await export(ward, tmp_path / "large.zip")
     assert (verdict.signed, verdict.manifest.version, codes(verdict)) == ((), 1, ["EXPORT_TOO_LARGE"])
 

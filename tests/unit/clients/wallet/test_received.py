@@ -8,9 +8,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.wallet import grants
-from clients.wallet.grants import find_by_prefix, find_received, grantee_key
-from clients.wallet.received import (
+from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.sharing import chain_grants
+from clients.wallet.sharing.chain_grants import find_by_prefix, find_received, grantee_key
+from clients.wallet.sharing.incoming_shares import (
     KIND_CORRECTED,
     KIND_DENIED,
     KIND_ENDED,
@@ -21,11 +24,8 @@ from clients.wallet.received import (
     Receipt,
     Receiving,
 )
-from clients.wallet.rights import Chosen, Rights
-from clients.wallet.rotating import Rotating
-from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
-from consensus.records.handles import encode_short
+from consensus.members.handles import encode_short
 from consensus.records.sharing import GRANT_STEP_MS, SharedDownload
 from tests.unit.clients.wallet.shared_ward import SharedWard
 
@@ -83,7 +83,7 @@ async def test_the_doctor_sees_what_the_robot_took_and_nothing_else(
 async def test_nobody_else_finds_the_grant_and_a_second_reading_begins_where_the_first_ended(
     ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(grants, "PAGE_COUNT", 2)
+    monkeypatch.setattr(chain_grants, "PAGE_COUNT", 2)
     ward.record_visit(1)
     nurse = ward.come_in("nurse", "staff")
     for other, label in ((doctor, "Dr Weber"), (nurse, "Nurse"), (doctor, "Dr Weber")):

@@ -13,25 +13,25 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.bundle.cli import verify
-from clients.wallet import (
+from clients.wallet.cli import main as cli
+from clients.wallet.commands import (
     audit_command,
-    cli,
     consent_commands,
-    erasure_status,
     export_command,
     inbox_commands,
     notice_commands,
     records_command,
-    sharing_commands,
-    viewing_commands,
+    share_commands,
+    view_commands,
 )
-from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.wallet import Wallet
-from consensus.records.vouchers import encode_card_code
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.records import erasure_status
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
+from consensus.members.vouchers import encode_card_code
 from consensus.state.consent import NOTICE
-from network.demo_notice import demo_notice
+from network.notices.demo_notice import demo_notice
 from tests.unit.clients.bundle.receipting import NoticeWard
 from tests.unit.clients.wallet.conftest import CHEAP
 
@@ -43,8 +43,8 @@ MODULES = (
     inbox_commands,
     notice_commands,
     records_command,
-    sharing_commands,
-    viewing_commands,
+    share_commands,
+    view_commands,
 )
 
 
@@ -238,7 +238,7 @@ def test_what_could_not_be_printed_does_not_count_as_shown(
         for module in (notice_commands, consent_commands):
             patches.setattr(module, "print_json", closed)
         patches.setattr(notice_commands, "show_told", closed)
-        patches.setattr("clients.sdk.terminal.os.dup2", lambda *_: None)
+        patches.setattr("clients.sdk.terminal.terminal.os.dup2", lambda *_: None)
         run(*arguments, *as_json)
     assert (content.notice_shown_version, content.notice_consented_version) == (0, 0)
     assert run(*arguments, *as_json).exit_code == 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet.keystore import Keystore
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
 

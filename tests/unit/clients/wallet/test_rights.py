@@ -8,9 +8,7 @@ from typing import Any
 
 import pytest
 
-from clients.wallet.auditing import audit_all
-from clients.wallet.keystore import Keystore
-from clients.wallet.rights import (
+from clients.wallet.consent.rights_requests import (
     Chosen,
     Rights,
     Said,
@@ -19,8 +17,10 @@ from clients.wallet.rights import (
     read_correction,
     write_correction,
 )
+from clients.wallet.ledger.visit_audit import audit_all
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
-from consensus.records.rights import commit_correction
+from consensus.rights.right_codes import commit_correction
 from consensus.state.rights import CORRECTION_COUNT, OBJECTION, QUARANTINE, RESTRICTION, RestrictionRow
 from tests.unit.clients.wallet.conftest import NOW_MS, World
 

@@ -12,12 +12,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from clients.wallet import records_command
-from clients.wallet.language import LANGUAGE_VARIABLE
-from clients.wallet.page.snapshot import Snapshot, read_snapshot
-from clients.wallet.robot_names import read_robot_names, tell_robot
-from clients.wallet.wallet import Wallet
-from consensus.records.robot_names import RobotName, read_robot_name
+from clients.wallet.commands import records_command
+from clients.wallet.ledger.robot_names import read_robot_names, tell_robot
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
+from clients.wallet.present.translations import LANGUAGE_VARIABLE
+from consensus.members.robot_names import RobotName, read_robot_name
 from tests.unit.clients.wallet.shared_ward import SharedWard
 
 CALLED = ("Zé", "Ala 4")
@@ -86,7 +86,7 @@ async def test_a_page_that_is_open_asks_once(ward: SharedWard, monkeypatch: pyte
     name_robot(ward)
     first = await read_snapshot(ward.wallet, Snapshot(), ward.chain.time_ms)
     assert list(first.robot_names.values()) == [RobotName(*CALLED)]
-    monkeypatch.setattr("clients.wallet.page.snapshot.read_robot_names", None)
+    monkeypatch.setattr("clients.wallet.page.wallet_snapshot.read_robot_names", None)
     again = await read_snapshot(ward.wallet, first, ward.chain.time_ms)
     assert again.robot_names == first.robot_names
 

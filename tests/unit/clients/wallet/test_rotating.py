@@ -7,12 +7,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from clients.wallet.auditing import audit_all
-from clients.wallet.erasing import Erasing
-from clients.wallet.keys import derive_keys, draw_words
-from clients.wallet.keystore import Keystore, WalletContent
-from clients.wallet.rotating import Rotating
-from clients.wallet.wallet import Wallet
+from clients.wallet.ledger.visit_audit import audit_all
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.store.keystore import Keystore, WalletContent
+from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.stolen import Holder, PowerCut, Story
 

@@ -12,14 +12,15 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import opening, rotating_commands
-from clients.wallet.claiming import claim_or_read, claim_wallet
-from clients.wallet.cli import wallet
-from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.keys import derive_keys
-from clients.wallet.keystore import Keystore
-from clients.wallet.rotating import Rotating
-from clients.wallet.wallet import Wallet
+from clients.wallet.cli import wallet_context
+from clients.wallet.cli.main import wallet
+from clients.wallet.commands.account import rotate_commands
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import derive_keys
+from clients.wallet.store.wallet_lock import claim_or_read, claim_wallet
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.stolen import Holder, Story
 
@@ -37,8 +38,8 @@ class Desk:
         passphrase = folder / "passphrase"
         passphrase.write_text("tea and lemon cake\n")
         monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", str(passphrase))
-        monkeypatch.setattr(opening, "load_genesis", lambda _: self.story.hospital.genesis)
-        monkeypatch.setattr(opening, "Wallet", self._open)
+        monkeypatch.setattr(wallet_context, "load_genesis", lambda _: self.story.hospital.genesis)
+        monkeypatch.setattr(wallet_context, "Wallet", self._open)
 
     def _open(self, store: Keystore, genesis: Any) -> Wallet:
         opened = Wallet(store, genesis)
@@ -122,7 +123,7 @@ def stopped(desk: Desk, *arguments: str) -> str:
 def test_who_says_no_or_ctrl_c_at_the_question_is_told_that_nothing_changed(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rotating_commands, "ask_or_say", interrupt)
+    monkeypatch.setattr(rotate_commands, "ask_or_say", interrupt)
     told = stopped(desk)
     assert told.startswith("Stopped. Nothing is changed: your present words are in force.")
     assert told.endswith(f"To begin again: {desk.command} rotate")
@@ -133,7 +134,7 @@ def test_who_says_no_or_ctrl_c_at_the_question_is_told_that_nothing_changed(
 def test_ctrl_c_while_the_new_words_are_handed_over_says_that_they_wait(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rotating_commands, "write_words", interrupt)
+    monkeypatch.setattr(rotate_commands, "write_words", interrupt)
     told = stopped(desk)
     assert f"The next `{desk.command} rotate` shows the same new words again" in told
     waiting = desk.story.open().store.content.next_words
@@ -160,7 +161,7 @@ def test_ctrl_c_before_the_wallet_is_open_says_nothing_of_words_that_may_be_in_f
         cut.setattr(Rotating, "_say_rotation", interrupt)
         stopped(desk)
     with monkeypatch.context() as cut:
-        cut.setattr(opening, "read_passphrase", interrupt)
+        cut.setattr(wallet_context, "read_passphrase", interrupt)
         told = stopped(desk)
     assert told == f"Stopped. Nothing was done by this command. Run it again: {desk.command} rotate"
 
@@ -188,7 +189,7 @@ def test_ctrl_c_between_visits_says_what_is_done_and_how_many_still_obey_the_old
 
 
 def test_ctrl_c_when_all_was_done_says_so(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opening, "tell_liars", interrupt)
+    monkeypatch.setattr(wallet_context, "tell_liars", interrupt)
     told = stopped(desk)
     assert told.startswith("Stopped, when all was done: your new words are in force")
     assert told.endswith(f"Next: {desk.command} records")
@@ -291,7 +292,7 @@ def test_receipts_that_are_due_are_fetched_before_the_words_change_and_no_longer
         content.receipts_due.remove(txid)
 
     monkeypatch.setattr(ConsentReceipts, "obtain", obtain)
-    monkeypatch.setattr(rotating_commands, "RECEIPTS_WAIT_S", 0.01)
+    monkeypatch.setattr(rotate_commands, "RECEIPTS_WAIT_S", 0.01)
     store = desk.story.open().store
     store.content.receipts_due = [b"1", b"2"]
     store.save()
@@ -316,8 +317,10 @@ def test_reading_goes_on_beside_a_command_that_has_the_wallet_and_writes_nothing
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Such as one that waits for a minute until all custodians have erased."""
-    monkeypatch.setattr(opening, "claim_or_read", functools.partial(claim_or_read, wait_s=0, sleep=lambda _: None))
-    monkeypatch.setattr(opening, "claim_wallet", functools.partial(claim_wallet, wait_s=0, sleep=lambda _: None))
+    monkeypatch.setattr(
+        wallet_context, "claim_or_read", functools.partial(claim_or_read, wait_s=0, sleep=lambda _: None)
+    )
+    monkeypatch.setattr(wallet_context, "claim_wallet", functools.partial(claim_wallet, wait_s=0, sleep=lambda _: None))
     late, before = desk.story.visit(2), desk.story.path.read_bytes()
     with click.Context(click.Command("erase"), info_name="blockrobot wallet erase"), claim_wallet(desk.story.path):
         told = desk.run("records", "--json")

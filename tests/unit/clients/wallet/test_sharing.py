@@ -7,15 +7,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from clients.wallet.keys import derive_keys, draw_words
-from clients.wallet.keystore import Keystore
-from clients.wallet.rights import Chosen, Rights, choose
-from clients.wallet.sharing import Sharing, place_end, require_purpose_to_share, select_shareable
-from clients.wallet.wallet import Wallet
+from clients.wallet.consent.rights_requests import Chosen, Rights, choose
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.sharing.outgoing_shares import Sharing, place_end, require_purpose_to_share, select_shareable
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError
-from consensus.records.handles import encode_short
-from consensus.records.purposes import PURPOSES
+from consensus.members.handles import encode_short
 from consensus.records.sharing import GRANT_MAX_MS, GRANT_STEP_MS, hash_grant_member
+from consensus.rights.purposes import PURPOSES
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.clients.wallet.shared_ward import SharedWard
 from tests.unit.contracts.privacy.hospital import key_of

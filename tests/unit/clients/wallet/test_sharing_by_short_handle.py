@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from consensus.records.handles import encode_short
+from consensus.members.handles import encode_short
 from tests.unit.clients.wallet.test_sharing_commands import People
 
 

@@ -13,20 +13,19 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import cli, erase_command, inbox_commands, sharing_commands
-from clients.wallet.language import LANGUAGE_VARIABLE, LANGUAGES, section
-from clients.wallet.received import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
-from clients.wallet.rights import Chosen, Rights
-from clients.wallet.sharing import STEP_KEYS, STEP_PARTS, STEP_SIGNING
-from clients.wallet.sharing_commands import read_end, say_step
-from clients.wallet.wallet import Wallet
+from clients.wallet.cli import main
+from clients.wallet.commands import erase_command, inbox_commands, share_commands
+from clients.wallet.commands.share_commands import read_end, say_step
+from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES, section
+from clients.wallet.sharing.incoming_shares import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
+from clients.wallet.sharing.outgoing_shares import STEP_KEYS, STEP_PARTS, STEP_SIGNING
 from consensus.errors import BlockRobotError
 from consensus.records.sharing import GRANT_STEP_MS
 from tests.unit.clients.wallet.shared_ward import WEEK_MS, SharedWard
 
-NAMES = {
-    command.name: command for command in (*sharing_commands.COMMANDS, *inbox_commands.COMMANDS, erase_command.erase)
-}
+NAMES = {command.name: command for command in (*share_commands.COMMANDS, *inbox_commands.COMMANDS, erase_command.erase)}
 
 
 class People:
@@ -36,9 +35,9 @@ class People:
         self.ward = SharedWard(folder)
         self.doctor = self.ward.come_in("doctor", "staff")
         self.opened = self.ward.wallet
-        for module in (sharing_commands, inbox_commands, erase_command):
+        for module in (share_commands, inbox_commands, erase_command):
             monkeypatch.setattr(module, "run_opened", self._run_opened)
-        monkeypatch.setattr(sharing_commands.time, "time_ns", lambda: self.ward.chain.time_ms * 1_000_000)
+        monkeypatch.setattr(share_commands.time, "time_ns", lambda: self.ward.chain.time_ms * 1_000_000)
 
     def _run_opened(self, _: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
         return asyncio.run(action(self.opened))  # type: ignore[arg-type]
@@ -78,9 +77,7 @@ def test_before_it_is_asked_it_says_what_is_seen_how_long_and_what_cannot_be_und
 ) -> None:
     _, (record_id,) = people.ward.record_visit(1)
     asked: list[str] = []
-    monkeypatch.setattr(
-        sharing_commands, "ask_or_say", lambda question, *, yes, told: asked.append(f"{told} {question}")
-    )
+    monkeypatch.setattr(share_commands, "ask_or_say", lambda question, *, yes, told: asked.append(f"{told} {question}"))
     done = people.share(record_id)
     (text,) = asked
     for part in ("2 pictures", "Dr Weber, staff of ward", "care: Care and treatment", "until", "end it at any time"):
@@ -182,7 +179,7 @@ def test_the_command_that_ends_a_share_is_that_of_the_wallet_that_made_it(people
     _, (record_id,) = people.ward.record_visit(1)
     handle = people.doctor.store.content.handle.hex()
     arguments = ["share", record_id.hex(), "--with", handle, "--purpose", "care", "--for", "7d", "--yes"]
-    done = CliRunner().invoke(cli.wallet, ["--profile", "anna", *arguments])
+    done = CliRunner().invoke(main.wallet, ["--profile", "anna", *arguments])
     (row,) = people.told(people.ward.wallet, "shares")["shares"]
     assert f"To end it: blockrobot wallet --profile anna revoke {row['grant_id'][:12]}" in done.output
 
@@ -318,7 +315,7 @@ def fail_at_second_grant(people: People, monkeypatch: pytest.MonkeyPatch, *more:
     """Share two records, one a grant, with a custodian that goes away between the two."""
     ward = people.ward
     visit, _ = ward.record_visit()
-    monkeypatch.setattr(sharing_commands, "GRANT_RECORDS_MAX_COUNT", 1)
+    monkeypatch.setattr(share_commands, "GRANT_RECORDS_MAX_COUNT", 1)
     honest = ward.sharing.__class__.share
 
     async def share_once(*given: Any) -> Any:
@@ -326,7 +323,7 @@ def fail_at_second_grant(people: People, monkeypatch: pytest.MonkeyPatch, *more:
         ward.custody.away = {"custodian-1"}
         return shared
 
-    monkeypatch.setattr(sharing_commands.Sharing, "share", share_once)
+    monkeypatch.setattr(share_commands.Sharing, "share", share_once)
     handle = people.doctor.store.content.handle.hex()
     arguments = ["--visit", visit.owner.hex()[:12], "--with", handle, "--purpose", "care", "--for", "7d", "--yes"]
     return people.run(ward.wallet, "share", *arguments, *more)
@@ -368,9 +365,7 @@ def pessoas(people: People, monkeypatch: pytest.MonkeyPatch) -> People:
 def test_sharing_is_explained_asked_and_told_in_portuguese(pessoas: People, monkeypatch: pytest.MonkeyPatch) -> None:
     _, (record_id,) = pessoas.ward.record_visit(1)
     asked: list[str] = []
-    monkeypatch.setattr(
-        sharing_commands, "ask_or_say", lambda question, *, yes, told: asked.append(f"{told} {question}")
-    )
+    monkeypatch.setattr(share_commands, "ask_or_say", lambda question, *, yes, told: asked.append(f"{told} {question}"))
     done = pessoas.share(record_id)
     (told,) = asked
     for part in (

@@ -13,9 +13,9 @@ import pytest
 from click.shell_completion import CompletionItem, ShellComplete
 from click.testing import CliRunner
 
-from clients.wallet.cli import wallet
-from clients.wallet.language import load, section
-from clients.wallet.spoken_help import CLICKS_SENTENCES, EXAMPLE, SpokenContext, paragraphs, placeholders
+from clients.wallet.cli.main import wallet
+from clients.wallet.cli.translated_help import CLICKS_SENTENCES, EXAMPLE, SpokenContext, paragraphs, placeholders
+from clients.wallet.present.translations import load, section
 from network.cli.main import main
 
 PREFIX = "help."

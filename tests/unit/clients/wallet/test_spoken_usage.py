@@ -10,9 +10,9 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet.audit_command import audit
-from clients.wallet.language import load
-from clients.wallet.spoken_help import CLICKS_SENTENCES
+from clients.wallet.cli.translated_help import CLICKS_SENTENCES
+from clients.wallet.commands.audit_command import audit
+from clients.wallet.present.translations import load
 from network.cli.main import main
 
 ENGLISH = re.compile(

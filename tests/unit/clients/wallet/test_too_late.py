@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet.auditing import audit_all
-from clients.wallet.erasing import Erasing
-from clients.wallet.keys import derive_keys, draw_words
-from clients.wallet.keystore import KnownVisit
-from clients.wallet.rotating import Rotating
-from clients.wallet.rotating_commands import exposed
-from clients.wallet.wallet import Wallet
+from clients.wallet.commands.account.rotate_commands import exposed
+from clients.wallet.ledger.visit_audit import audit_all
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.records.erasure import Erasing
+from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError
 from consensus.state.records import decided_root
 from tests.unit.clients.wallet.stolen import Holder, Story

@@ -8,11 +8,11 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from clients.wallet.auditing import Finding
-from clients.wallet.keystore import KnownVisit
-from clients.wallet.viewing import VERDICT_WHEN_CANCELLED_MAX_S, RecordView, Viewing, finding_of
-from clients.wallet.viewing_commands import missing_rooms_json, tell_missing_rooms
-from clients.wallet.wallet import RecordEntry
+from clients.wallet.commands.view_commands import missing_rooms_json, tell_missing_rooms
+from clients.wallet.ledger.visit_audit import Finding
+from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.records.viewing import VERDICT_WHEN_CANCELLED_MAX_S, RecordView, Viewing, finding_of
+from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from tests.miscounting_robot import (
     committing_otherwise,

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import msgspec
 import pytest
 
-from clients.sdk.trust import ProvedState
-from clients.wallet.keystore import Keystore
+from clients.sdk.proof_checks import ProvedState
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey

@@ -19,7 +19,7 @@ from consensus.records.metadata import (
     compute_metadata_hash,
     find_chain_gaps,
 )
-from consensus.records.purposes import PURPOSE_MAX_CHARS, PURPOSES, require_purpose
+from consensus.rights.purposes import PURPOSE_MAX_CHARS, PURPOSES, require_purpose
 
 
 def _chain(count: int) -> list[RecordMetadata]:

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
-from consensus.records.notices import (
+from consensus.rights.notices import (
     Notice,
     PublishedNotice,
     Right,
@@ -21,7 +21,7 @@ from consensus.records.notices import (
     tell_changes,
     tell_notice,
 )
-from network.demo_notice import demo_notice
+from network.notices.demo_notice import demo_notice
 
 
 def change(**changes: object) -> Notice:

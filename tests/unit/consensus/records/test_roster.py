@@ -7,10 +7,7 @@ import pytest
 from nacl.public import PrivateKey as SealingKey
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import encode, encode_value
-from consensus.primitives.hashing import sha256
-from consensus.primitives.keys import PrivateKey
-from consensus.records.roster import (
+from consensus.members.roster import (
     ROSTER_LIFETIME_MAX_MS,
     ROSTER_VERSION,
     Roster,
@@ -21,6 +18,9 @@ from consensus.records.roster import (
     seal_roster,
     verify_row,
 )
+from consensus.primitives.encoding import encode, encode_value
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
 from contracts.state.view import MemoryState
 
 CHAIN, KEY = sha256(b"chain"), sha256(b"roster key")

@@ -5,9 +5,7 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.hashing import sha256
-from consensus.primitives.keys import PrivateKey, recover
-from consensus.records.vouchers import (
+from consensus.members.vouchers import (
     CARD_TAG,
     ROLES,
     ROTATION_TAG,
@@ -22,6 +20,8 @@ from consensus.records.vouchers import (
     sign_rotation,
     voucher_message,
 )
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey, recover
 
 CHAIN = sha256(b"chain")
 REGISTRAR = PrivateKey(sha256(b"registrar"))

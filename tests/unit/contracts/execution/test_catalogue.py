@@ -7,10 +7,10 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value, u32
 from consensus.state.lifecycle import MACHINE_SOURCE, MACHINE_TABLE, SOURCE
-from contracts.execution.catalogue import Catalogue, read_source_of
-from contracts.execution.registry import SHIPPED_CONTRACTS, compute_source_hash
+from contracts.lifecycle.catalogue import Catalogue, read_source_of
+from contracts.lifecycle.registry import SHIPPED_CONTRACTS, compute_source_hash
 from contracts.state.view import MemoryState
-from contracts.vm import sources
+from contracts.vm.compiler import compile_cache
 from tests.unit.contracts.system.consortium import Consortium
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2, agree, disabling, upgrade
 
@@ -42,7 +42,7 @@ def test_each_state_has_its_own_contracts(chain: Consortium) -> None:
 def test_the_same_table_gives_the_very_same_contracts(chain: Consortium, monkeypatch: pytest.MonkeyPatch) -> None:
     catalogue = Catalogue()
     first = catalogue.active(chain.state)
-    monkeypatch.setattr(sources, "_compile", None)
+    monkeypatch.setattr(compile_cache, "_compile", None)
     assert catalogue.active(chain.state.copy()) is first
 
 

@@ -6,18 +6,18 @@ from typing import Any
 
 import pytest
 
-from consensus.block import Receipt, compute_receipts_root
+from consensus.chain.block import Receipt, compute_receipts_root
+from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.state.keys import Reader
-from consensus.transaction import Transaction
 from contracts.execution.call_host import CallHost
-from contracts.execution.catalogue import ActiveContracts, Catalogue
 from contracts.execution.executor import WIRE_BYTES_A_GAS, execute_block
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext, BlockResult, ExecutionLimits
 from contracts.execution.views import run_view
+from contracts.lifecycle.catalogue import ActiveContracts, Catalogue
 from contracts.state.trie import compute_root
 from contracts.state.view import MemoryState, Overlay, StateView
 from contracts.vm import CompiledContract, InternalFault, compile_contract

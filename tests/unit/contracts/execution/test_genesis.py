@@ -5,12 +5,12 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from consensus.chain.genesis import ContractEntry, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import ContractEntry, genesis_from_json, genesis_to_json
 from consensus.primitives.encoding import decode_value
-from contracts.execution import registry
 from contracts.execution.genesis import build_genesis_state, complete_genesis, open_genesis
-from contracts.execution.registry import (
+from contracts.lifecycle import registry
+from contracts.lifecycle.registry import (
     SHIPPED_CONTRACTS,
     compute_source_hash,
     contract_entries,

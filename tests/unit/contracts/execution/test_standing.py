@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contracts.execution.standing import has_standing
+from contracts.execution.sender_admission import has_standing
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, key_of
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.hashing import sha256
-from consensus.transaction import Transaction, sign_transaction
 from contracts.execution.validity import check_block_transactions, check_transaction, select_valid
 from tests.unit.contracts.privacy.hospital import key_of
 

@@ -8,7 +8,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
-from contracts.vm.abi import Abi, Entry
+from contracts.vm.frontend.abi import Abi, Entry
 
 
 def entry(*kinds: str, required: int | None = None) -> Entry:

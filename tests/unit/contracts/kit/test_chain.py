@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from consensus.block import Receipt
+from consensus.chain.block import Receipt
+from consensus.chain.transaction import sign_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
-from consensus.transaction import sign_transaction
 from contracts.execution.executor import WIRE_BYTES_A_GAS, execute_block
 from contracts.execution.results import BlockContext
 from contracts.kit import CallFailedError, Chain

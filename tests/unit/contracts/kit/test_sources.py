@@ -9,7 +9,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from contracts.kit import Chain
 from contracts.kit.sources import is_contract_file, read_source
-from contracts.vm.faults import ContractSourceError
+from contracts.vm.model.faults import ContractSourceError
 
 SOURCE = "@export\ndef f():\n    pass\n"
 

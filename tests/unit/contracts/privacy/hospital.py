@@ -6,21 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from consensus.block import Receipt
-from consensus.genesis import ChainSettings, Genesis, NodeEntry, Organisation
+from consensus.chain.block import Receipt
+from consensus.chain.genesis import ChainSettings, Genesis, NodeEntry, Organisation
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
+from consensus.members.vouchers import Card, issue_card, sign_card, sign_rotation
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import derive_owner_key, open_visit_keys, sign_transfer
-from consensus.records.purposes import PURPOSES
-from consensus.records.vouchers import Card, issue_card, sign_card, sign_rotation
-from consensus.transaction import Transaction, sign_transaction
+from consensus.rights.purposes import PURPOSES
 from contracts.execution.executor import execute_block
 from contracts.execution.genesis import complete_genesis, open_genesis
-from contracts.execution.registry import contract_entries, load_contracts
 from contracts.execution.results import BlockContext
 from contracts.execution.views import run_view
+from contracts.lifecycle.registry import contract_entries, load_contracts
 from contracts.state.view import MemoryState
 
 START_MS = 1_700_000_100_000 - 1_700_000_100_000 % TIME_BUCKET_MS + 60_000

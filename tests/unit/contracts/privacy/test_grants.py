@@ -18,7 +18,7 @@ from consensus.records.sharing import (
     open_grant_keys,
     scan_grant,
 )
-from contracts.execution.standing import Account, find_account, has_standing, name_grantees
+from contracts.execution.sender_admission import Account, find_account, has_standing, name_grantees
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, data_of, key_of
 
 SALT = sha256(b"salt of the grant")

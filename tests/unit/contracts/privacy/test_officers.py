@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from consensus.primitives.encoding import encode_value
-from consensus.records.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, SPAN_MAX_MS, VISITS_MAX_COUNT
-from contracts.execution.registry import read_source
+from consensus.rights.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, SPAN_MAX_MS, VISITS_MAX_COUNT
+from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, data_of
 
 BUCKET_MS = 300_000

@@ -8,8 +8,8 @@ import pytest
 
 from consensus.limits import CALL_GAS_MAX
 from consensus.primitives.encoding import encode_value
-from consensus.records.consents import find_consent, read_choices
-from consensus.records.rights import (
+from consensus.rights.consents import find_consent, read_choices
+from consensus.rights.right_codes import (
     BREACH_NOTIFY_MS,
     CORRECTIONS,
     DELAY_REASONS,
@@ -22,7 +22,7 @@ from consensus.records.rights import (
     RECIPIENTS,
     RISKS,
 )
-from contracts.execution.registry import read_source
+from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit, data_of
 
 HOUR_MS = 3600 * 1000

@@ -9,8 +9,8 @@ import pytest
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import scan_announcement, sign_transfer
 from consensus.state.records import decided_root
-from contracts.execution.registry import read_source
-from contracts.execution.standing import has_standing
+from contracts.execution.sender_admission import has_standing
+from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, data_of, key_of
 
 NEW_ANNA = Person("anna with new words")

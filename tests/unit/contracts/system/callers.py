@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from consensus.possession import prove_possession
+from consensus.chain.proof_of_possession import prove_possession
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.registry import compute_source_hash
+from contracts.lifecycle.registry import compute_source_hash
 from tests.unit.contracts.privacy.hospital import Hospital, Person
 from tests.unit.contracts.system.consortium import (
     CERTIFICATE,

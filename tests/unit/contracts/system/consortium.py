@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.block import Receipt
-from consensus.genesis import ChainSettings, Genesis, NodeEntry, Organisation
-from consensus.messages import PROPOSAL_TAG, VOTE_TAG
-from consensus.possession import prove_possession
+from consensus.chain.block import Receipt
+from consensus.chain.epoch_settings import Epoch
+from consensus.chain.genesis import ChainSettings, Genesis, NodeEntry, Organisation
+from consensus.chain.messages import PROPOSAL_TAG, VOTE_TAG
+from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.primitives.encoding import decode_value, u32, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.records.purposes import PURPOSES
-from consensus.settings import Epoch
-from consensus.transaction import Transaction, sign_transaction
-from contracts.execution.catalogue import ActiveContracts, Catalogue
+from consensus.rights.purposes import PURPOSES
 from contracts.execution.epochs import next_epoch, read_epoch
 from contracts.execution.genesis import complete_genesis, open_genesis
 from contracts.execution.machine import ContractMachine
-from contracts.execution.registry import contract_entries
 from contracts.execution.results import BlockContext
 from contracts.execution.views import run_view
+from contracts.lifecycle.catalogue import ActiveContracts, Catalogue
+from contracts.lifecycle.registry import contract_entries
 from contracts.state.view import MemoryState
 
 START_MS = 1_700_000_000_000

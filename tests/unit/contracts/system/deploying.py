@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.block import Receipt
+from consensus.chain.block import Receipt
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.registry import compute_source_hash
+from contracts.lifecycle.registry import compute_source_hash
 from tests.unit.contracts.system.consortium import Consortium, admin_of, data_of
 
 PART_BYTES = 6000

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from contracts.execution.chain_refusals import read_limit
-from contracts.execution.changes import GOVERNING, TRIAL_MS
-from contracts.execution.describing import list_contracts, list_due
-from contracts.execution.registry import SHIPPED_CONTRACTS, compute_source_hash, read_source
+from contracts.lifecycle.changes import GOVERNING, TRIAL_MS
+from contracts.lifecycle.describing import list_contracts, list_due
+from contracts.lifecycle.registry import SHIPPED_CONTRACTS, compute_source_hash, read_source
 from tests.unit.contracts.system.consortium import Consortium, key_of
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2, activation, agree, deploy, upgrade, upload
 
@@ -196,7 +196,7 @@ def test_a_version_that_is_no_contract_fails(chain: Consortium, data: bytes) -> 
 
 
 def _hash_of(data: bytes) -> bytes:
-    from contracts.vm.sources import compute_source_hash as compute_hash_of_bytes
+    from contracts.vm.compiler.compile_cache import compute_source_hash as compute_hash_of_bytes
 
     return compute_hash_of_bytes(data)
 

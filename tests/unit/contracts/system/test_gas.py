@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from consensus.chain.proof_of_possession import prove_possession
 from consensus.limits import CALL_GAS_MAX
-from consensus.possession import prove_possession
 from tests.unit.contracts.system.consortium import (
     CERTIFICATE,
     Consortium,

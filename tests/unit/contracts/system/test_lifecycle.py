@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from consensus.limits import BLOCK_GAS_MAX, CALL_GAS_MAX
-from contracts.execution.registry import SHIPPED_CONTRACTS, compute_source_hash, read_source
-from contracts.vm import sources
+from contracts.lifecycle.registry import SHIPPED_CONTRACTS, compute_source_hash, read_source
+from contracts.vm.compiler import compile_cache
 from tests.unit.contracts.system.consortium import Consortium, admin_of, data_of, key_of
 from tests.unit.contracts.system.deploying import (
     FAILING,
@@ -266,8 +266,8 @@ class Counting:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.texts: list[str] = []
-        self._compile = sources._compile.__wrapped__
-        monkeypatch.setattr(sources, "_compile", self)
+        self._compile = compile_cache._compile.__wrapped__
+        monkeypatch.setattr(compile_cache, "_compile", self)
 
     def __call__(self, source: str) -> Any:
         self.texts.append(source)
@@ -302,7 +302,7 @@ def test_what_has_another_hash_is_not_compiled(chain: Consortium, monkeypatch: p
 
 def test_a_source_is_compiled_once_for_all_its_names(chain: Consortium, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler = Counting(monkeypatch)
-    monkeypatch.setattr(sources, "_compile", lru_cache(compiler))
+    monkeypatch.setattr(compile_cache, "_compile", lru_cache(compiler))
     for name in ("one", "two"):
         deploy(chain, name, VISITORS)
         chain.must(ANYONE, name, "enter", "Ada")

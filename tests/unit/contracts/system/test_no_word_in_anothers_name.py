@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from contracts.execution.registry import read_source
+from contracts.lifecycle.registry import read_source
 from contracts.vm import compile_contract
 from tests.unit.contracts.privacy.hospital import Hospital
 from tests.unit.contracts.system.callers import ADMINS, RULES, Arguments, Scene

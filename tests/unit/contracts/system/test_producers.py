@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.schedule import Schedule
+from consensus.chain.schedule import Schedule
 from consensus.state.producers import EPOCH
 from contracts.execution.epochs import next_epoch, read_epoch
 from contracts.execution.executor import execute_block

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from consensus.members.vouchers import issue_card, sign_card
 from consensus.primitives.hashing import sha256
-from consensus.records.vouchers import issue_card, sign_card
 from consensus.state.identity import active_role
-from contracts.execution.standing import has_standing
-from node.api.standing import find_key_standing
+from contracts.execution.sender_admission import has_standing
+from node.api.access.principals import find_key_standing
 from tests.unit.contracts.system.consortium import (
     DAY_MS,
     Consortium,

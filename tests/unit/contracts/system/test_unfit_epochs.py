@@ -9,7 +9,7 @@ import pytest
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.state.producers import EPOCH
 from contracts.execution.epochs import is_fit_to_follow
-from contracts.execution.registry import read_source
+from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.system.consortium import Consortium, key_of, producer_of
 from tests.unit.contracts.system.deploying import upgrade
 

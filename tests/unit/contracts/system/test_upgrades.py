@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from contracts.execution.changed_calls import explain_call
-from contracts.execution.changes import GOVERNING
-from contracts.execution.registry import read_source
+from contracts.lifecycle.changed_calls import explain_call
+from contracts.lifecycle.changes import GOVERNING
+from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of
 from tests.unit.contracts.system.deploying import (
     VISITORS,

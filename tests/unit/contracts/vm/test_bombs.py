@@ -8,7 +8,7 @@ import pytest
 
 from consensus.primitives.encoding import encode_value
 from contracts.vm import ContractSourceError, compile_contract
-from contracts.vm.values import DICT_KEY_MAX_CHARS
+from contracts.vm.model.values import DICT_KEY_MAX_CHARS
 
 
 def test_a_result_counts_as_often_as_its_parts_stand_in_it(run):

@@ -9,10 +9,10 @@ import tracemalloc
 
 import pytest
 
-from contracts.vm.builtins_table import BUILTINS, join_texts
-from contracts.vm.faults import Fault
-from contracts.vm.meter import CallContext, Runtime
-from contracts.vm.operations import add, close_holes
+from contracts.vm.library.builtins_table import BUILTINS, join_texts
+from contracts.vm.library.operations import add, close_holes
+from contracts.vm.model.faults import Fault
+from contracts.vm.model.meter import CallContext, Runtime
 
 LARGE = 4_000_000
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from contracts.vm import compile_contract, find_problems
-from contracts.vm.faults import ContractSourceError
+from contracts.vm.model.faults import ContractSourceError
 
 
 def found(source: str) -> list[tuple[int, str]]:

@@ -8,7 +8,7 @@ from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.keys import PrivateKey
 from contracts.vm import CallContext, InternalFault, invoke
-from network.hostile.places import HOST_STEPS
+from network.lab.hostile.places import HOST_STEPS
 
 
 def test_state_is_kept_under_the_contracts_own_prefix(run, bench):

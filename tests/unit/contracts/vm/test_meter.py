@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from contracts.vm.meter import DEPTH_MAX_FRAMES, MEMORY_MAX_BYTES
+from contracts.vm.model.meter import DEPTH_MAX_FRAMES, MEMORY_MAX_BYTES
 
 
 def test_gas_counts_the_steps_of_the_language(run):

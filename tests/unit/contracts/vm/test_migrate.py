@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contracts.vm.meter import MIGRATE_WRITES_MAX_COUNT
+from contracts.vm.model.meter import MIGRATE_WRITES_MAX_COUNT
 
 SOURCE = """
 @export

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from contracts.execution import changed_calls
+from contracts.lifecycle import changed_calls
 from contracts.vm import InternalFault, compile_contract
-from contracts.vm.reading import parse_alone, parse_source
-from contracts.vm.sources import check_once
+from contracts.vm.compiler.compile_cache import check_once
+from contracts.vm.frontend.parser import parse_alone, parse_source
 
 SOURCE = '''
 @view

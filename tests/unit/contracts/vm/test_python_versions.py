@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from contracts.vm import ContractSourceError, InternalFault, compile_contract, reading
-from contracts.vm.prelex import prelex
+from contracts.vm import ContractSourceError, InternalFault, compile_contract
+from contracts.vm.frontend import parser
+from contracts.vm.frontend.lexer_guard import prelex
 
 # What newer Pythons parse and older ones do not (or in other words, or into another tree).
 HOLES = {
@@ -95,7 +96,7 @@ def test_a_parser_that_runs_out_of_stack_gives_no_verdict(monkeypatch):
         raise RecursionError
 
     with monkeypatch.context() as patched:
-        patched.setattr(reading.ast, "parse", fail)
+        patched.setattr(parser.ast, "parse", fail)
         with pytest.raises(InternalFault):
             compile_contract("@export\ndef f():\n    pass\n", "it")
 

@@ -12,7 +12,7 @@ import time
 import pytest
 
 from contracts.vm import ContractSourceError
-from contracts.vm.checker import check_source
+from contracts.vm.frontend.checker import check_source
 
 SIGNS = ("\\", "\n", "'", '"', "{", "(", "#", "a", "0", "_", ".", " ", "=", "\xe9")
 OPENINGS = ("", "x = '", "x = '''", 'x = """', "x = f'{", "# ", "x = 0x", "x = (", "def f():\n    ")

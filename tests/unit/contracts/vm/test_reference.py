@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from contracts.vm import VM_CODES, find_problems
-from contracts.vm.builtins_table import BUILTINS, TYPES
-from contracts.vm.host import CONTEXT_FIELDS
-from contracts.vm.methods import METHODS
-from contracts.vm.names import CALLABLES
+from contracts.vm.frontend.name_binding import CALLABLES
+from contracts.vm.library.builtins_table import BUILTINS, TYPES
+from contracts.vm.library.host import CONTEXT_FIELDS
+from contracts.vm.library.methods import METHODS
 
 REFERENCE = (Path(__file__).resolve().parents[4] / "docs" / "reference" / "contract-language.md").read_text("utf-8")
 
@@ -92,9 +92,15 @@ def codes_that_are_reported() -> set[str]:
     """Return every code that the checker, the pre-lexer, the reader and the command can put into a diagnostic."""
     found: set[str] = set()
     root = Path(__file__).resolve().parents[4]
-    places = [root / "contracts" / "vm" / f"{name}.py" for name in ("prelex", "reading", "checker", "compiled")]
-    places += [root / "contracts" / "vm" / "checker_expressions.py", root / "network/cli/contract_check_commands.py"]
-    places.append(root / "contracts" / "execution" / "chain_refusals.py")
+    places = [
+        root / "contracts/vm/frontend/lexer_guard.py",
+        root / "contracts/vm/frontend/parser.py",
+        root / "contracts/vm/frontend/checker.py",
+        root / "contracts/vm/frontend/checker_expressions.py",
+        root / "contracts/vm/compiler/compiled_contract.py",
+        root / "network/cli/contract/contract_check_commands.py",
+        root / "contracts/execution/chain_refusals.py",
+    ]
     for place in places:
         for node in ast.walk(ast.parse(place.read_text("utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

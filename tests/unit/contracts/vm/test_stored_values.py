@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from consensus.primitives.encoding import encode_value
-from contracts.vm import values
+from contracts.vm.model import values
 
 READER = """
 @export

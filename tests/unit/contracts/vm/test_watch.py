@@ -9,7 +9,7 @@ import pytest
 from contracts.execution.call_host import CallHost
 from contracts.state.view import MemoryState
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
-from contracts.vm.watch import Place
+from contracts.vm.compiler.line_watch import Place
 
 SOURCE = '''"""A contract with every kind of statement."""
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from consensus.block import ContractEvent, Receipt
+from consensus.chain.block import ContractEvent, Receipt
 from contracts.worker.system_calls import build_filter
 from contracts.worker.wire import FROM_NODE, FROM_WORKER, Executed, Get, Hello, Pipe, Rows, Value, WallPart, pack
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from network.attack import days
-from network.attack.custody import CustodyStory, keep_last_day
-from network.attack.days import Played, play
-from network.attack.evidence import Evidence, gather
-from network.attack.population import draw_population
+from network.lab.privacy.attacks.evidence import Evidence, gather
+from network.lab.privacy.hospital import attacked_days
+from network.lab.privacy.hospital.attacked_custodian import CustodyStory, keep_last_day
+from network.lab.privacy.hospital.attacked_days import Played, play
+from network.lab.privacy.hospital.population import draw_population
 
 SEED = 3
 SERIAL_BITS = 10
@@ -32,7 +32,9 @@ def hospital(tmp_path_factory: pytest.TempPathFactory) -> SmallHospital:
     folder = tmp_path_factory.mktemp("attacked")
     population = draw_population(SEED, people=10, days=3, serial_bits=SERIAL_BITS)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(days, "WALLETS_A_DAY_SHARE", 1.0)  # of so few, else hardly two would ask on one evening
+        patched.setattr(
+            attacked_days, "WALLETS_A_DAY_SHARE", 1.0
+        )  # of so few, else hardly two would ask on one evening
         played = play(population, folder, seed=SEED)
     evidence = gather(played, seed=SEED, boosting=False)
     return SmallHospital(played, evidence, keep_last_day(played, folder / "custodian"), folder)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.visits import CLOSE_DELAY_MAX_MS, VisitBook
-from network.attack.days import play
-from network.attack.ledger_view import LedgerView, read_ledger
-from network.attack.open_limits import attack_consent_words
-from network.attack.population import draw_population
-from network.attack.scoring import Rate
+from clients.robot.recording.visit_book import CLOSE_DELAY_MAX_MS, VisitBook
+from network.lab.privacy.attacks.ledger_view import LedgerView, read_ledger
+from network.lab.privacy.attacks.open_limits import attack_consent_words
+from network.lab.privacy.hospital.attacked_days import play
+from network.lab.privacy.hospital.population import draw_population
+from network.lab.privacy.scoring import Rate
 from tests.unit.network.attack.conftest import SEED, SERIAL_BITS
 
 NINE_MINUTES_MS, BESIDE_MS = 9 * 60_000, 20_000

@@ -6,9 +6,9 @@ import hashlib
 
 import pytest
 
-from network.attack.dictionary import computed_costs, enumerate_uids, search_chain, search_marks
-from network.attack.population import make_uid
-from network.attack.schemes import make_schemes
+from network.lab.privacy.attacks.dictionary import computed_costs, enumerate_uids, search_chain, search_marks
+from network.lab.privacy.hospital.population import make_uid
+from network.lab.privacy.hospital.schemes import make_schemes
 from tests.unit.network.attack.conftest import SERIAL_BITS, SmallHospital
 
 UIDS = [make_uid(serial, SERIAL_BITS) for serial in (0, 17, 1023)]

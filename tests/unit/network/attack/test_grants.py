@@ -9,8 +9,8 @@ from consensus.primitives.encoding import u64
 from consensus.primitives.hashing import sha256
 from consensus.records.sharing import GRANT_STEP_MS, hash_grant_member, open_grant_keys
 from consensus.state.access import GRANT
-from network.attack.grants import link_grants, name_grantees, read_grants
-from network.attack.naming import PublicKeys
+from network.lab.privacy.attacks.grants import link_grants, name_grantees, read_grants
+from network.lab.privacy.attacks.naming import PublicKeys
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person
 
 

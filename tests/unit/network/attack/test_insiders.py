@@ -9,8 +9,8 @@ import pytest
 from consensus.primitives.encoding import u64
 from consensus.primitives.hashing import sha256
 from consensus.records.owner_keys import open_visit_keys
-from network.attack.attacks_on_insides import attack_insides
-from network.attack.insiders import (
+from network.lab.privacy.attacks.attacks_on_insides import attack_insides
+from network.lab.privacy.attacks.insiders import (
     StoredFrame,
     find_bytes,
     name_visits_by_robot_keys,
@@ -24,8 +24,8 @@ from network.attack.insiders import (
     read_erase_keys,
     search_roster,
 )
-from network.attack.naming import name_visits
-from network.attack.plain_store import open_plain_store
+from network.lab.privacy.attacks.naming import name_visits
+from network.lab.privacy.hospital.plain_store import open_plain_store
 from tests.unit.network.attack.conftest import SERIAL_BITS, SmallHospital
 
 

@@ -8,11 +8,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from network.attack import linking
-from network.attack.learner import has_boosting
-from network.attack.ledger_view import RecordSeen, VisitSeen
-from network.attack.scoring import Rate
-from network.attack.trials import Features, Labelled, attack_trials, draw_trials
+from network.lab.privacy.attacks import linking
+from network.lab.privacy.attacks.learner import has_boosting
+from network.lab.privacy.attacks.ledger_view import RecordSeen, VisitSeen
+from network.lab.privacy.attacks.trials import Features, Labelled, attack_trials, draw_trials
+from network.lab.privacy.scoring import Rate
 
 PEOPLE, DAYS, ROUNDS = 24, 4, 2
 ROBOT = b"\x02" * 33

@@ -6,10 +6,15 @@ import hashlib
 
 import pytest
 
-from network.attack.days import MANNERS
-from network.attack.ledger_view import LedgerView, WordSeen
-from network.attack.membership import PROBES_COUNT, SPEAKING_ENTRIES, attack_enrolment, attack_presence, probe_standing
-from network.attack.open_limits import (
+from network.lab.privacy.attacks.ledger_view import LedgerView, WordSeen
+from network.lab.privacy.attacks.membership import (
+    PROBES_COUNT,
+    SPEAKING_ENTRIES,
+    attack_enrolment,
+    attack_presence,
+    probe_standing,
+)
+from network.lab.privacy.attacks.open_limits import (
     attack_addresses,
     attack_consent_words,
     attack_copresence,
@@ -20,8 +25,9 @@ from network.attack.open_limits import (
     attack_session_times,
     measure_time_error_s,
 )
-from network.attack.population import DAY_MS
-from network.attack.schemes import make_schemes
+from network.lab.privacy.hospital.attacked_days import MANNERS
+from network.lab.privacy.hospital.population import DAY_MS
+from network.lab.privacy.hospital.schemes import make_schemes
 from tests.unit.network.attack.conftest import SEED, SmallHospital
 
 

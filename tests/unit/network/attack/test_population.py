@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from network.attack.population import (
+from network.lab.privacy.hospital.population import (
     ROUND_WINDOW_MS,
     UID_PREFIX,
     Population,

@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from network.attack import attacks_on_all
-from network.attack.attacks_on_all import attack_all_schemes
-from network.attack.run import MUST_WIN, too_weak
-from network.attack.schemes import SCHEMES
-from network.attack.scoring import Rate
-from network.attack.trials import Features, Trial, attack_trials
 from network.cli.main import main
+from network.lab.privacy.attack_run import MUST_WIN, too_weak
+from network.lab.privacy.attacks import attacks_on_all
+from network.lab.privacy.attacks.attacks_on_all import attack_all_schemes
+from network.lab.privacy.attacks.trials import Features, Trial, attack_trials
+from network.lab.privacy.hospital.schemes import SCHEMES
+from network.lab.privacy.scoring import Rate
 from tests.unit.network.attack.conftest import SmallHospital
 
 WON, LOST = Rate(1.0, 0.5, 1.0, 1.0, 100), Rate(0.5, 0.5, 0.49, 0.51, 100)

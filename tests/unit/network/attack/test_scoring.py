@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from network.attack.scoring import Rate, choice_score, count_rate, grouped_rate
+from network.lab.privacy.scoring import Rate, choice_score, count_rate, grouped_rate
 
 
 def test_nothing_found_in_a_hundred_attempts_is_guessing() -> None:

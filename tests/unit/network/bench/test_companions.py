@@ -12,9 +12,9 @@ from clients.robot.hiding.companion import CUES, trees_of
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.synthetic.scenes import draw_scene
-from network.bench import companion_training as training
-from network.bench import companions
-from network.bench.companions import SEED_STRIDE, Observed, goals_met, observe, rates
+from network.lab.hiding import companion_training as training
+from network.lab.hiding import companions
+from network.lab.hiding.companions import SEED_STRIDE, Observed, goals_met, observe, rates
 
 
 def seen(share: float, trouble: str = "", person: int = 1) -> Observed:

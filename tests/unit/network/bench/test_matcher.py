@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from clients.robot.events import Facing
-from network.bench import matcher as matcher_module
-from network.bench.matcher import (
+from clients.robot.sensing.sensor_events import Facing
+from network.cli.measure.bench_commands import bench
+from network.lab.matcher import matcher_judge as matcher_module
+from network.lab.matcher.matcher_cost import measure_cost
+from network.lab.matcher.matcher_draws import TRACK_MS, Bearer, Drawn, Setting, draw
+from network.lab.matcher.matcher_judge import (
     GROUPS,
     Outcome,
     gap_name,
@@ -23,9 +26,6 @@ from network.bench.matcher import (
     settings_of,
     upper_bound,
 )
-from network.bench.matcher_cost import measure_cost
-from network.bench.matcher_draws import TRACK_MS, Bearer, Drawn, Setting, draw
-from network.cli.bench_commands import bench
 
 EASY = Setting(rate_hz=5, sigma_m=0.3, people=2, bearer="present")
 

@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from typing import Any
 
-from network.bench.robot_counts import (
+from network.bench.robot.robot_counts import (
     LoggedFrames,
     Reckoning,
     Timed,

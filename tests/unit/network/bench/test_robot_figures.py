@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from network.bench.robot import RobotOptions, is_good, make_figures
-from network.bench.robot_counts import LoggedFrames, Timed
-from network.bench.robot_owners import OwnFrames
-from network.bench.robot_player import read_peak_bytes
+from network.bench.robot.robot_bench import RobotOptions, is_good, make_figures
+from network.bench.robot.robot_counts import LoggedFrames, Timed
+from network.bench.robot.robot_owners import OwnFrames
+from network.bench.robot.robot_player import read_peak_bytes
 
 ROBOT = b"\x02" * 33
 OPTIONS = RobotOptions(seconds=0.5, robots=1, fps=4, cut_s=0.0, seed=1, cache=Path("nowhere"))

@@ -9,12 +9,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from clients.robot.events import Frame, Refused, Sighting, SourceEvent
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.sensing.sensor_events import Frame, Refused, Sighting, SourceEvent
+from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.render import Renderer
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
-from network.bench.robot_owners import OwnFrames
-from network.bench.robot_scene import LOOP_MAX_S, PEOPLE, LoopedSource, is_in_place, loop_seconds, make_scene
+from network.bench.robot.robot_owners import OwnFrames
+from network.bench.robot.robot_scene import LOOP_MAX_S, PEOPLE, LoopedSource, is_in_place, loop_seconds, make_scene
 
 DEPTH = np.zeros((2, 2), np.uint16)
 

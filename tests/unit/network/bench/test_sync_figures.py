@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from network.bench.sync import read_first_link
+from network.bench.catch_up import read_first_link
 
 LOG = """
 {"event": "peer_connected", "timestamp": "2026-01-01T10:00:00.000000Z"}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from random import Random
 
-from consensus.block import Header, IndexedSignature, QuorumCertificate
-from consensus.effects import BuildBlock, FetchBlocks, Message
-from consensus.messages import Proposal, Timeout, Vote, sign_timeout, sign_vote
+from consensus.chain.block import Header, IndexedSignature, QuorumCertificate
+from consensus.chain.messages import Proposal, Timeout, Vote, sign_timeout, sign_vote
+from consensus.protocol.effects import BuildBlock, FetchBlocks, Message
 from network.byzantine import Behaviour, make_behaviour
 from network.byzantine.behaviour import Accomplices
 from tests.sim.named_chain import CHAIN_ID, build_block, make_genesis_block, make_keys, make_transaction

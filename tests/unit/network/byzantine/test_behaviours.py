@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from consensus.block import compute_receipts_root, compute_transactions_root
-from consensus.effects import FetchBlocks, Message
-from consensus.errors import BlockRobotError
-from consensus.messages import (
+from consensus.chain.block import compute_receipts_root, compute_transactions_root
+from consensus.chain.messages import (
     CertificateNotice,
     Proposal,
     Timeout,
@@ -19,8 +17,10 @@ from consensus.messages import (
     is_valid_timeout_signature,
     is_valid_vote,
 )
+from consensus.chain.schedule import Schedule, verify_qc, verify_tc
+from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
-from consensus.schedule import Schedule, verify_qc, verify_tc
+from consensus.protocol.effects import FetchBlocks, Message
 from network.byzantine import BEHAVIOURS, Accomplices, byzantine_clock, check_behaviour
 from network.byzantine.garbage import MESSAGES_PER_TICK_COUNT, RAW_EVERY_TICKS_COUNT
 from tests.sim.named_chain import CHAIN_ID

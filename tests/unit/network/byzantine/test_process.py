@@ -11,11 +11,11 @@ import pytest
 import network.byzantine.process as process
 from consensus.errors import BlockRobotError
 from network.byzantine.process import ByzantineNode
-from network.certificates import find_authority
-from network.joining import Newcomer, init_node
-from network.layout import create_network, new_key
+from network.provisioning.network_layout import create_network, new_key
+from network.provisioning.node_certificates import find_authority
+from network.provisioning.node_joining import Newcomer, init_node
 from node.config import NodeConfig, load_config
-from node.directory import content_of_genesis
+from node.directory.node_directory import content_of_genesis
 from tests.cluster.network_under_test import find_base_port
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, get_args
 
-from network.cli.fault_commands import fault
+from network.cli.cluster.fault_commands import fault
 from network.console.live import CONSOLE_ASSETS
 from network.faults.actions import Action
 from network.faults.plan import STEP_FIELDS

@@ -15,7 +15,7 @@ from network.cluster import Cluster
 from network.console.clock import ForwardClock
 from network.console.live import LiveConsole
 from network.console.looking import Looking, NodeSight
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 from tests.unit.network.console.sights import sights
 
 LOOKS_COUNT = 3

@@ -20,7 +20,7 @@ from network.doctor.answers import (
     check_words,
 )
 from network.doctor.findings import KINDS, Finding, in_order
-from node.directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
+from node.directory.node_directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
 
 VERSION = "0.1.0"
 

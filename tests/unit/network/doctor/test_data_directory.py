@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from network.certificates import DAY_MS, find_authority, now_ms, read_report, renew
 from network.cluster import Cluster
 from network.doctor.data_directory import check_authorities, check_directory, check_disk
 from network.doctor.examination import Examination, examine_network, examine_node
 from network.doctor.findings import Finding
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
+from network.provisioning.node_certificates import DAY_MS, find_authority, now_ms, read_report, renew
 from node.config import NodeConfig
-from node.directory import DirectoryContent, content_of_genesis
+from node.directory.node_directory import DirectoryContent, content_of_genesis
 from node.storage.directory_lock import DirectoryLock
 from tests.cluster.network_under_test import find_base_port
 

@@ -12,8 +12,8 @@ from network.demo.scene_truth import covered_frames
 from network.experiments.comparison import work_out
 from network.experiments.coverage import are_covered_frames, frames_by_tag
 from network.experiments.definitions import EXPERIMENTS
-from network.experiments.event_table import EventTable, LoggedEvent
 from network.experiments.guard import Guard
+from network.experiments.pages.event_table import EventTable, LoggedEvent
 from network.experiments.run_one import ExperimentRun
 
 EXPERIMENT = EXPERIMENTS[2]

@@ -11,22 +11,22 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.scenario import Scenario
+from clients.robot.synthetic.scenario import Scenario
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList
 from network.demo.scene_truth import covered_frames
 from network.experiments import guard as guard_module
 from network.experiments.comparison import work_out
 from network.experiments.definitions import EXPERIMENTS
-from network.experiments.event_table import EventTable, LoggedEvent
 from network.experiments.guard import stand_guard
 from network.experiments.out_folder import MARK, make_experiment_folder, taken
-from network.experiments.page import build_index, build_page
+from network.experiments.pages.event_table import EventTable, LoggedEvent
+from network.experiments.pages.experiment_page import build_index, build_page
+from network.experiments.pages.tables import figure_rows
 from network.experiments.post_stage import Belongings
 from network.experiments.progress import Progress
 from network.experiments.run_figures import work_out_figures
 from network.experiments.run_one import Outcome
-from network.experiments.tables import figure_rows
 
 
 def refused(out: Path) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.event_log import (
+from clients.robot.run.event_log import (
     IMAGE_PAIRED,
     IMAGE_RETRIEVE,
     RFID_RETRIEVE,
@@ -16,8 +16,8 @@ from clients.robot.event_log import (
     write_xes,
 )
 from consensus.errors import BlockRobotError
-from network.experiments.event_table import EventTable, LoggedEvent, follow
 from network.experiments.log_files import parse_log, read_log
+from network.experiments.pages.event_table import EventTable, LoggedEvent, follow
 from network.experiments.published_log import DAY_MS, parse_published_log
 
 HASH_A, HASH_B, TXID = "a1" * 32, "b2" * 32, "c3" * 32

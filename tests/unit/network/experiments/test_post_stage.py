@@ -9,12 +9,12 @@ from typing import Any, cast
 
 import pytest
 
-from clients.sdk.picture_names import name_picture
+from clients.sdk.pictures.picture_names import name_picture
 from network.demo.checks import CheckList
 from network.experiments import post_stage
 from network.experiments.definitions import EXPERIMENTS
 from network.experiments.post_stage import Belongings, PostStage
-from network.staging import Stage
+from network.testbed import Stage
 
 PEOPLE = ("patient-a", "patient-b")
 IN_A_TIME, IN_B_TIME, A_ALONE_IN_B_WINDOW = 200, 700, 400

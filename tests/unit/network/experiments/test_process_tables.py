@@ -12,13 +12,13 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from network.experiments.comparison import show_readings, work_out, write_reading
-from network.experiments.drawing import draw_with_graphviz, write_dot
-from network.experiments.event_table import EventTable, LoggedEvent
-from network.experiments.flow_graph import Durations, FlowGraph, build_flow_graph
-from network.experiments.picture import draw_svg, order_activities
-from network.experiments.process_map import build_dot, show_duration
+from network.experiments.pages.drawing import draw_with_graphviz, write_dot
+from network.experiments.pages.event_table import EventTable, LoggedEvent
+from network.experiments.pages.flow_graph import Durations, FlowGraph, build_flow_graph
+from network.experiments.pages.map_picture import draw_svg, order_activities
+from network.experiments.pages.process_map import build_dot, show_duration
+from network.experiments.pages.tables import HEADINGS, activity_rows, pair_rows, show_value
 from network.experiments.run_figures import Stretch, work_out_figures
-from network.experiments.tables import HEADINGS, activity_rows, pair_rows, show_value
 
 
 def frame(number: int, *steps: tuple[int, str, str]) -> list[LoggedEvent]:

@@ -26,7 +26,7 @@ from network.faults.actions import (
 from network.faults.control import FaultControl
 from network.faults.plan import parse_plan
 from network.faults.run import StepDone, run_plan
-from network.layout import create_network
+from network.provisioning.network_layout import create_network
 from node.faults import STATE_FILE_NAME
 from node.p2p.shaping import LinkFault
 

@@ -6,8 +6,8 @@ import json
 
 from click.testing import CliRunner
 
-from network.cli.sim_command import calibrate_command
-from network.sim.cpu import COSTS
+from network.cli.measure.sim_command import calibrate_command
+from network.sim.world.cpu import COSTS
 
 FARTHEST = 8.0
 """How many times dearer or cheaper than the table a machine may be on which the model still says something."""

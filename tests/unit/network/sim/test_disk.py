@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from network.sim.disk import SimDisk
-from node.journal import Journal
+from network.sim.world.sim_disk import SimDisk
+from node.consensus.journal import Journal
 
 PATH = Path("/journal/votes.journal")
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from consensus.errors import BlockRobotError
-from network.sim.links import REDIAL_MS, SimNetwork, Wires
-from network.sim.loop import Owner, SimLoop
+from network.sim.world.links import REDIAL_MS, SimNetwork, Wires
+from network.sim.world.virtual_time import Owner, SimLoop
 from node.p2p.penalties import PAUSE_FIRST_MS, PAUSE_MAX_MS
 
 LIE = BlockRobotError("SIGNATURE_INVALID")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import structlog
 
-from network.sim.cluster import quiet_logs
+from network.sim.world.sim_cluster import quiet_logs
 
 
 def test_an_exception_that_code_logs_is_heard_and_nothing_else_is(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from network.sim.loop import Owner, PowerCutError, SimLoop
+from network.sim.world.virtual_time import Owner, PowerCutError, SimLoop
 
 
 def test_waits_take_no_time_and_things_happen_in_the_order_of_their_times() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from contracts.execution.results import BlockResult
-from network.sim.machine import ComparingMachine
+from network.sim.world.sim_machine import ComparingMachine
 
 
 class State:

@@ -6,8 +6,8 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
+from consensus.chain.session_message import sign_session
 from consensus.primitives.keys import PrivateKey
-from consensus.session import sign_session
 from node.api import create_api
 from tests.unit.node.api.small_network import SmallLedger, SmallNode
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from consensus.block import (
+from consensus.chain.block import (
     Block,
     EpochProof,
     FinalityProof,
@@ -23,23 +23,23 @@ from consensus.block import (
     compute_transactions_root,
     genesis_certificate,
 )
+from consensus.chain.epoch_settings import Epoch, compute_epoch_hash
+from consensus.chain.genesis import ChainSettings, Genesis, NodeEntry, Organisation
+from consensus.chain.messages import sign_vote
+from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.errors import BlockRobotError
-from consensus.genesis import ChainSettings, Genesis, NodeEntry, Organisation
-from consensus.messages import sign_vote
 from consensus.primitives.encoding import encode, encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload
 from consensus.records.commitments import ciphertext_leaves
-from consensus.settings import Epoch, compute_epoch_hash
 from consensus.state.identity import MemberRow
 from consensus.state.records import RecordRow, VisitRow
-from consensus.transaction import Transaction, decode_transaction
 from contracts.state.view import MemoryState
+from node.api.node_services import FinalizedLedger
 from node.api.services import ApiServices, LedgerSnapshot, PoolStatus, SubmitResult
-from node.budget import OWN, Source
-from node.finality import FinalityFeed
-from node.interface import FinalizedLedger
+from node.budgets.token_buckets import OWN, Source
+from node.ledger.ledger_writer import FinalityFeed
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore
 from tests.state_rows import row_of

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from contracts.execution.registry import compute_source_hash, read_source
+from contracts.lifecycle.registry import compute_source_hash, read_source
 from tests.unit.contracts.system.consortium import Consortium
 from tests.unit.contracts.system.deploying import FAILING, VISITORS, VISITORS_2, agree, deploy, disabling, upgrade
 from tests.unit.node.api.small_network import SUBJECT, SmallNode

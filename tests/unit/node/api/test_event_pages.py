@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from consensus.block import ContractEvent, Receipt
+from consensus.chain.block import ContractEvent, Receipt
 from consensus.primitives.encoding import encode_value
 from node.api.routes import event_pages
 from node.snapshot.making import header_of_block

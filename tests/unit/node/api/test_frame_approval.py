@@ -9,8 +9,8 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.state.records import EMPTY_FRAMES, EmptyFrameRow
-from node.finality import FinalityFeed
-from node.upload_admission import UploadAdmission
+from node.custody.chain.upload_admission import UploadAdmission
+from node.ledger.ledger_writer import FinalityFeed
 from tests.unit.node.api.small_network import ROBOT, SUBJECT, SmallNode
 
 FRAME, OTHER = sha256(b"an empty room"), sha256(b"another")

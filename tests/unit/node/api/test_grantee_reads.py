@@ -10,7 +10,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from consensus.state.access import GrantRow
-from node.api.standing import require_readable
+from node.api.access.principals import require_readable
 from tests.state_rows import row_of
 
 NOW_MS, ENDED_MS = 1_000_000, 2_000_000

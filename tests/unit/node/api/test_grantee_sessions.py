@@ -6,16 +6,16 @@ from typing import Any
 
 import pytest
 
+from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
 from consensus.limits import GRANT_NOTICE_MS
 from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.session import sign_session
 from consensus.state.access import GrantRow
 from consensus.state.records import VisitRow
-from node.api import sessions
-from node.api.sessions import SESSIONS_OF_KEY_MAX_COUNT, SessionTable
+from node.api.access import sessions
+from node.api.access.sessions import SESSIONS_OF_KEY_MAX_COUNT, SessionTable
 from tests.state_rows import row_of, stored
 from tests.unit.node.api.small_network import OWNER, RECORD_ID, SUBJECT, SmallNode, flat
 

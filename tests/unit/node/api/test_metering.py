@@ -13,21 +13,22 @@ import pytest
 from aiohttp import ClientSession, web
 from aiohttp.test_utils import TestClient, TestServer
 
-from consensus.block import ContractEvent, Receipt
+from consensus.chain.block import ContractEvent, Receipt
+from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.hashing import sha256
-from consensus.session import sign_session
-from network.bench.flood_routes import Landmarks, make_read, read_kinds
-from node.api import create_api, rate_limit
-from node.api.access import ANYONE
-from node.api.metering import SLICE_US, Steps
+from network.bench.flood.flood_routes import Landmarks, make_read, read_kinds
+from node.api import create_api
+from node.api.access import rate_limit
+from node.api.access.metering import SLICE_US, Steps
+from node.api.access.route_access import ANYONE
 from node.api.routes import ROUTES
 from node.api.routing import Call, Route
 from node.api.server import serve_api
 from node.api.services import LedgerSnapshot
-from node.budget import Allowance
-from node.costs import ROUTE_COSTS, STRAY_US
+from node.budgets.token_buckets import Allowance
+from node.budgets.work_costs import ROUTE_COSTS, STRAY_US
 from tests.unit.node.api.small_network import SUBJECT, SmallLedger, SmallNode
 
 DEAR_US = 30_000

@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
+from consensus.chain.light_client import LightClient
 from consensus.errors import BlockRobotError
-from consensus.light_client import LightClient
 from consensus.primitives.encoding import decode, encode_value
 from consensus.primitives.trie import Proof
-from consensus.records.notices import encode_notice, notice_digest, read_published
+from consensus.rights.notices import encode_notice, notice_digest, read_published
 from consensus.state.consent import NOTICE, NOTICE_TEXT
 from consensus.state.identity import REGISTRAR as REGISTRAR_ROWS
-from network.demo_notice import demo_notice
+from network.notices.demo_notice import demo_notice
 from node.api import create_api
-from node.consent_receipts import ConsentReceipts
+from node.custody.chain.consent_receipts import ConsentReceipts
 from tests.unit.node.api.small_network import CUSTODIAN, REGISTRAR, STRANGER, SUBJECT, SmallNode, flat
 from tests.unit.node.api.test_routes import proof_of
 

@@ -9,14 +9,15 @@ from typing import Any
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
+from consensus.chain.session_message import sign_session
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
-from consensus.session import sign_session
-from node.api import create_api, rate_limit
-from node.api.rate_limit import RateLimiter, source_of
-from node.api.sessions import Session
-from node.budget import Allowance
-from node.costs import ROUTE_DEFAULT_US
+from node.api import create_api
+from node.api.access import rate_limit
+from node.api.access.rate_limit import RateLimiter, source_of
+from node.api.access.sessions import Session
+from node.budgets.token_buckets import Allowance
+from node.budgets.work_costs import ROUTE_DEFAULT_US
 from tests.unit.node.api.small_network import OWNER, ROBOT, SUBJECT, SmallNode
 
 

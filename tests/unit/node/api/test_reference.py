@@ -12,8 +12,8 @@ from openapi_spec_validator import validate
 from consensus.errors import CATALOGUE
 from consensus.state.keys import ListRow, Row
 from consensus.state.layout import LAYOUT, MODULES
-from node.api.openapi import build_openapi, errors_of
-from node.api.reference import main, pages
+from node.api.openapi.openapi_document import build_openapi, errors_of
+from node.api.openapi.reference_pages import main, pages
 from node.api.routes import ROUTES
 from node.api.state_page import told_of
 
@@ -46,7 +46,7 @@ def test_every_error_a_route_names_is_in_the_catalogue() -> None:
 @pytest.mark.parametrize("name", ["http-api.md", "errors.md", "authorisation.md", "state.md"])
 def test_the_reference_page_is_current(name: str) -> None:
     assert (FOLDER / name).read_text(encoding="utf-8") == pages()[name], (
-        "run: python -m node.api.reference docs/reference"
+        "run: python -m node.api.openapi.reference_pages docs/reference"
     )
 
 

@@ -9,16 +9,16 @@ from typing import Any
 import msgspec
 import pytest
 
-from consensus.block import ContractEvent, EpochProof, FinalityProof, QuorumCertificate, Receipt
-from consensus.genesis import genesis_from_json
-from consensus.light_client import LightClient
+from consensus.chain.block import ContractEvent, EpochProof, FinalityProof, QuorumCertificate, Receipt
+from consensus.chain.genesis import genesis_from_json
+from consensus.chain.light_client import LightClient
+from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.primitives.encoding import decode, decode_value, encode, encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, check_clip_upload
-from consensus.transaction import Transaction, sign_transaction
 from node.api.documents import EPOCHS_PAGE_MAX_COUNT
-from node.budget import Source, over_budget
+from node.budgets.token_buckets import Source, over_budget
 from tests.unit.node.api.small_network import (
     ACCESS_ID,
     NOW_MS,

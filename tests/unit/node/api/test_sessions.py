@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
+from consensus.chain.session_message import sign_session
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.session import sign_session
 from consensus.state.identity import MemberRow
 from consensus.state.records import VisitRow
-from node.api import challenges, sessions
+from node.api.access import challenges, sessions
 from tests.state_rows import stored
 from tests.unit.node.api.small_network import (
     LEFT,

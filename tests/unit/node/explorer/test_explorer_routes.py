@@ -13,21 +13,22 @@ import pytest
 from aiohttp import ClientSession, web
 from aiohttp.test_utils import TestClient, TestServer
 
-from consensus.block import Receipt
+from consensus.chain.block import Receipt
+from consensus.chain.session_message import sign_session
+from consensus.chain.transaction import sign_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.session import sign_session
 from consensus.state.producers import CANDIDATE, EPOCH, KEYS, CandidateRow, EpochRow
-from consensus.transaction import sign_transaction
-from contracts.vm.faults import VM_CODES
-from node.api import create_api, rate_limit, server
-from node.api.refusal_meanings import MACHINE_MEANINGS, explain_refusal
+from contracts.vm.model.faults import VM_CODES
+from node.api import create_api, server
+from node.api.access import rate_limit
+from node.api.node_services import DecodedSnapshot
+from node.api.openapi.refusal_meanings import MACHINE_MEANINGS, explain_refusal
 from node.api.services import RoundPlace
-from node.budget import Allowance
-from node.costs import ROUTE_DEFAULT_US
-from node.interface import DecodedSnapshot
+from node.budgets.token_buckets import Allowance
+from node.budgets.work_costs import ROUTE_DEFAULT_US
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerSnapshot
 from tests.state_rows import stored
@@ -218,7 +219,7 @@ async def test_what_anybody_may_ask_reads_each_block_once_and_looks_into_no_tran
             yield taken
 
     monkeypatch.setattr(public.node.ledger.store, "snapshot", snapshot)
-    monkeypatch.setattr("node.interface.DecodedSnapshot.block", None)
+    monkeypatch.setattr("node.api.node_services.DecodedSnapshot.block", None)
     await public.ask("headers?from_height=1&limit=3")
     assert sorted(read) == [0, 1, 2, 3, 4, 5]
     read.clear()

@@ -11,13 +11,13 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from consensus.genesis import Genesis
+from consensus.chain.genesis import Genesis
 from consensus.primitives.encoding import encode_value
 from consensus.state.membership import NODE, ORGANISATION, REVOKED
-from network.authority import Authority, create_authority, issue_node_certificate
-from node.budget import Source
+from network.provisioning.certificate_authority import Authority, create_authority, issue_node_certificate
+from node.budgets.token_buckets import Source
 from node.config import NodeConfig
-from node.directory import Directory, content_of_genesis
+from node.directory.node_directory import Directory, content_of_genesis
 from node.p2p.network import PeerNetwork, wall_now_ms
 from node.p2p.wire import FrameKind, RequestKind
 from tests.cluster.network_under_test import find_base_port

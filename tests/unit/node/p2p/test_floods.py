@@ -10,8 +10,8 @@ import pytest
 import pytest_asyncio
 
 from consensus.errors import BlockRobotError
-from node.budget import Allowance
-from node.costs import bytes_cost_us
+from node.budgets.token_buckets import Allowance
+from node.budgets.work_costs import bytes_cost_us
 from node.p2p import accepting
 from node.p2p import network as links
 from node.p2p.network import PeerNetwork

@@ -9,8 +9,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from consensus.errors import BlockRobotError
-from network.authority import Authority, create_authority, issue_node_certificate
-from node.directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
+from network.provisioning.certificate_authority import Authority, create_authority, issue_node_certificate
+from node.directory.node_directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
 from node.p2p.identity import PROVEN_REFUSALS, identify_peer, load_authorities, read_facts
 
 NOW = dt.datetime(2026, 6, 1, tzinfo=dt.UTC)

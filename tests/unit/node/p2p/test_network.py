@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from network.authority import create_authority
+from network.provisioning.certificate_authority import create_authority
 from node.p2p.wire import FrameKind
 from tests.cluster.network_under_test import find_base_port
 from tests.unit.node.p2p.linked_nodes import LinkedNodes, days, eventually

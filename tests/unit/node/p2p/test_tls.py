@@ -12,8 +12,8 @@ import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from consensus.errors import BlockRobotError
-from network.authority import create_authority, issue_node_certificate
-from node.directory import DirectoryContent, DirectoryOrganisation
+from network.provisioning.certificate_authority import create_authority, issue_node_certificate
+from node.directory.node_directory import DirectoryContent, DirectoryOrganisation
 from node.p2p.identity import load_authorities
 from node.p2p.tls import Credentials
 

@@ -9,12 +9,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from consensus.block import EpochProof, FinalityProof, genesis_certificate
+from consensus.chain.block import EpochProof, FinalityProof, genesis_certificate
+from consensus.chain.epoch_settings import ChainSettings, Epoch
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.settings import ChainSettings, Epoch
 from contracts.state.trie import compute_root
 from node.snapshot import making
 from node.snapshot.checking import restore_into

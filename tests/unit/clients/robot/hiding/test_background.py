@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.events import Facing, Frame, Sighting
 from clients.robot.hiding.background import Background, fits, learn_background
 from clients.robot.hiding.hider import Hider, Reason, Withheld
-from clients.robot.scenario import Scenario
+from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenes import draw_scene
 
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.events import Depth, Mask
 from clients.robot.hiding.companion import CUES, measure, shipped_model, trees_of
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.sensing.sensor_events import Depth, Mask
 
 SHAPE = (240, 320)
 FOCAL_PX = 262.5

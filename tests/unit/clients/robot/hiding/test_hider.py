@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from clients.robot.events import Depth, Facing, Frame, Sighting
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.hider import Hider, Kept, Output, Reason, Withheld
-from clients.robot.pairing import Decision
-from clients.robot.scenario import Scenario, published_run_1
+from clients.robot.pairing.tag_pairing import Decision
+from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
 from clients.robot.synthetic.render import Renderer, readings
+from clients.robot.synthetic.scenario import Scenario, published_run_1
 from consensus.errors import BlockRobotError
 
 EVERY = 2

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from clients.robot.events import Facing, Frame, Sighting
 from clients.robot.hiding import hider as hider_module
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import BUFFER_DEFAULT_MS, Hider, Kept, Output, Reason, Withheld
 from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, HELP, MatchEvidence, Obstacle
 from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Labels, Segmented, Silhouette
+from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 
 SHAPE = (40, 60)
 EVERY_MS = 100

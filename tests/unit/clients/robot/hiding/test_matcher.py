@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.events import DISTANCE_SIGMA_MAX_M as SIGMA_MAX_M
-from clients.robot.events import Facing, Sighting
 from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, Obstacle
 from clients.robot.hiding.matcher import TAGS_MAX_COUNT, Matcher
 from clients.robot.hiding.tracking import Track
+from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M as SIGMA_MAX_M
+from clients.robot.sensing.sensor_events import Facing, Sighting
 
 SIGMA_M = 0.3
 

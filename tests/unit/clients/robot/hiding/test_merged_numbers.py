@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clients.robot.events import Depth, Facing, Frame, Sighting
+from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding.background import Background, learn_background
 from clients.robot.hiding.hider import Hider, Reason, Withheld
 from clients.robot.hiding.merged_evidence import MergedBy, MergedEvidence
-from clients.robot.run_words import summary_lines
-from clients.robot.statistics import RunStatistics
+from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
 from tests.unit.clients.robot.test_live_commands import COUNTS, summary_of
 
 SHAPE = (480, 640)

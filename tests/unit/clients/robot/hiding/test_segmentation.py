@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clients.robot.events import Depth
 from clients.robot.hiding.background import UNSEEN_MM, Background, empty_bank, learn_background
 from clients.robot.hiding.cut import cut
 from clients.robot.hiding.segmentation import segment
-from clients.robot.scenario import parse_scenario
+from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenario import parse_scenario
 from clients.robot.synthetic.scenes import Stratum, draw_scene
-from clients.sdk.picture import decode_depth_png
+from clients.sdk.pictures.rendition_picture import decode_depth_png
 from consensus.errors import BlockRobotError
 
 FOCAL_PX = 525.0

@@ -14,9 +14,9 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from clients.robot.sources import bounded_chunks
-from clients.robot.sources.bounded_chunks import ChunkTooLargeError, unpack_bz2, unpack_lz4, unpack_zstd
-from clients.robot.sources.recording import Recording
+from clients.robot.sources.recordings import bounded_chunks
+from clients.robot.sources.recordings.bounded_chunks import ChunkTooLargeError, unpack_bz2, unpack_lz4, unpack_zstd
+from clients.robot.sources.recordings.recording import Recording
 from consensus.errors import BlockRobotError
 
 if sys.version_info >= (3, 14):

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.events import Facing, Sighting
-from clients.robot.sources.field_map import TagMap, header_ms, stamp_ms
+from clients.robot.sensing.sensor_events import Facing, Sighting
+from clients.robot.sources.messages.field_map import TagMap, header_ms, stamp_ms
 from consensus.errors import BlockRobotError
 
 AT_MS, SHIFT_MS, RECEIVED_MS = 5_000, 100, 5_110

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.bag import DEPTH_TOPIC
-from clients.robot.events import Refused
-from clients.robot.messages import SIGHTING_TYPE, typestore
-from clients.robot.sources.decoding import MessageReader, read_focal_px
-from clients.robot.sources.feed import Message
-from clients.robot.sources.message_types import LearntTypes
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.sensing.sensor_events import Refused
+from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.messages.decoding import MessageReader, read_focal_px
+from clients.robot.sources.messages.message_types import LearntTypes
+from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.topics import SIGHTING_TOPIC, Topics
+from clients.robot.synthetic.bag_messages import SIGHTING_TYPE, typestore
+from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC
 from consensus.errors import BlockRobotError
 from tests.fuzz.target import refusing
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, stamp, storage_file

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from clients.robot.sources.images import decode_colour, decode_depth
+from clients.robot.sources.messages.image_decoding import decode_colour, decode_depth
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import image
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from clients.robot.sources.listing import describe, draft_topics, list_topics, next_steps
-from clients.robot.sources.recording import Recording
+from clients.robot.cli.topics_commands import topics
+from clients.robot.sources.recordings.recording import Recording
+from clients.robot.sources.recordings.topic_listing import describe, draft_topics, list_topics, next_steps
 from clients.robot.sources.topics import parse_topics
-from clients.robot.topics_cli import topics
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import FORMATS, Topic, image, record, storage_file
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.events import Frame, Refused, Sighting, SourceEvent
-from clients.robot.messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
-from clients.robot.sources import live
-from clients.robot.sources.feed import Listener, Message
-from clients.robot.sources.listing import draft_topics, list_topics, next_steps
-from clients.robot.sources.live import INFO_TYPE, LiveSource
-from clients.robot.sources.live_queue import LiveQueue
-from clients.robot.sources.sampling import Sample, record_empty_frames
+from clients.robot.sensing.sensor_events import Frame, Refused, Sighting, SourceEvent
+from clients.robot.sources.live import live_source
+from clients.robot.sources.live.live_feed import Listener, Message
+from clients.robot.sources.live.live_queue import LiveQueue
+from clients.robot.sources.live.live_sampling import Sample, record_empty_frames
+from clients.robot.sources.live.live_source import INFO_TYPE, LiveSource
+from clients.robot.sources.recordings.topic_listing import draft_topics, list_topics, next_steps
 from clients.robot.sources.source import StoppableClock
 from clients.robot.sources.topics import Topics, parse_topics
+from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
 from consensus.errors import BlockRobotError
 
 DEPTH, TAGS, INFO = "/camera/depth/image_raw", "/rfid/sightings", "/camera/depth/camera_info"
@@ -263,7 +263,7 @@ async def test_nobody_who_reads_what_is_said_neither_ends_a_run_nor_reaches_the_
 
 
 async def test_a_library_that_fails_in_a_way_of_its_own_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "LOOK_EVERY_S", 0.0)
+    monkeypatch.setattr(live_source, "LOOK_EVERY_S", 0.0)
 
     class Failing(FeedByHand):
         asked_count = 0
@@ -299,7 +299,7 @@ async def test_messages_of_nodes_that_disagree_about_a_type_are_each_read_by_wha
 
 
 async def test_topics_that_vanish_and_return_are_said_and_do_not_end_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "LOOK_EVERY_S", 0.0)
+    monkeypatch.setattr(live_source, "LOOK_EVERY_S", 0.0)
     feed, told = FeedByHand(), []
     with LiveSource([feed], Topics(), told.append) as source:
         played = await playing(source)

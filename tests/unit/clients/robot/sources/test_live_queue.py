@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from clients.robot.events import Refused, Sighting
-from clients.robot.sources.feed import Message
-from clients.robot.sources.live_queue import ENTRY_BYTES, LiveQueue, Queued
-from clients.robot.sources.message_types import MessageTypes, own_types
+from clients.robot.sensing.sensor_events import Refused, Sighting
+from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.live.live_queue import ENTRY_BYTES, LiveQueue, Queued
+from clients.robot.sources.messages.message_types import MessageTypes, own_types
 
 TYPES = MessageTypes(own_types(), ros1=True)
 

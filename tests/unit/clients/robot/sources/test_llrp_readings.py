@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from llrpkit.protocol import BitStr, params
 
-from clients.robot.events import Facing, Refused, Sighting
-from clients.robot.sources.llrp_readings import GATHER_MS, GATHERED_MAX_COUNT, LlrpReadings
+from clients.robot.sensing.sensor_events import Facing, Refused, Sighting
+from clients.robot.sources.live.llrp_readings import GATHER_MS, GATHERED_MAX_COUNT, LlrpReadings
 from clients.robot.sources.topics import LlrpReader
 
 EPC = bytes.fromhex("e28011606000020512345678")

@@ -7,15 +7,15 @@ import threading
 
 import pytest
 
-from clients.robot.messages import MessageCodec
-from clients.robot.sources.feed import Message
-from clients.robot.sources.message_types import (
+from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.messages.message_types import (
     DEFINITION_MAX_CHARS,
     DEFINITIONS_MAX_COUNT,
     LearntTypes,
     MessageTypes,
     own_types,
 )
+from clients.robot.synthetic.bag_messages import MessageCodec
 from consensus.errors import BlockRobotError
 
 RULE = "=" * 80

@@ -13,8 +13,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from clients.robot.sources import llrp, zenoh
-from clients.robot.sources.llrp import _why, parse_address
+from clients.robot.sources.live import llrp, zenoh
+from clients.robot.sources.live.llrp import _why, parse_address
 from clients.robot.sources.topics import LlrpReader
 from consensus.errors import BlockRobotError
 
@@ -130,7 +130,7 @@ def test_where_a_library_is_missing_the_command_that_installs_it_is_named(
 
 
 def test_neither_library_is_loaded_before_it_is_used() -> None:
-    code = "import sys, clients.robot.cli; print(sorted({'zenoh', 'llrpkit'} & set(sys.modules)))"
+    code = "import sys, clients.robot.cli.main; print(sorted({'zenoh', 'llrpkit'} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "[]\n"
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer as Ros1Writer
 
-from clients.robot.sources.recording import Recording
+from clients.robot.sources.recordings.recording import Recording
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import FORMATS, START_MS, Topic, image, record, storage_file
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.sources.ros1 import MASTER_DEFAULT_URI, Master, Ros1Feed, import_rospy, make_feeds, ros_type
+from clients.robot.sources.live.ros1 import MASTER_DEFAULT_URI, Master, Ros1Feed, import_rospy, make_feeds, ros_type
 from consensus.errors import BlockRobotError
 
 

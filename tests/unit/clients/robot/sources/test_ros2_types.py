@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from clients.robot.sources.ros2 import Ros2Feed
-from clients.robot.sources.ros2_types import NESTED_MAX_COUNT, NotFoundError, RosType, load
+from clients.robot.sources.live.ros2 import Ros2Feed
+from clients.robot.sources.live.ros2_types import NESTED_MAX_COUNT, NotFoundError, RosType, load
 from consensus.errors import BlockRobotError
 
 FIELDS = {

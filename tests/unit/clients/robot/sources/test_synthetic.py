@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clients.robot.events import Frame, Sighting, SourceEvent
-from clients.robot.scenario import Scenario
-from clients.robot.sources.rosbag import BagSource
+from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
+from clients.robot.sources.live.synthetic_source import SyntheticSource
+from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source
-from clients.robot.sources.synthetic import SyntheticSource
+from clients.robot.synthetic.scenario import Scenario
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.test_bag import FakeClock
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from clients.robot.sources.ros1 import Ros1Feed
-from clients.robot.sources.watching import SILENT_AFTER_S, Watch
+from clients.robot.sources.live.feed_watch import SILENT_AFTER_S, Watch
+from clients.robot.sources.live.ros1 import Ros1Feed
 
 BOTH = {"/depth": "a/msg/B", "/tags": "a/msg/C"}
 

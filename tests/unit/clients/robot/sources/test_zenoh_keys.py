@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.robot.sources.zenoh_keys import (
+from clients.robot.sources.live.zenoh_keys import (
     GAP_MAX_COUNT,
     PUBLISHERS_MAX_COUNT,
     SequenceGaps,

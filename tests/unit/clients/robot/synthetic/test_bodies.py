@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.scenario import Aid, Person, Scenario, joined
 from clients.robot.synthetic.body import Capsules, chest_distance_m, pose
 from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenario import Aid, Person, Scenario, joined
 
 ANN = Person("ann", 1.7, 1.0, 1.0, ((0.0, 0.0, 2.5), (4.0, 0.0, 2.5)), (), 0.0)
 

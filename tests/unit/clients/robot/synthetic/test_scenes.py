@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from clients.robot.events import Facing
-from clients.robot.scenario import Bed, Door, Scenario
+from clients.robot.sensing.sensor_events import Facing
 from clients.robot.synthetic.render import Renderer, readings
+from clients.robot.synthetic.scenario import Bed, Door, Scenario
 from clients.robot.synthetic.scenes import STRATA, Stratum, draw_scene, without
 from consensus.errors import BlockRobotError
 

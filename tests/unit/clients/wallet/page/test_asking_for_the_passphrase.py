@@ -11,10 +11,10 @@ import msgspec
 import pytest
 
 import clients.wallet.page as page_package
-from clients.wallet.keystore import Keystore
-from clients.wallet.page.passphrase import ATTEMPTS_MAX_COUNT, PassphraseGate
+from clients.wallet.page.passphrase_check import ATTEMPTS_MAX_COUNT, PassphraseGate
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
-from consensus.records.vouchers import encode_card_code
+from consensus.members.vouchers import encode_card_code
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.unit.clients.wallet.shared_ward import WEEK_MS
 

@@ -8,19 +8,19 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.wallet import serve_command
-from clients.wallet.consenting import round_period
-from clients.wallet.erasing import Erasing
-from clients.wallet.page import clip_routes
+from clients.wallet.commands import serve_command
+from clients.wallet.consent.consent_choices import round_period
 from clients.wallet.page import session as sessions
-from clients.wallet.page.answering import QUIET_HEADER
-from clients.wallet.page.asking import IDS_MAX_COUNT
 from clients.wallet.page.jobs import Job, Jobs
+from clients.wallet.page.page_answers import QUIET_HEADER
+from clients.wallet.page.request_fields import IDS_MAX_COUNT
+from clients.wallet.page.routes import clip_routes
+from clients.wallet.records.erasure import Erasing
 from consensus.errors import BlockRobotError
-from consensus.records.handles import encode_short
-from consensus.records.notices import encode_notice
-from consensus.records.vouchers import encode_card_code
-from network.demo_notice import demo_notice
+from consensus.members.handles import encode_short
+from consensus.members.vouchers import encode_card_code
+from consensus.rights.notices import encode_notice
+from network.notices.demo_notice import demo_notice
 from tests.miscounting_robot import committing_otherwise, miscounting
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.unit.clients.wallet.shared_ward import WEEK_MS

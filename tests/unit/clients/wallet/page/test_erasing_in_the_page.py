@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.wallet.page import erasing_routes
+from clients.wallet.page.routes import erasure_routes
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.unit.clients.wallet.page.test_doing import recorded
 
@@ -12,7 +12,7 @@ from tests.unit.clients.wallet.page.test_doing import recorded
 async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they_come(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(erasing_routes, "WAIT_MAX_S", 0.0)
+    monkeypatch.setattr(erasure_routes, "WAIT_MAX_S", 0.0)
     ids = await recorded(desk)
     plan = await desk.page.post("/api/erasures/plan", {"all": True})
     assert (plan["records"], plan["kinds"], plan["visits"]) == (ids, {"depth": 4}, 1)
@@ -36,7 +36,7 @@ async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they
 
 
 async def test_of_what_is_erased_no_picture_stays_open(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(erasing_routes, "WAIT_MAX_S", 0.0)
+    monkeypatch.setattr(erasure_routes, "WAIT_MAX_S", 0.0)
     ids = await recorded(desk)
     looks = [await desk.page.do("/api/clips", {"records": ids[:1]}) for _ in range(2)]
     await desk.page.do(f"/api/clips/{looks[0]['clip']}/verdict")
@@ -50,7 +50,7 @@ async def test_of_what_is_erased_no_picture_stays_open(desk: Desk, monkeypatch: 
 async def test_a_picture_whose_erasure_is_asked_for_already_is_left_out_on_the_page_too(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(erasing_routes, "WAIT_MAX_S", 0.0)
+    monkeypatch.setattr(erasure_routes, "WAIT_MAX_S", 0.0)
     ids = await recorded(desk)
     first = {"records": ids[:1], "frames": [0]}
     await desk.page.do("/api/erasures", first | {"passphrase": PASSPHRASE})

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from clients.wallet.auditing import audit_visit
-from clients.wallet.page import clip_routes
-from clients.wallet.viewing import Viewing
-from clients.wallet.viewing_commands import _view_all
+from clients.wallet.commands.view_commands import _view_all
+from clients.wallet.ledger.visit_audit import audit_visit
+from clients.wallet.page.routes import clip_routes
+from clients.wallet.records.viewing import Viewing
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload
 from tests.unit.clients.wallet.page.conftest import Desk

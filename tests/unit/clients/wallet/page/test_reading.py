@@ -10,8 +10,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.wallet.erasing import Erasing
-from clients.wallet.page import snapshot as snapshots
+from clients.wallet.page import wallet_snapshot as snapshots
+from clients.wallet.records.erasure import Erasing
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR

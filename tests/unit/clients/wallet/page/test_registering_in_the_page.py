@@ -10,14 +10,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
+from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
-from clients.wallet.wallet import Wallet
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
 from consensus.errors import BlockRobotError
-from consensus.records.vouchers import encode_card_code
-from network.demo_notice import demo_notice
+from consensus.members.vouchers import encode_card_code
+from network.notices.demo_notice import demo_notice
 from tests.unit.clients.bundle.receipting import NoticeWard
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.wallet_page_client import WalletPage

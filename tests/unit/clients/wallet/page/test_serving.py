@@ -16,15 +16,15 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from clients.wallet import serve_command
-from clients.wallet.cli import wallet as wallet_command
-from clients.wallet.language import LANGUAGE_VARIABLE, load
-from clients.wallet.page import passphrase as passphrases
+from clients.wallet.cli.main import wallet as wallet_command
+from clients.wallet.commands import serve_command
+from clients.wallet.commands.serve_command import ENDINGS
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.page import passphrase_check as passphrases
 from clients.wallet.page.jobs import TOLD
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
-from clients.wallet.serve_command import ENDINGS
-from clients.wallet.wallet import Wallet
+from clients.wallet.present.translations import LANGUAGE_VARIABLE, load
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk, dress
 from tests.unit.clients.wallet.shared_ward import SharedWard

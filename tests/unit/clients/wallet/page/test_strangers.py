@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from clients.wallet.keys import draw_words
-from clients.wallet.keystore import Keystore
+from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
-from clients.wallet.wallet import Wallet
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import draw_words
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.clients.wallet.page.conftest import Desk, dress

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from clients.wallet.page import export_routes
+from clients.wallet.page.routes import export_routes
 from tests.unit.clients.wallet.conftest import typed_for
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clients.robot.events import Depth, Mask
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cut import cut_out
 from clients.robot.hiding.segmentation import segment
+from clients.robot.sensing.sensor_events import Depth, Mask
 from consensus.errors import BlockRobotError
-from network.bench.hiding import learned
-from network.bench.hiding.features import NAMES, features
-from network.bench.hiding.hand_made import HAND_MADE, by_bite, by_difference, by_holes
-from network.bench.hiding.learned import Example, train
-from network.bench.hiding.play import spread
-from network.bench.hiding.scoring import iou
-from network.bench.hiding.views import View, blur_others, half_view, show_owner_only
+from network.lab.hiding import learned
+from network.lab.hiding.features import NAMES, features
+from network.lab.hiding.hand_made import HAND_MADE, by_bite, by_difference, by_holes
+from network.lab.hiding.learned import Example, train
+from network.lab.hiding.play import spread
+from network.lab.hiding.scoring import iou
+from network.lab.hiding.views import View, blur_others, half_view, show_owner_only
 
 HEIGHT, WIDTH = 240, 320
 WALL_MM, OWNER_MM, OTHER_MM = 4000, 2000, 2600

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.scenario import Person
-from network.bench.hiding import gait
-from network.bench.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
-from network.bench.hiding.gait import GALLERY_WALKS, PROBES, GaitReport
-from network.bench.hiding.play import Stage
+from clients.robot.synthetic.scenario import Person
+from network.lab.hiding import gait
+from network.lab.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
+from network.lab.hiding.gait import GALLERY_WALKS, PROBES, GaitReport
+from network.lab.hiding.play import Stage
 
 POPULATION = [gait._build(np.random.default_rng([1, n])) for n in range(3)]
 

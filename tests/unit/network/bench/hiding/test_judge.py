@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.events import Frame
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cut import CutOut, encode_cut
 from clients.robot.hiding.hider import Kept
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Tracker
-from network.bench.hiding import play as play_module
-from network.bench.hiding.attacks import (
+from clients.robot.sensing.sensor_events import Frame
+from network.lab.hiding import play as play_module
+from network.lab.hiding.attacks import (
     CONTROL,
     CONTROL_NOT_CUT,
     NONE,
@@ -28,12 +28,12 @@ from network.bench.hiding.attacks import (
     judge_scene,
     learn_from,
 )
-from network.bench.hiding.figures import summarise
-from network.bench.hiding.gait import GaitReport
-from network.bench.hiding.judge import holds
-from network.bench.hiding.learned import LearnedAttacker, train
-from network.bench.hiding.play import Played, Stage, Timed, gap_px, owner_cut
-from network.bench.hiding.scenes import JUDGING, LEARNING, draw_scenes
+from network.lab.hiding.figures import summarise
+from network.lab.hiding.gait import GaitReport
+from network.lab.hiding.judge import holds
+from network.lab.hiding.learned import LearnedAttacker, train
+from network.lab.hiding.play import Played, Stage, Timed, gap_px, owner_cut
+from network.lab.hiding.scenes import JUDGING, LEARNING, draw_scenes
 
 
 def report(number: int, stratum: str, ours: float, control: float, *, wrong: int = 0) -> SceneReport:

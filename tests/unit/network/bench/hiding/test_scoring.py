@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from network.bench.hiding.scoring import iou, mean_of, paired_bound, share_of
+from network.lab.hiding.scoring import iou, mean_of, paired_bound, share_of
 
 
 def mask(*rows: str) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

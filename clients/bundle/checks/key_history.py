@@ -1,0 +1,97 @@
+"""Which keys a person ever had, proved by the transactions that put them in place: her registration and each rotation.
+
+What was sealed to a key that was replaced since is hers all the same; the ledger's state names her present one only.
+Must never take a key that no chain of final transactions joins to the member whom the state proves.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.bundle import documents as doc
+from clients.bundle.checks.chain_proofs import ProvedChain
+from clients.bundle.layout import KEY_HISTORY
+from consensus.chain.genesis import Genesis
+from consensus.chain.transaction import Transaction, decode_transaction
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from consensus.state.identity import MemberRow
+
+CONTRACT = "identity"
+REGISTERED, ROTATED = "registered", "rotated"
+_ENTRIES = {"register": REGISTERED, "rotate": ROTATED}
+STEPS_MAX_COUNT = 1_000
+
+
+@dataclass(frozen=True, slots=True)
+class KeyStep:
+    """One transaction by which a person came to keys: of which member she was `before` (empty: none), and is then."""
+
+    handle: bytes
+    before: bytes
+    member: bytes
+    sealing: bytes
+
+
+def _unproven(detail: str) -> BlockRobotError:
+    return BlockRobotError("BUNDLE_UNPROVEN", detail)
+
+
+def read_step(transaction: Transaction) -> KeyStep:
+    """Return what a registration or a rotation says. Raises BUNDLE_UNPROVEN for another transaction."""
+    body = transaction.body
+    if body.contract != CONTRACT or body.entry not in _ENTRIES:
+        raise _unproven("What should prove former keys is no registration and no rotation.")
+    arguments: list[Any] = decode_value(body.args)
+    if body.entry == "register":
+        return KeyStep(arguments[0], b"", body.sender, arguments[7])
+    return KeyStep(arguments[0], body.sender, arguments[1], arguments[4])
+
+
+def prove_sealing_keys(
+    chain: ProvedChain, genesis: Genesis, history: doc.KeyHistory, member: bytes, row: MemberRow
+) -> tuple[bytes, ...]:
+    """Return all sealing keys that the person is proved to have had, the oldest first; the last is her present one.
+
+    `member` and `row` are of the person whom the bundle's proofs name. The history may begin with a rotation, where
+    what came before could not be had. Raises BUNDLE_UNPROVEN unless each step leads to the next and the last one to her.
+    """
+    if not 1 <= len(history.steps) <= STEPS_MAX_COUNT:
+        raise BlockRobotError("BUNDLE_INVALID", f"{KEY_HISTORY} has no steps, or too many.")
+    steps = [_prove_step(chain, genesis, step) for step in history.steps]
+    for (place, earlier), (following, later) in itertools.pairwise(steps):
+        if place >= following or earlier.member != later.before:
+            raise _unproven("The rotations of a person's keys do not follow each other.")
+    last = steps[-1][1]
+    if last.member != member or any(step.handle != row.handle for _, step in steps):
+        raise _unproven("The rotations of keys are not those of the person whom the bundle names.")
+    if row.sealing not in {last.sealing, b""}:  # who has left has none any more
+        raise _unproven("The rotations of keys do not lead to the key that the person has.")
+    return tuple(step.sealing for _, step in steps)
+
+
+def _prove_step(chain: ProvedChain, genesis: Genesis, step: doc.KeyChange) -> tuple[tuple[int, int], KeyStep]:
+    transaction = decode_transaction(doc.read_bytes(KEY_HISTORY, step.transaction))
+    transaction.verify_sender()
+    proved = chain.receipt(KEY_HISTORY, step.proof)
+    told = read_step(transaction)
+    is_right = transaction.body.chain_id == genesis.chain_id and proved.receipt.txid == transaction.txid
+    if not is_right or not proved.receipt.ok:
+        raise _unproven("A rotation of keys is not what the ledger took.")
+    return (proved.height, proved.index), told
+
+
+def own_steps(events: Sequence[tuple[bytes, str, dict[str, Any]]], member: bytes) -> list[bytes]:
+    """Return the transactions by which a member came to her keys, oldest first, from (txid, name, data) of events."""
+    before = {data["new_member"]: (txid, data["member"]) for txid, name, data in events if name == ROTATED}
+    registered = {data["member"]: txid for txid, name, data in events if name == REGISTERED}
+    found: list[bytes] = []
+    while member in before and len(found) < STEPS_MAX_COUNT:
+        txid, member = before[member]
+        found.append(txid)
+    if member in registered:
+        found.append(registered[member])
+    return found[::-1]

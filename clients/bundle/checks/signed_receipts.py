@@ -1,0 +1,101 @@
+"""The consent receipts in a bundle: signed by both sides, and about the consents that the same bundle proves.
+
+Must never pass over one that does not follow from its proofs, nor one that is of another person than the bundle names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from clients.bundle import documents as doc
+from clients.bundle.checks.chain_proofs import ProvedChain
+from clients.bundle.checks.consent_receipts import RECEIPTS_MAX_COUNT, CheckedReceipt, check_entry
+from clients.bundle.layout import SIGNED_RECEIPTS
+from consensus.chain.genesis import Genesis
+from consensus.chain.transaction import decode_transaction
+from consensus.errors import BlockRobotError
+from consensus.state.identity import MemberRow
+
+_REGISTERING = "identity"
+
+
+def require_hers(checked: CheckedReceipt, row: MemberRow) -> None:
+    """Raise CONSENT_RECEIPT_INVALID unless a receipt is of the person with this proved row, by who registered her.
+
+    A handle is registered once, and the chain takes words under it from its member alone: so it names the person, also
+    where she has other keys now.
+    """
+    if checked.word.handle != row.handle:
+        raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another person.")
+    if checked.organisation != row.org:
+        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{checked.organisation} signed it, and did not register her.")
+
+
+def prove_signed(
+    chain: ProvedChain, genesis: Genesis, signed: doc.SignedReceipts, row: MemberRow
+) -> tuple[CheckedReceipt, ...]:
+    """Return what all receipts say, having checked each; `row` is the proved one of the person.
+
+    Raises BUNDLE_INVALID for too many, none, or another order than the chain's, BUNDLE_UNPROVEN for one that is not
+    true, named by its number.
+    """
+    if not 1 <= len(signed.receipts) <= RECEIPTS_MAX_COUNT:
+        raise BlockRobotError("BUNDLE_INVALID", f"{SIGNED_RECEIPTS} has no receipts, or too many.")
+    found = []
+    for number, entry in enumerate(signed.receipts, 1):
+        try:
+            checked = check_entry(chain, genesis, entry)
+            require_hers(checked, row)
+        except BlockRobotError as error:
+            raise BlockRobotError("BUNDLE_UNPROVEN", f"Consent receipt {number}: {error.detail}") from None
+        found.append(checked)
+    places = [(each.word.height, each.word.index) for each in found]
+    if places != sorted(set(places)):
+        raise BlockRobotError("BUNDLE_INVALID", "The consent receipts are not in the order of the chain.")
+    return tuple(found)
+
+
+def require_told(signed: doc.SignedReceipts, found: Sequence[CheckedReceipt], consents: doc.ConsentsDocument) -> None:
+    """Raise BUNDLE_UNPROVEN unless each receipt is of a consent that the bundle proves.
+
+    What was said by registering stands in no history: there the receipt's own proof is of that very transaction.
+    """
+    proved = {(word.transaction, word.kind, word.height) for word in consents.history}
+    for number, (entry, checked) in enumerate(zip(signed.receipts, found, strict=True), 1):
+        word = checked.word
+        if not is_registering(entry) and (word.txid.hex(), word.status, word.height) not in proved:
+            raise BlockRobotError(
+                "BUNDLE_UNPROVEN", f"Consent receipt {number} is of a consent that the bundle does not prove."
+            )
+
+
+def is_registering(entry: doc.ReceiptEntry) -> bool:
+    """Tell whether a checked receipt is of what was said by registering."""
+    transaction = decode_transaction(doc.read_bytes(SIGNED_RECEIPTS, entry.transaction))
+    return transaction.body.contract == _REGISTERING
+
+
+def tell_signed(signed: doc.SignedReceipts, found: Sequence[CheckedReceipt]) -> doc.SignedReceiptsDocument:
+    """Return the receipts as people and other programs can use them."""
+    return doc.SignedReceiptsDocument(
+        [_tell(entry, checked) for entry, checked in zip(signed.receipts, found, strict=True)]
+    )
+
+
+def _tell(entry: doc.ReceiptEntry, checked: CheckedReceipt) -> doc.SignedReceiptDocument:
+    word, row = checked.word, None if checked.published is None else checked.published.row
+    return doc.SignedReceiptDocument(
+        transaction=word.txid.hex(),
+        status=word.status,
+        height=word.height,
+        time_ms=word.time_ms,
+        organisation=checked.organisation,
+        node=checked.node,
+        notice_version=0 if row is None else row.version,
+        notice_hash="" if row is None else row.digest.hex(),
+        controller_key=entry.controller_key,
+        controller_signature=entry.controller_signature,
+        person_key=word.member.hex(),
+        person_signature=entry.person_signature,
+        receipt=checked.fields,
+    )

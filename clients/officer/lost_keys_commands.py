@@ -1,0 +1,362 @@
+"""`blockrobot officer lost-keys`: two officers erase by robot and span. Must never send what was not shown before."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from clients.officer.lost_keys import LostKeys, Ordered, Preview, Proposal
+from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.cli.invocation import OFFICER_COMMAND, called
+from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.wallet_context import reads_only, run_opened
+from consensus.errors import BlockRobotError
+from consensus.rights.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, VISITS_MAX_COUNT
+from pages.moments import read_moment, show_moment
+
+_DAY_MS = 24 * 3600 * 1000
+
+
+@click.group("lost-keys")
+def lost_keys() -> None:
+    """Erase for somebody whose key is lost for good: by robot and minutes, two officers together.
+
+    One officer proposes, a second one approves within three days, and either has it carried out within seven. The chain
+    cannot say whose visits they are: others whom that robot met in those minutes lose theirs too. So name the minutes as
+    exactly as you can. Whoever lost nothing erases for herself: blockrobot wallet erase.
+
+    Example: blockrobot officer lost-keys preview --robot 02ab34cd5e --from "2026-03-01 09:30" --until "2026-03-01 09:40"
+    """
+
+
+def _moment(_: click.Context, __: click.Parameter, text: str) -> int:
+    """Read a date and a time, of this machine's time zone unless it names one."""
+    try:
+        return read_moment(text)
+    except ValueError:
+        raise click.BadParameter('Give a date and a time, as "2026-03-01 09:30".') from None
+
+
+def _span_options(command: Any) -> Any:
+    for option in (
+        click.option(
+            "--until", "until_ms", callback=_moment, required=True, help="When it ends, at most an hour later."
+        ),
+        click.option(
+            "--from", "from_ms", callback=_moment, required=True, help='When it begins, as "2026-03-01 09:30".'
+        ),
+        click.option(
+            "--robot", default="", help="The robot, by the beginning of its key. [default: the one that was there]"
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def _called() -> str:
+    return f"{called(OFFICER_COMMAND)} lost-keys"
+
+
+def _second(proposal: Proposal) -> str:
+    """Return how it is approved: not by who proposed it, so a hint for her names nobody's profile."""
+    name = proposal.proposal_id.hex()[:12]
+    if proposal.is_own:
+        return f"another officer, with a wallet of her own: blockrobot officer --profile HERS lost-keys approve {name}"
+    return f"you may agree: {_called()} approve {name}"
+
+
+def _preview_json(preview: Preview) -> dict[str, Any]:
+    return {
+        "robot": preview.span.robot.hex(),
+        "from_ms": preview.span.from_ms,
+        "until_ms": preview.span.until_ms,
+        "visits": len(preview.touched),
+        "records": preview.records_count,
+        "restricted_visits": sum(visit.restricted_count > 0 for visit in preview.visits),
+        "denied_visits": sum(visit.denied for visit in preview.visits),
+        "visits_in_span": [
+            {
+                "visit": visit.owner.hex(),
+                "bucket_ms": visit.bucket_ms,
+                "erasable_records": len(visit.erasable),
+                "restricted_records": visit.restricted_count,
+                "denied": visit.denied,
+            }
+            for visit in preview.visits
+        ],
+    }
+
+
+def _print_preview(preview: Preview) -> None:
+    span = preview.span
+    console.print(
+        f"Robot {span.robot.hex()[:10]}, visits that began from {show_moment(span.from_ms)} to before "
+        f"{show_moment(span.until_ms)}:"
+    )
+    what = f"{counted(len(preview.touched), 'visit')} with {counted(preview.records_count, 'record')}"
+    console.print(f"  {what} would be erased.")
+    restricted = sum(visit.restricted_count > 0 for visit in preview.visits)
+    denied = sum(visit.denied for visit in preview.visits)
+    if restricted:
+        console.print(f"  Of {counted(restricted, 'visit')} records are restricted by the owner: those stay.")
+    if denied:
+        visits = counted(denied, "visit was", "visits were")
+        console.print(f"  {visits} denied: what is denied stays with its breach (blockrobot officer breaches).")
+    if preview.touched:
+        console.print(
+            "  [bold red]The chain cannot say whose visits these are.[/bold red] All of them go, those of others too, "
+            "for everyone and for ever.\n"
+            "  If that is more than one person's, make the span shorter: she may know the minute, or who was there."
+        )
+
+
+def _proposal_json(proposal: Proposal) -> dict[str, Any]:
+    state = proposal.state
+    return {
+        "proposal_id": proposal.proposal_id.hex(),
+        "status": proposal.status,
+        "organisation": state.org,
+        "robot": state.robot.hex(),
+        "from_ms": state.from_ms,
+        "until_ms": state.until_ms,
+        "reason": state.reason,
+        "visits_max": state.visits_max,
+        "visits": state.visits,
+        "records": state.records,
+        "proposer": state.proposer.hex(),
+        "approver": state.approver.hex() or None,
+        "proposed_ms": state.proposed_ms,
+        "approved_ms": state.approved_ms or None,
+        "ends_ms": state.ends_ms,
+    }
+
+
+def _print_proposal(proposal: Proposal) -> None:
+    state, name = proposal.state, proposal.proposal_id.hex()[:12]
+    console.print(
+        f"{name}  {proposal.status}, {state.reason}: robot {state.robot.hex()[:10]} at {state.org}, "
+        f"{show_moment(state.from_ms)} to {show_moment(state.until_ms)}, "
+        f"at most {counted(state.visits_max, 'visit')}; "
+        f"{counted(state.visits, 'visit')} and {counted(state.records, 'record')} ordered so far"
+    )
+    steps = {
+        "proposed": f"{_second(proposal)}, until {show_moment(state.ends_ms)}",
+        "approved": f"either of the two, until {show_moment(state.ends_ms)}: {_called()} erase {name}",
+        "lapsed": f"its time is over; if it is still wanted: {_called()} propose ...",
+    }
+    if proposal.status in steps:
+        console.print(f"  Next: {steps[proposal.status]}")
+
+
+def _tell_decided(found: Preview, proposal: Proposal, line: str, *, as_json: bool) -> None:
+    """Tell what stands now of a proposal, and what it would touch."""
+    if as_json:
+        print_json({"ok": True, **_proposal_json(proposal), "preview": _preview_json(found)})
+        return
+    console.print(line)
+    _print_proposal(proposal)
+
+
+def _require_room(found: Preview, visits: int | None) -> int:
+    """Return how many visits may go at most. Raises SPAN_EMPTY where nothing is left, SPAN_TOO_FULL."""
+    count = len(found.touched)
+    if not count:
+        raise BlockRobotError("SPAN_EMPTY", "Nothing in that span is left to erase.")
+    most = min(visits or count, VISITS_MAX_COUNT)
+    if count > most:
+        found_visits = counted(count, "visit is", "visits are")
+        raise BlockRobotError("SPAN_TOO_FULL", f"{found_visits} in that span, and {most} may go.")
+    return visits or count
+
+
+@lost_keys.command("list")
+@click.option("--all", "everything", is_flag=True, help="Those that are over, too.")
+@json_option
+@click.pass_context
+@plain_errors
+@reads_only
+def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
+    """List what was proposed, how far it is, and what comes next.
+
+    Example: blockrobot officer lost-keys list --all
+    """
+    found = run_opened(ctx, lambda opened: LostKeys(opened).read_all())
+    shown = [proposal for proposal in found if everything or proposal.is_open]
+    if as_json:
+        print_json({"ok": True, "proposals": [_proposal_json(proposal) for proposal in shown]})
+        return
+    if not shown:
+        console.print("There is no open proposal." + ("" if everything else " (--all: those that are over, too.)"))
+    for proposal in shown:
+        _print_proposal(proposal)
+
+
+@lost_keys.command()
+@_span_options
+@json_option
+@click.pass_context
+@plain_errors
+@reads_only
+def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json: bool) -> None:
+    """Show how many visits and records a span would touch. Nothing is changed, and nobody is told.
+
+    Example: blockrobot officer lost-keys preview --robot 02ab34cd5e --from "2026-03-01 09:30" --until "2026-03-01 09:40"
+    """
+    found = run_opened(ctx, lambda opened: LostKeys(opened).preview(robot, from_ms, until_ms))
+    if as_json:
+        print_json({"ok": True, **_preview_json(found)})
+        return
+    _print_preview(found)
+    if found.touched:
+        console.print(f"  Next: {_called()} propose, with the same options and --reason CODE")
+
+
+@lost_keys.command()
+@_span_options
+@click.option("--reason", type=click.Choice(sorted(LOST_KEY_REASONS)), required=True, help="Why: it stands for ever.")
+@click.option(
+    "--visits",
+    type=click.IntRange(1, VISITS_MAX_COUNT),
+    help="How many visits may go at most. [default: as many as are there now]",
+)
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def propose(
+    ctx: click.Context,
+    robot: str,
+    from_ms: int,
+    until_ms: int,
+    reason: str,
+    visits: int | None,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Propose to erase the visits of a span, after showing what it would touch. Nothing goes until another approves.
+
+    Be sure who asks: see her, and a paper that says who she is. What you checked belongs into your own files.
+
+    Example: blockrobot officer lost-keys propose --robot 02ab34cd5e --from "2026-03-01 09:30" --until "2026-03-01 09:40"
+    --reason key-lost
+    """
+
+    async def main(handling: LostKeys) -> tuple[Preview, Proposal]:
+        found = await handling.preview(robot, from_ms, until_ms)
+        if not as_json:
+            _print_preview(found)
+        most = _require_room(found, visits)
+        question = f"Propose that {counted(len(found.touched), 'visit is', 'visits are')} erased, all of it?"
+        ask_or_say(question, yes=yes, as_json=as_json)
+        proposal_id = await handling.propose(found.span, reason, most)
+        return found, await handling.find(proposal_id.hex())
+
+    found, proposal = run_opened(ctx, lambda opened: main(LostKeys(opened)))
+    line = f"Proposed. Nothing is erased yet: a second officer has {APPROVE_MS // _DAY_MS} days to agree."
+    _tell_decided(found, proposal, line, as_json=as_json)
+
+
+@lost_keys.command()
+@click.argument("proposal")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
+    """Agree to a colleague's proposal, after seeing what it would touch. You have checked it yourself.
+
+    Example: blockrobot officer lost-keys approve 3fa2c19b07de
+    """
+
+    async def main(handling: LostKeys) -> tuple[Preview, Proposal]:
+        before = await handling.find(proposal)
+        found = await handling.preview_span(before.span)
+        if not as_json:
+            _print_preview(found)
+            console.print(f"  Reason: {LOST_KEY_REASONS.get(before.state.reason, before.state.reason)}")
+        ask_or_say("Do you agree, having checked it yourself?", yes=yes, as_json=as_json)
+        await handling.approve(before)
+        return found, await handling.find(before.proposal_id.hex())
+
+    found, after = run_opened(ctx, lambda opened: main(LostKeys(opened)))
+    line = f"Approved. Either of you has {CARRY_OUT_MS // _DAY_MS} days to have it carried out."
+    _tell_decided(found, after, line, as_json=as_json)
+
+
+@lost_keys.command()
+@click.argument("proposal")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
+    """Have an approved proposal carried out. Say it again for what comes later: robots may deliver a day late.
+
+    Example: blockrobot officer lost-keys erase 3fa2c19b07de
+    """
+
+    def tell(number: int, count: int) -> None:
+        click.echo(f"visit {number + 1} of {count}: erasure is being ordered", err=True)
+
+    async def main(handling: LostKeys) -> tuple[Ordered, Proposal]:
+        before = await handling.find(proposal)
+        found = await handling.preview_span(before.span)
+        if not as_json:
+            _print_preview(found)
+        if found.touched:
+            question = f"Erase the records of {counted(len(found.touched), 'visit')} for everyone, for ever?"
+            ask_or_say(question, yes=yes, as_json=as_json)
+        ordered = await handling.erase(before, tell)
+        return ordered, await handling.find(before.proposal_id.hex())
+
+    ordered, after = run_opened(ctx, lambda opened: main(LostKeys(opened)))
+    if as_json:
+        done = {
+            "erasure_ids": [erasure_id.hex() for erasure_id in ordered.erasure_ids],
+            "ordered_visits": ordered.visits,
+            "ordered_records": ordered.records,
+            "kept_visits": ordered.kept_visits,
+            "left_visits": ordered.left_visits,
+        }
+        print_json({"ok": True, **_proposal_json(after), **done})
+        return
+    if not ordered.records:
+        console.print("There is nothing left to erase.")
+    else:
+        console.print(
+            f"Ordered: {counted(ordered.records, 'record')} of {counted(ordered.visits, 'visit')}. "
+            "Custodians destroy them and sign for it; each visit's audit says that two officers did this, and why."
+        )
+    if ordered.kept_visits:
+        visits = counted(ordered.kept_visits, "visit stays", "visits stay")
+        console.print(f"  {visits} in whole or in part: restricted, or denied.")
+    if ordered.left_visits:
+        visits = counted(ordered.left_visits, "visit is", "visits are")
+        console.print(f"  {visits} more than was approved, and left. Propose the rest anew.")
+    _print_proposal(after)
+
+
+@lost_keys.command()
+@click.argument("proposal")
+@json_option
+@click.pass_context
+@plain_errors
+def stop(ctx: click.Context, proposal: str, as_json: bool) -> None:
+    """End a proposal, approved or not. What was ordered already stays ordered.
+
+    Example: blockrobot officer lost-keys stop 3fa2c19b07de
+    """
+
+    async def main(handling: LostKeys) -> Proposal:
+        found = await handling.find(proposal)
+        await handling.stop(found)
+        return await handling.find(found.proposal_id.hex())
+
+    after = run_opened(ctx, lambda opened: main(LostKeys(opened)))
+    if as_json:
+        print_json({"ok": True, **_proposal_json(after)})
+        return
+    console.print("Stopped: nothing more is erased under it.")
+    _print_proposal(after)

@@ -1,0 +1,140 @@
+"""The papers of a mandate: hashed with a drawn salt, and noted in a receipt that officers keep. Must never copy a paper.
+
+The chain has the commitment alone. Receipt and papers together prove to whoever asks later what the two officers saw.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+from consensus.rights.mandates import MANDATE_REASONS, PAPERS_MAX_COUNT, SALT_BYTES, commit_papers
+
+FORMAT = "blockrobot-mandate-papers-1"
+RECEIPT_MAX_BYTES = 256 * 1024
+_HASH_CHUNK_BYTES = 1024 * 1024
+_DIGEST_BYTES = 32
+
+
+class Paper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One paper: its file's name, for whoever looks for it, and its SHA-256 (hexadecimal)."""
+
+    file: str
+    sha256: str
+
+
+class PapersReceipt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What was committed to: the reason, the papers and the salt (hexadecimal)."""
+
+    format: str
+    reason: str
+    salt: str
+    papers: list[Paper]
+
+    @property
+    def commitment(self) -> bytes:
+        """What stands on the chain."""
+        return commit_papers(bytes.fromhex(self.salt), self.reason, self.digests)
+
+    @property
+    def digests(self) -> list[bytes]:
+        """The hashes of the papers."""
+        return [bytes.fromhex(paper.sha256) for paper in self.papers]
+
+
+def hash_paper(path: Path) -> bytes:
+    """Return the SHA-256 of a file. Raises FILE_UNUSABLE."""
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            while chunk := file.read(_HASH_CHUNK_BYTES):
+                digest.update(chunk)
+    except OSError as error:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror or type(error).__name__}.") from None
+    return digest.digest()
+
+
+def make_receipt(papers: Sequence[Path], reason: str) -> PapersReceipt:
+    """Hash papers and draw a salt. Raises FILE_UNUSABLE."""
+    rows = [Paper(path.name, hash_paper(path).hex()) for path in papers]
+    return PapersReceipt(FORMAT, reason, os.urandom(SALT_BYTES).hex(), rows)
+
+
+def write_receipt(path: Path, receipt: PapersReceipt) -> None:
+    """Write a receipt for its owner alone, to a file that is not there yet. Raises FILE_EXISTS, FILE_UNUSABLE."""
+    content = msgspec.json.format(msgspec.json.encode(receipt), indent=2) + b"\n"
+    try:
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+    except FileExistsError:
+        raise BlockRobotError("FILE_EXISTS", f"{path} is there already.") from None
+    except OSError as error:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror or type(error).__name__}.") from None
+
+
+def keep_receipt(path: Path, receipt: PapersReceipt) -> tuple[PapersReceipt, bool]:
+    """Write a receipt, or take the one that is there if it is of the same reason and papers; tell whether it was written.
+
+    A proposal of which nobody knows what became of it is made again with the same salt, so that one receipt fits it.
+    Raises FILE_EXISTS, FILE_UNUSABLE.
+    """
+    try:
+        write_receipt(path, receipt)
+    except BlockRobotError as error:
+        if error.code != "FILE_EXISTS":
+            raise
+        known = find_same(path, receipt)
+        if known is None:
+            raise
+        return known, False
+    return receipt, True
+
+
+def find_same(path: Path, receipt: PapersReceipt) -> PapersReceipt | None:
+    """Return the receipt that a file holds if it is of the same reason and papers, else None."""
+    try:
+        known = read_receipt(path)
+    except BlockRobotError:
+        return None
+    same = (known.reason, sorted(known.digests)) == (receipt.reason, sorted(receipt.digests))
+    return known if same else None
+
+
+def read_receipt(path: Path) -> PapersReceipt:
+    """Read a receipt. Raises FILE_UNUSABLE, MANDATE_PAPERS_OTHER for a file that is none."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(RECEIPT_MAX_BYTES + 1)
+    except OSError as error:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror or type(error).__name__}.") from None
+    try:
+        receipt = msgspec.json.decode(content, type=PapersReceipt)
+        fits = receipt.format == FORMAT and receipt.reason in MANDATE_REASONS
+        fits = fits and len(bytes.fromhex(receipt.salt)) == SALT_BYTES
+        fits = fits and all(len(digest) == _DIGEST_BYTES for digest in receipt.digests)
+        fits = fits and 0 < len(receipt.papers) <= PAPERS_MAX_COUNT
+    except (msgspec.MsgspecError, ValueError, RecursionError):
+        fits = False
+    if not fits:
+        raise BlockRobotError("MANDATE_PAPERS_OTHER", f"{path} is no receipt of a mandate's papers.")
+    return receipt
+
+
+def check_papers(receipt: PapersReceipt, commitment: bytes, papers: Sequence[Path]) -> None:
+    """Raise MANDATE_PAPERS_OTHER unless the receipt is of this commitment, and its papers are all those at hand."""
+    if receipt.commitment != commitment:
+        raise BlockRobotError("MANDATE_PAPERS_OTHER", "The receipt is of other papers than those that were proposed.")
+    seen = {hash_paper(path): path for path in papers}
+    for digest, path in seen.items():
+        if digest not in receipt.digests:
+            raise BlockRobotError("MANDATE_PAPERS_OTHER", f"{path} is not one of the papers that were proposed.")
+    missing = [paper.file for paper in receipt.papers if bytes.fromhex(paper.sha256) not in seen]
+    if missing:
+        raise BlockRobotError("MANDATE_PAPERS_OTHER", f"Of the papers that were proposed you named not {missing[0]!r}.")

@@ -1,0 +1,265 @@
+"""Banks of empty frames, one for each viewpoint of a robot: recorded, looked at and approved by a person, expiring.
+
+What is published of a bank can stand behind every rendition, so nobody may be in it. A bank must never be used
+unapproved, changed after its approval, or after its time; and frames in which something moves must never be used at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.hiding.background import empty_bank
+from clients.robot.sensing.sensor_events import Depth, check_depth
+from clients.sdk.pictures.rendition_picture import colourise, decode_depth_png
+from consensus.errors import BlockRobotError
+
+FOLDER = "empty-scenes"
+FRAMES_MIN_COUNT = 8
+FRAMES_MAX_COUNT = 45
+PUBLISHED_MAX_COUNT = 8
+VALID_DEFAULT_DAYS = 30
+VALID_MAX_DAYS = 365
+NAME_MAX_CHARS = 40
+DAY_MS = 24 * 60 * 60 * 1000
+# Something moved where a pixel differs by this much from the median of all frames, over an area like a head's at 5 m.
+MOVED_MIN_MM = 150
+MOVED_SHARE = 0.05
+SELDOM_SHARE = 0.5  # measured in fewer frames than this, a pixel is usually out of range
+MOVED_MAX_SHARE = 350 / (320 * 240)
+
+_SCENE = "scene.json"
+_PREVIEW = "preview.png"
+_PREVIEW_COLUMNS = 5
+_BESIDE = np.ones((3, 3), dtype=np.uint8)
+
+Mask = npt.NDArray[np.uint8]
+
+
+class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The bank's file: what was recorded, and who approved exactly that."""
+
+    viewpoint: str
+    recorded_at_ms: int
+    frames: list[str]  # SHA-256 of each PNG, in order
+    approved_by: str = ""
+    approved_at_ms: int = 0
+    expires_at_ms: int = 0
+    approved_digest: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class EmptyScene:
+    """A viewpoint's bank as it stands. Times in milliseconds since 1970; empty or 0 where not approved yet."""
+
+    viewpoint: str
+    folder: Path
+    recorded_at_ms: int
+    frame_count: int
+    approved_by: str
+    approved_at_ms: int
+    expires_at_ms: int
+    approved_digest: str
+    digest: str
+
+    @property
+    def preview(self) -> Path:
+        """The picture that a person looks at before approving: all frames that are published, and what changed most."""
+        return self.folder / _PREVIEW
+
+    def state(self, now_ms: int) -> str:
+        """Return `recorded`, `changed` (since it was approved), `expired` or `approved`."""
+        if not self.approved_by:
+            return "recorded"
+        if self.approved_digest != self.digest:
+            return "changed"
+        return "expired" if now_ms >= self.expires_at_ms else "approved"
+
+
+def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: int) -> EmptyScene:
+    """Store empty frames as a viewpoint's bank, in place of an older one, unapproved.
+
+    Raises BACKGROUND_INVALID for a bad name, too few frames, or frames in which something moves.
+    """
+    folder = _folder(robot, viewpoint)
+    if len(frames) < FRAMES_MIN_COUNT:
+        raise BlockRobotError("BACKGROUND_INVALID", f"There are {len(frames)} frames; {FRAMES_MIN_COUNT} are needed.")
+    step = max(1, len(frames) // FRAMES_MAX_COUNT)
+    chosen = [check_depth(frame, shape=frames[0].shape[:2]) for frame in frames[::step][:FRAMES_MAX_COUNT]]
+    check_empty(chosen)
+    pngs = [frame.png for frame in empty_bank(chosen)]
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    for old in folder.glob("*.png"):
+        old.unlink()
+    for number, png in enumerate(pngs):
+        (folder / f"{number:03d}.png").write_bytes(png)
+    (folder / _PREVIEW).write_bytes(_preview(chosen))
+    _write(folder, _Stored(viewpoint, now_ms, [hashlib.sha256(png).hexdigest() for png in pngs]))
+    return find_scene(robot, viewpoint)
+
+
+def list_scenes(robot: Path) -> list[EmptyScene]:
+    """Return all banks of a robot by name."""
+    found = sorted((robot / FOLDER).glob(f"*/{_SCENE}"))
+    return [find_scene(robot, path.parent.name) for path in found]
+
+
+def find_scene(robot: Path, viewpoint: str) -> EmptyScene:
+    """Return a viewpoint's bank. Raises BACKGROUND_NOT_FOUND, BACKGROUND_INVALID."""
+    folder = _folder(robot, viewpoint)
+    stored = _read(folder)
+    return EmptyScene(
+        viewpoint=viewpoint,
+        folder=folder,
+        recorded_at_ms=stored.recorded_at_ms,
+        frame_count=len(stored.frames),
+        approved_by=stored.approved_by,
+        approved_at_ms=stored.approved_at_ms,
+        expires_at_ms=stored.expires_at_ms,
+        approved_digest=stored.approved_digest,
+        digest=_digest(stored, _pngs(folder, stored)),
+    )
+
+
+def approve_scene(robot: Path, viewpoint: str, *, by: str, days: int, now_ms: int) -> EmptyScene:
+    """Note that a person has looked at the bank and saw nobody; good for `days`. Raises BACKGROUND_*."""
+    if not by.strip() or not 1 <= days <= VALID_MAX_DAYS:
+        raise BlockRobotError("BACKGROUND_INVALID", f"An approval names a person and 1 to {VALID_MAX_DAYS} days.")
+    scene = find_scene(robot, viewpoint)
+    stored = msgspec.structs.replace(
+        _read(scene.folder),
+        approved_by=by.strip(),
+        approved_at_ms=now_ms,
+        expires_at_ms=now_ms + days * DAY_MS,
+        approved_digest=scene.digest,
+    )
+    _write(scene.folder, stored)
+    return replace(
+        scene,
+        approved_by=stored.approved_by,
+        approved_at_ms=now_ms,
+        expires_at_ms=stored.expires_at_ms,
+        approved_digest=scene.digest,
+    )
+
+
+def approved_scene(robot: Path, viewpoint: str, now_ms: int) -> EmptyScene:
+    """Return an approved bank. Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
+    scene = find_scene(robot, viewpoint)
+    state = scene.state(now_ms)
+    if state == "expired":
+        raise BlockRobotError(
+            "BACKGROUND_EXPIRED", f"The empty frames of {viewpoint} were approved for a time now over."
+        )
+    if state != "approved":
+        sentence = "have not been approved" if state == "recorded" else "are not those that were approved"
+        raise BlockRobotError("BACKGROUND_NOT_APPROVED", f"The empty frames of {viewpoint} {sentence}.")
+    return scene
+
+
+def approved_frames(robot: Path, viewpoint: str, now_ms: int) -> list[Depth]:
+    """Return the frames of an approved bank. Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
+    scene = approved_scene(robot, viewpoint, now_ms)
+    pngs = _pngs(scene.folder, _read(scene.folder))
+    return [decode_depth_png(png) for png in pngs]
+
+
+def published_frames(frames: Sequence[Depth]) -> list[Depth]:
+    """Return the empty frames that become public, spread over all: those that the preview shows."""
+    count = min(PUBLISHED_MAX_COUNT, len(frames))
+    return [frames[number * len(frames) // count] for number in range(count)]
+
+
+def check_empty(frames: Sequence[Depth]) -> None:
+    """Raise BACKGROUND_INVALID for frames in which something moves; who stands still in all is for a person to see."""
+    changed = _most_changed(frames)[1]
+    if _largest_px(changed) > MOVED_MAX_SHARE * changed.size:
+        told = f"Something moved in {4 * _largest_px(changed)} pixels: the scene was not empty."
+        raise BlockRobotError("BACKGROUND_INVALID", told)
+
+
+def moved_px(frames: Sequence[Depth]) -> int:
+    """Return how many half-resolution pixels of one piece differ most, in any frame, from the median of all."""
+    return _largest_px(_most_changed(frames)[1])
+
+
+def _most_changed(frames: Sequence[Depth]) -> tuple[int, Mask]:
+    """Return which frame differs from the median of all in the largest piece, and where, at half resolution.
+
+    A pixel differs too where only few frames measure anything: somebody in front of what is out of range.
+    """
+    halves = np.stack([frame[::2, ::2] for frame in frames])
+    measured = np.count_nonzero(halves, axis=0)
+    usual = np.take_along_axis(np.sort(halves, axis=0), (len(frames) - 1 - measured // 2)[None], axis=0)[0]
+    seldom = measured < SELDOM_SHARE * len(frames)
+    usual[seldom] = 0
+    # Edges waver by a pixel, so a pixel may be as near or far as what is usual beside it.
+    near = cv2.erode(np.where(usual > 0, usual, np.uint16(65_535)), _BESIDE).astype(np.float32)
+    far = cv2.dilate(usual, _BESIDE).astype(np.float32)
+    low, high = near - np.maximum(MOVED_MIN_MM, MOVED_SHARE * near), far + np.maximum(MOVED_MIN_MM, MOVED_SHARE * far)
+    worst: tuple[int, Mask] = (0, np.zeros(halves.shape[1:], dtype=np.uint8))
+    for number, half in enumerate(halves):
+        differs = (half > 0) & (usual > 0) & ((half < low) | (half > high))
+        appeared = cv2.morphologyEx(((half > 0) & seldom).view(np.uint8), cv2.MORPH_OPEN, _BESIDE)
+        changed = np.asarray(differs | (np.asarray(appeared) > 0), dtype=np.uint8)
+        if number == 0 or _largest_px(changed) > _largest_px(worst[1]):
+            worst = (number, changed)
+    return worst
+
+
+def _largest_px(changed: Mask) -> int:
+    count, _, stats, _ = cv2.connectedComponentsWithStats(changed, connectivity=8)
+    return int(np.asarray(stats)[1:, cv2.CC_STAT_AREA].max()) if count > 1 else 0
+
+
+def _preview(frames: Sequence[Depth]) -> bytes:
+    """Return one picture: every published frame, then the frame that changed most, and only what changed in it."""
+    number, changed = _most_changed(frames)
+    height, width = frames[0].shape
+    where = np.asarray(cv2.resize(changed, (width, height), interpolation=cv2.INTER_NEAREST)) > 0
+    shown = [*published_frames(frames), frames[number], np.where(where, frames[number], np.uint16(0))]
+    shown += [np.zeros_like(frames[0])] * (-len(shown) % _PREVIEW_COLUMNS)
+    rows = [np.hstack(shown[i : i + _PREVIEW_COLUMNS]) for i in range(0, len(shown), _PREVIEW_COLUMNS)]
+    return colourise(np.ascontiguousarray(np.vstack(rows)))
+
+
+def _folder(robot: Path, viewpoint: str) -> Path:
+    plain = viewpoint.replace("-", "").replace("_", "")
+    if not (plain.isascii() and plain.isalnum()) or len(viewpoint) > NAME_MAX_CHARS:
+        raise BlockRobotError("USAGE_INVALID", "A viewpoint's name has letters, digits, - and _ only.")
+    return robot / FOLDER / viewpoint
+
+
+def _read(folder: Path) -> _Stored:
+    try:
+        return msgspec.json.decode((folder / _SCENE).read_bytes(), type=_Stored)
+    except FileNotFoundError:
+        raise BlockRobotError("BACKGROUND_NOT_FOUND", f"There are no empty frames of {folder.name}.") from None
+    except (OSError, msgspec.DecodeError) as error:
+        raise BlockRobotError("BACKGROUND_INVALID", f"The empty frames of {folder.name} cannot be read.") from error
+
+
+def _write(folder: Path, stored: _Stored) -> None:
+    temporary = folder / f".{_SCENE}.tmp"
+    temporary.write_bytes(msgspec.json.format(msgspec.json.encode(stored), indent=2))
+    temporary.replace(folder / _SCENE)
+
+
+def _pngs(folder: Path, stored: _Stored) -> list[bytes]:
+    try:
+        return [(folder / f"{number:03d}.png").read_bytes() for number in range(len(stored.frames))]
+    except OSError as error:
+        raise BlockRobotError("BACKGROUND_INVALID", f"An empty frame of {folder.name} is gone.") from error
+
+
+def _digest(stored: _Stored, pngs: Sequence[bytes]) -> str:
+    """Return what an approval is of: the viewpoint and every frame as it is now."""
+    parts = [stored.viewpoint.encode(), *(hashlib.sha256(png).digest() for png in pngs)]
+    return hashlib.sha256(b"\n".join(parts)).hexdigest()

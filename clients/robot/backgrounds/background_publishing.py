@@ -1,0 +1,58 @@
+"""Publishes a run's empty frames once they are approved on the chain; else leaves them for a person to look at."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Protocol
+
+from clients.robot.hiding.background import EmptyFrame
+from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+
+FOLDER = "empty-frames"
+
+
+class PublishingNetwork(Protocol):
+    """What publishing needs of the network."""
+
+    async def approve_empty_frames(self, frames: tuple[EmptyFrame, ...], approver: PrivateKey) -> None:
+        """Approve frames on the chain."""
+
+    async def find_unapproved(self, frames: tuple[EmptyFrame, ...]) -> list[EmptyFrame]:
+        """Return the frames that are not approved."""
+
+    async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:
+        """Bring frames to the custodians."""
+
+
+async def publish_frames(
+    network: PublishingNetwork, frames: tuple[EmptyFrame, ...], robot: Path, member: bytes, approver: PrivateKey | None
+) -> None:
+    """Bring empty frames to the custodians. Raises EMPTY_FRAME_NOT_APPROVED; they lie in the robot's folder then."""
+    if approver is not None:
+        await network.approve_empty_frames(frames, approver)
+    waiting = await network.find_unapproved(frames)
+    if waiting:
+        place = write_for_approval(robot, member, waiting)
+        raise BlockRobotError(
+            "EMPTY_FRAME_NOT_APPROVED",
+            f"{len(waiting)} of the {len(frames)} empty frames are not approved on the chain. Look at "
+            f"{place / PREVIEW_FILE}: if nobody is in it, an admin of the robot's organisation says "
+            f"blockrobot frames approve {shlex.quote(str(place))}",
+        )
+    await network.publish_empty_frames(frames)
+
+
+def write_for_approval(robot: Path, member: bytes, frames: list[EmptyFrame]) -> Path:
+    """Write frames, whose robot they are, and one picture of all into the robot's folder; return where they lie."""
+    place = robot / FOLDER
+    place.mkdir(parents=True, exist_ok=True, mode=0o700)
+    for old in place.glob("*.png"):
+        old.unlink()
+    for number, frame in enumerate(frames):
+        (place / f"{number:03d}.png").write_bytes(frame.png)
+    (place / PREVIEW_FILE).write_bytes(draw_preview([frame.png for frame in frames]))
+    (place / ROBOT_FILE).write_text(member.hex() + "\n", encoding="ascii")
+    return place

@@ -1,0 +1,105 @@
+"""The options by which a user says to which live source a robot listens, and the source that they describe.
+
+Must never listen to anything before the context of the source is entered.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import click
+
+from clients.robot.cli.run_report import clear_line
+from clients.robot.sources.live.feed_catalogue import BESIDE, CAMERAS, FeedKind, make_feeds
+from clients.robot.sources.live.live_source import LiveSource, Tell
+from clients.robot.sources.topics import (
+    TagTopic,
+    Topics,
+    load_topics,
+    rooted,
+    tags_by_type,
+    with_rooted_names,
+    with_topic,
+)
+from consensus.errors import BlockRobotError
+
+SYNTHETIC = "synthetic"
+LOOK_DEFAULT_S = 3.0
+
+
+def camera_options(command: Any) -> Any:
+    """Add the options of what `--source` can name."""
+    return _with_options(command, CAMERAS)
+
+
+def live_options(command: Any) -> Any:
+    """Add the options of every feed, also of the readers beside a camera."""
+    return _with_options(camera_options(command), BESIDE)
+
+
+def _with_options(command: Any, kinds: Mapping[str, FeedKind]) -> Any:
+    for kind in kinds.values():
+        for option in kind.options:
+            command = option(command)
+    return command
+
+
+def source_option(*others: str, **settings: Any) -> Callable[[Any], Any]:
+    """Return the option that names the live source, one of `others` or a robot's middleware."""
+    return click.option("--source", type=click.Choice([*others, *CAMERAS]), **settings)
+
+
+def look_options(*, source_help: str, seconds_help: str) -> Callable[[Any], Any]:
+    """Return the options of a command that looks at a running robot for some seconds instead of at a recording."""
+
+    def with_options(command: Any) -> Any:
+        seconds = click.option(
+            "--seconds", default=LOOK_DEFAULT_S, show_default=True, type=click.FloatRange(0.5, 60), help=seconds_help
+        )
+        return source_option(help=source_help)(seconds(camera_options(command)))
+
+    return with_options
+
+
+def live_topics(options: Mapping[str, Any]) -> Topics:
+    """Return what to listen to, by a topics file and --depth. Raises TOPICS_INVALID."""
+    chosen = load_topics(options["topics_file"]) if options["topics_file"] else Topics()
+    return with_rooted_names(with_topic(chosen, depth=options["depth"]))
+
+
+def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
+    """Return the source that the options describe. Raises TOPICS_INVALID, FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
+    feeds = make_feeds(options["source"], options)
+    tags: tuple[TagTopic, ...] | None = None
+    if options["tags"]:
+        topic, advertised = rooted(options["tags"]), feeds[0].topics()
+        if topic not in advertised:
+            raise BlockRobotError(
+                "TOPICS_INVALID",
+                f"{topic} is not advertised now, so that its type is not known: start what publishes it, or "
+                "name it in a topics file.",
+            )
+        tags = (tags_by_type(topic, advertised[topic]),)
+    elif len(feeds) > 1 and not options["topics_file"]:
+        tags = ()  # a reader of its own brings the readings
+    return LiveSource(feeds, with_topic(live_topics(options), tags=tags), tell)
+
+
+def open_camera(options: Mapping[str, Any], tell: Tell) -> LiveSource:
+    """Return the camera alone of the source that the options describe. Raises the same."""
+    alone = replace(live_topics(options), tags=(), rgb="", labels=None, audio=None)
+    return LiveSource(make_feeds(options["source"], options)[:1], alone, tell)
+
+
+def notice_teller(*, as_json: bool) -> Tell:
+    """Return what says a sentence to the user while a run goes on: on standard error, as JSON for a program."""
+
+    def tell(sentence: str) -> None:
+        if not as_json:
+            clear_line()
+        click.echo(json.dumps({"notice": sentence}) if as_json else sentence, err=True)
+
+    return tell

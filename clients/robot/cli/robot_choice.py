@@ -1,0 +1,71 @@
+"""Which robot a command speaks of, and where the passphrase of its key file comes from. Must never show it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from clients.robot.identity.robot_keys import RobotIdentity, is_sealed, load_identity
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+
+PASSPHRASE_MAX_BYTES = 4_096
+CREDENTIAL = "blockrobot-robot-passphrase"
+"""How a passphrase is called among the credentials that systemd hands to a unit (`LoadCredential=`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPlace:
+    """A robot's folder, the network's genesis file, and the file that holds the passphrase, if one was named."""
+
+    folder: Path
+    genesis: Path
+    passphrase_file: Path | None = None
+
+    def find_passphrase(self) -> str | None:
+        """Return what opens the key file: from the named file, from systemd, or typed at a terminal.
+
+        None for a file that needs none, or if nobody can be asked. Raises ROBOT_NOT_FOUND, REQUEST_INVALID.
+        """
+        if not is_sealed(self.folder):
+            return None
+        handed = os.environ.get("CREDENTIALS_DIRECTORY")
+        file = self.passphrase_file or (Path(handed) / CREDENTIAL if handed else None)
+        if file is not None and (self.passphrase_file or file.is_file()):
+            return read_passphrase(file)
+        return str(click.prompt("Passphrase of the robot", hide_input=True, err=True)) if sys.stdin.isatty() else None
+
+    def find_approver(self, organisation: str | None) -> PrivateKey | None:
+        """Return the key of an organisation's admin that lies beside the genesis file, as on a network for trials.
+
+        None if no organisation is named. Raises ORGANISATION_KEY_NOT_FOUND.
+        """
+        if organisation is None:
+            return None
+        file = self.genesis.parent / "organisations" / organisation / "admin.key"
+        try:
+            return PrivateKey(file.read_bytes())
+        except OSError:
+            raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key file {file}.") from None
+
+    def load(self) -> RobotIdentity:
+        """Return the robot's keys. Raises as `load_identity`."""
+        return load_identity(self.folder, self.find_passphrase())
+
+
+def read_passphrase(file: Path) -> str:
+    """Return the first line of a file. Raises REQUEST_INVALID if it cannot be read, is empty or is too large."""
+    try:
+        with file.open("rb") as opened:
+            data = opened.read(PASSPHRASE_MAX_BYTES + 1)
+        text = data.decode("utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise BlockRobotError("REQUEST_INVALID", f"The passphrase cannot be read from {file}.") from None
+    line = text.split("\n", 1)[0].removesuffix("\r")
+    if not line or len(data) > PASSPHRASE_MAX_BYTES:
+        raise BlockRobotError("REQUEST_INVALID", f"The first line of {file} is empty, or the file is too large.")
+    return line

@@ -1,0 +1,80 @@
+"""The options by which a user says what stands where in a recording. Must never read a message of it.
+
+Only the type of the topic that `--tags` names is looked up.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.robot.sources.recordings.bag_source import BagSource, EmptyScene
+from clients.robot.sources.recordings.recording import Recording
+from clients.robot.sources.topics import Topics, load_topics, tags_by_type, with_topic
+
+
+def topic_options(command: Any) -> Any:
+    """Add the options that say what stands on which topic."""
+    for option in (
+        click.option(
+            "--topics",
+            "topics_file",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="A file that names topics and fields.",
+        ),
+        click.option("--depth", metavar="TOPIC", help="The topic of depth images."),
+        click.option(
+            "--tags", metavar="TOPIC", help="The topic of tag readings (RfidDetection, or String for a bare UID)."
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def source_options(command: Any) -> Any:
+    """Add the options that name a recording's topics and the empty scene."""
+    for option in (
+        click.option("--empty-topic", metavar="TOPIC", help="The topic of frames without people."),
+        click.option(
+            "--empty-seconds",
+            metavar="A..B",
+            help="Take the frames without people from these seconds of the depth topic.",
+        ),
+        click.option(
+            "--empty",
+            "empty_recording",
+            type=click.Path(path_type=Path),
+            help="Take the frames without people from another recording.",
+        ),
+    ):
+        command = option(command)
+    return topic_options(command)
+
+
+def open_recording(path: Path, options: dict[str, Any]) -> BagSource:
+    """Return the source that the options describe. Raises UsageError, BAG_*, TOPICS_INVALID."""
+    chosen: Topics = load_topics(options["topics_file"]) if options["topics_file"] else Topics()
+    tags = None
+    if options["tags"]:
+        known = Recording(path, chosen.definitions).topics.get(options["tags"])
+        # A topic that is not there is refused by the source, which lists what is.
+        tags = (tags_by_type(options["tags"], known.type if known else "std_msgs/msg/String"),)
+    chosen = with_topic(chosen, depth=options["depth"], tags=tags, empty=options["empty_topic"])
+    empty = EmptyScene(options["empty_recording"], _stretch(options["empty_seconds"]))
+    return BagSource(path, topics=chosen, empty=empty)
+
+
+def _stretch(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    first, mark, last = text.partition("..")
+    try:
+        stretch = (float(first), float(last))
+    except ValueError:
+        mark = ""
+        stretch = (0.0, 0.0)
+    if not mark or not 0 <= stretch[0] < stretch[1]:
+        raise click.UsageError("--empty-seconds takes a stretch in seconds from the first frame, as 0..5.")
+    return stretch

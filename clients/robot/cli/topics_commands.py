@@ -1,0 +1,100 @@
+"""`blockrobot robot topics`: what a recording holds, or what a robot says now. Must never print what a message says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.robot.cli.live_options import look_options
+from clients.robot.sources.live.feed_catalogue import make_feeds
+from clients.robot.sources.live.live_sampling import Sample
+from clients.robot.sources.recordings.recording import Recording
+from clients.robot.sources.recordings.topic_listing import Listed, draft_topics, list_topics, next_steps
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+
+
+@click.command()
+@click.argument("recording", type=click.Path(path_type=Path), required=False)
+@look_options(
+    source_help="List what the robot's middleware carries now, instead of a RECORDING.",
+    seconds_help="Listen to the robot's middleware for so long.",
+)
+@click.option(
+    "--draft",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write a topics file to start from; an existing file is left alone.",
+)
+@json_option
+@plain_errors
+def topics(recording: Path | None, draft: Path | None, as_json: bool, **options: Any) -> None:
+    """List the topics of a recording or of a running robot: types, counts and rates, and what each could be.
+
+    Example: blockrobot robot topics recording.mcap --draft topics.toml
+    """
+    opened = _open(recording, options)
+    broken = opened.broken if isinstance(opened, Recording) else ""
+    listed = list_topics(opened)
+    steps = next_steps(opened, listed)
+    if draft is not None:
+        _write(draft, draft_topics(opened, listed))
+    if as_json:
+        rows = [_row(item) for item in listed]
+        print_json(
+            {
+                "ok": True,
+                "topics": rows,
+                "broken": broken or None,
+                "draft": str(draft) if draft else None,
+                "next_steps": steps,
+            }
+        )
+        return
+    for item in listed:
+        guess = f"  could be {' or '.join(item.could_be)}" if item.could_be else ""
+        kind = f"{item.figures.type} {item.encoding}".strip()
+        console.print(f"{item.figures.name}  {kind}  {item.figures.count} messages, {item.figures.rate_hz}/s{guess}")
+    if broken:
+        console.print(f"The recording breaks off: {broken} What stands before the break can be used.")
+    for step in steps:
+        console.print(step, markup=False)
+    if draft is not None:
+        use = f"replay {recording}" if recording else f"run --source {options['source']} --viewpoint NAME"
+        console.print(f"A draft is in {draft}. Next: check it, then blockrobot robot {use} --topics {draft}.")
+    elif not listed:
+        console.print("Nothing is advertised. Next: start the camera's and the reader's drivers, and list again.")
+
+
+def _open(recording: Path | None, options: dict[str, Any]) -> Recording | Sample:
+    if (recording is None) == (options["source"] is None):
+        raise click.UsageError("Name a RECORDING, or with --source the robot's middleware; not both.")
+    if recording is not None:
+        return Recording(recording)
+    sample = Sample(make_feeds(options["source"], options)[0])
+    sample.listen(options["seconds"])
+    return sample
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise BlockRobotError(
+            "TOPICS_INVALID",
+            f"{path} exists already, and is left as it is: give --draft another name, or delete it first.",
+        ) from None
+
+
+def _row(item: Listed) -> dict[str, object]:
+    figures = item.figures
+    return {
+        "topic": figures.name,
+        "type": figures.type,
+        "count": figures.count,
+        "rate_hz": figures.rate_hz,
+        "encoding": item.encoding or None,
+        "could_be": list(item.could_be),
+    }

@@ -1,0 +1,178 @@
+"""Between hiding and sealing: keeps what its person consents to, by the view of the registry at that moment.
+
+Must never let a picture be sealed while the view is stale, nor tell the chain anything of somebody who does not consent.
+Consent is asked for where a tag is read, where a picture comes out of hiding, where it is sealed, and (in delivery)
+before it is recorded; whatever waits in between is dropped as soon as a no is seen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+
+from clients.robot.consent.consent_view import Consents, Refusal
+from clients.robot.hiding.hider import Kept, Withheld
+from clients.robot.hiding.match_evidence import MatchEvidence
+from clients.robot.hiding.merged_evidence import MergedEvidence
+from clients.robot.recording.batching import Batcher, ReadyClip
+from clients.robot.recording.spool import SpooledClip
+from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.visit_book import VisitBook
+from clients.robot.run.event_log import IMAGE_WITHHELD, SENSE_WITHHELD, EventLog
+from clients.robot.run.run_statistics import RunStatistics
+from consensus.members.roster import RosterRow
+
+CONSENT_COMING = "consent-coming"
+"""Counted for a reading whose bearer's consent is on the chain, but has not begun."""
+
+
+class Keeper:
+    """One sensor's pictures of one run, recorded for one purpose."""
+
+    def __init__(
+        self,
+        consents: Consents,
+        batcher: Batcher,
+        visits: VisitBook,
+        *,
+        statistics: RunStatistics,
+        log: EventLog,
+        purpose: str,
+        sensor: str,
+        now_ms: Callable[[], int],
+    ) -> None:
+        self._consents = consents
+        self._batcher = batcher
+        self._visits = visits
+        self._statistics = statistics
+        self._log = log
+        self._purpose = purpose
+        self._now_ms = now_ms
+        self.sensor = sensor
+        self.people: dict[str, RosterRow] = {}
+        self._kept: dict[str, int | None] = {}  # since when she consented to what was kept first of her visit
+
+    def admits(self, row: RosterRow, read_at_ms: int) -> bool:
+        """Tell whether a tag that was read then (by the camera's clock) counts as known; count it if not."""
+        refusal = self._find_refusal(row, read_at_ms + self.offset_ms)
+        if refusal is not None:
+            coming = refusal is Refusal.NO_CONSENT and self._consents.is_coming(row.handle, self._purpose, self.sensor)
+            why = CONSENT_COMING if coming else str(refusal)
+            refused = self._consents.figures.sightings_refused
+            refused[why] = refused.get(why, 0) + 1
+        return refusal is None
+
+    @property
+    def offset_ms(self) -> int:
+        """The robot's clock minus the camera's, on whose timeline pictures and readings are stamped."""
+        return self._consents.camera_offset_ms()
+
+    def person_of(self, alias: str) -> bytes:
+        """Return what stands for a person in the spool."""
+        return self._consents.person_tag(self.people[alias].handle)
+
+    def take(self, output: Kept | Withheld) -> list[ReadyClip]:
+        """Take one verdict of the hider; return the clips that it fills."""
+        refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms + self.offset_ms)
+        if isinstance(output, Kept) and refusal is None:
+            if output.evidence is not None:
+                self._statistics.add_off(output.alias, output.evidence)
+            self._kept.setdefault(output.alias, self._find_beginning(self.people[output.alias]))
+            return self._batcher.add_kept(output, self._now_ms())
+        self._withhold(output, str(output.reason if isinstance(output, Withheld) else refusal), refusal)
+        return []
+
+    def withhold(self, output: Kept | Withheld, reason: str) -> None:
+        """Keep something back for another reason than the hider's; its owner is told."""
+        refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms + self.offset_ms)
+        self._withhold(output, reason, refusal)
+
+    def _withhold(self, output: Kept | Withheld, reason: str, refusal: Refusal | None) -> None:
+        """Count it; tell its owner the reason unless she does not consent: that would be a record of her."""
+        may_tell = refusal is None or refusal is Refusal.STALE
+        told = reason if may_tell else str(refusal)
+        evidence = output.evidence if may_tell and isinstance(output, Withheld) else None
+        self._note_withheld(output.sequence, output.alias, told, evidence)
+        if may_tell:
+            self._batcher.add_withheld(output.alias, told)
+
+    def admit(self, clip: ReadyClip) -> ReadyClip | None:
+        """Return what of a clip may be sealed by the view of now, or None if nothing may.
+
+        Of frames that wait while the view is stale the owner is told with her next clip, if there is one.
+        """
+        row = self.people[clip.alias]
+        kept, stale_count = [], 0
+        for frame in clip.frames:
+            refusal = self._find_refusal(row, frame.captured_at_ms + self.offset_ms)
+            if refusal is None:
+                kept.append(frame)
+            else:
+                self._note_withheld(frame.sequence, clip.alias, str(refusal))
+                stale_count += refusal is Refusal.STALE
+        withheld = Counter(dict(clip.withheld)) + Counter({str(Refusal.STALE): stale_count})
+        now_refusal = self._find_refusal(row, self._now_ms())
+        if kept or (withheld and now_refusal is None):
+            return ReadyClip(alias=clip.alias, frames=tuple(kept), withheld=tuple(sorted(withheld.items())))
+        if now_refusal is Refusal.STALE:
+            for reason, count in withheld.items():
+                self._batcher.add_withheld(clip.alias, reason, count)
+        return None
+
+    def drop_refused(self) -> None:
+        """To be called after each reading: forget what waits for a clip of whoever does not consent any more.
+
+        The visit that it belongs to ends here; also that of whoever said no and yes again between two readings.
+        """
+        for alias, row in self.people.items():
+            refusal = self._find_refusal(row, self._now_ms())
+            if refusal is Refusal.NO_CONSENT:
+                for frame in self._batcher.drop(alias):
+                    self._note_withheld(frame.sequence, alias, str(Refusal.NO_CONSENT))
+            is_broken = alias in self._kept and self._kept[alias] != self._find_beginning(row)
+            if refusal is not Refusal.STALE and is_broken:
+                del self._kept[alias]
+                self._visits.forget(alias)
+
+    def _find_beginning(self, row: RosterRow) -> int | None:
+        return self._consents.find_beginning(row.handle, self._purpose, self.sensor)
+
+    def _find_refusal(self, row: RosterRow, taken_at_ms: int) -> Refusal | None:
+        return self._consents.find_refusal(row.handle, self._purpose, self.sensor, taken_at_ms)
+
+    def _note_withheld(
+        self, sequence: int, alias: str, reason: str, evidence: MatchEvidence | MergedEvidence | None = None
+    ) -> None:
+        self._statistics.add_withheld(reason)
+        self._statistics.forget_decided(alias, sequence)
+        if isinstance(evidence, MatchEvidence):
+            self._statistics.add_ambiguous(alias, evidence)
+        elif evidence is not None:
+            self._statistics.add_merged(alias, evidence)
+        numbers = {} if evidence is None else evidence.as_json()
+        self._log.write(self._now_ms(), IMAGE_WITHHELD, f"frame-{sequence}", alias=alias, reason=reason, **numbers)
+
+
+async def note_dropped(
+    clip: SpooledClip,
+    consents: Consents,
+    statistics: RunStatistics,
+    open_visits: OpenVisits,
+    log: EventLog,
+    now_ms: int,
+) -> None:
+    """Count a sealed clip that was destroyed because its person's consent had ended; its visit has a record less.
+
+    Raises SPOOL_FULL.
+    """
+    consents.figures.clips_dropped += 1
+    open_visits.lower(clip.owner)
+    reason = str(Refusal.NO_CONSENT)
+    for sensor, sense in statistics.senses.items():
+        for sequence, _ in (dropped := sense.clip_dropped(clip.upload.record_id, reason)).frames:
+            log.write(now_ms, SENSE_WITHHELD, f"{sensor}-{sequence}", alias=dropped.alias, reason=reason)
+    sealed = statistics.clip_dropped(clip.upload.record_id, reason)
+    for sequence, _ in sealed.frames:
+        log.write(now_ms, IMAGE_WITHHELD, f"frame-{sequence}", alias=sealed.alias, reason=reason)
+    await asyncio.to_thread(open_visits.save)

@@ -1,0 +1,331 @@
+"""Whom the robot may record, now: the consents that the chain proves. Must never take silence, age or doubt for a yes.
+
+The rule. A picture is kept only while the view of the registry is fresh, for a person whom it confirms, whose consent
+to the purpose and the sensor holds, and was taken after that consent began and within its period. A no counts from the
+moment it is seen, and from then on nothing of the person goes to the chain that is not there yet, whenever it was
+taken. A sealed clip is recorded only by a view of a block that is later than its last picture; or, since an idle chain
+makes none, by one that was looked up `SETTLED_AFTER_MS` after it, when a no of that time is long final, and after more
+than two thirds of the producers have shown that they know of nothing newer: one node may be cut off.
+
+The view is fresh while the header that proves it is at most `STALE_AFTER_MS` old by the robot's clock (or twice the
+chain's heartbeat, if that is longer), and not more than `CLOCK_AHEAD_MAX_MS` ahead of it: then a clock is wrong.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import structlog
+
+from clients.robot.consent.registry_reader import Majority, Reading, RegistryReader
+from clients.robot.pairing.rosters import RosterBook
+from clients.robot.recording.spool import SpooledClip
+from consensus.errors import BlockRobotError
+from consensus.rights.consents import GIVEN, Step, find_consent
+
+REFRESH_EVERY_MS = 1_000
+READ_WHOLE_EVERY_MS = 60_000
+STALE_AFTER_MS = 120_000
+CLOCK_AHEAD_MAX_MS = 10_000
+SETTLED_AFTER_MS = 5_000
+_PERSON_TAG = b"blockrobot/spooled-person"
+
+_NO_ROBOT = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
+"""The node does not take the robot for a member: if the others do not either, it was revoked and will not read again."""
+
+_Place = tuple[bytes, str, str, int]
+"""Whose consent, to which purpose and sensor, from which height on."""
+
+_log = structlog.get_logger("consents")
+
+
+class Refusal(StrEnum):
+    """Why a picture may not be kept."""
+
+    STALE = "registry-stale"
+    NO_CONSENT = "no-consent"
+    OUTSIDE = "outside-consent"
+
+
+def compute_stale_after_ms(heartbeat_ms: int) -> int:
+    """Return how old the proving header may be: an idle chain makes a block at each heartbeat only."""
+    return max(STALE_AFTER_MS, 2 * heartbeat_ms)
+
+
+def compute_person_tag(spool_key: bytes, handle: bytes) -> bytes:
+    """Return 32 bytes by which this robot alone knows whose a spooled clip is: HMAC under the spool's key."""
+    return hmac.new(spool_key, _PERSON_TAG + handle, hashlib.sha256).digest()
+
+
+@dataclass(slots=True)
+class ConsentFigures:
+    """What the summary of a run says of consents. Times in ms."""
+
+    readings: int = 0
+    failures: int = 0
+    stale_count: int = 0
+    stale_ms: int = 0
+    sightings_refused: dict[str, int] = field(default_factory=dict)
+    clips_dropped: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the figures by name."""
+        return {
+            "readings": self.readings,
+            "failed_readings": self.failures,
+            "stale_times": self.stale_count,
+            "stale_ms": self.stale_ms,
+            "sightings_refused": dict(sorted(self.sightings_refused.items())),
+            "clips_dropped": self.clips_dropped,
+        }
+
+
+class Consents:
+    """The robot's view of the registry. `now_ms` is the wall clock; `on_change` is called after each reading.
+
+    The chain's time is compared with the robot's own: `camera_offset_ms` is its clock minus the camera's, as measured.
+    """
+
+    def __init__(
+        self,
+        reader: RegistryReader,
+        roster: RosterBook,
+        *,
+        majority: Majority,
+        person_key: bytes,
+        stale_after_ms: Callable[[], int],
+        now_ms: Callable[[], int],
+    ) -> None:
+        self._reader = reader
+        self._majority = majority
+        self._persons = {compute_person_tag(person_key, row.handle): row.handle for row in roster.rows}
+        self._person_key = person_key
+        self._stale_after_ms = stale_after_ms
+        self._now_ms = now_ms
+        self._view: Reading | None = None
+        self._settled_at_ms = 0
+        self._waited_for: list[int] = []
+        self._read_whole_at_ms = 0
+        self._coming: set[_Place] = set()
+        self._begun_ms: dict[_Place, int] = {}
+        self._news = asyncio.Event()
+        self._stale_since_ms: int | None = None
+        self._failure: BlockRobotError | None = None
+        self.figures = ConsentFigures()
+        self.on_change: Callable[[], None] = lambda: None
+        self.camera_offset_ms: Callable[[], int] = lambda: 0
+
+    def __len__(self) -> int:
+        """How many people of the roster the chain confirms."""
+        return len(self._view.people) if self._view is not None else 0
+
+    # The view
+
+    async def refresh(self) -> None:
+        """Read the registry anew. Raises what the network refuses; the view stays what it was then."""
+        looked_at_ms = self._now_ms()
+        known = self._view
+        if looked_at_ms - self._read_whole_at_ms >= READ_WHOLE_EVERY_MS:
+            known = None
+        settled = self._is_quorum_wanted(looked_at_ms) and await self._hear_quorum()
+        found = await self._reader.read(known)
+        if looked_at_ms - found.timestamp_ms > self._stale_after_ms() // 2:
+            # This node may be cut off from the others and not know it.
+            await self._reader.catch_up()
+            found = await self._reader.read(known)
+        if known is None or found.people is not known.people:
+            self._read_whole_at_ms = looked_at_ms
+        self._view, self._failure = found, None
+        if settled:
+            self._settled_at_ms = looked_at_ms
+        self.figures.readings += 1
+        self._note_beginnings(found)
+        self.on_change()
+
+    def _is_quorum_wanted(self, now_ms: int) -> bool:
+        """Tell whether something waits that no block has come for in all the time in which a no would be final."""
+        settled_ms = now_ms - SETTLED_AFTER_MS
+        return any(at_ms <= settled_ms and not self._knows_of(at_ms) for at_ms in self._waited_for)
+
+    async def _hear_quorum(self) -> bool:
+        try:
+            return await self._majority.hear_quorum()
+        except BlockRobotError as error:
+            _log.warning("quorum_unheard", code=error.code)
+            return False
+
+    def _note_beginnings(self, view: Reading) -> None:
+        """A consent that was seen before its height begins with the first block seen at or after it.
+
+        One that prolongs another without a break begins with that one.
+        """
+        places = dict(_places(view))
+        self._begun_ms = {place: began for place, began in self._begun_ms.items() if place in places}
+        self._coming &= places.keys()
+        for place, prolonged in places.items():
+            if place[3] > view.height:
+                self._coming.add(place)
+            elif prolonged is not None:
+                self._coming.discard(place)
+                if prolonged in self._begun_ms:
+                    self._begun_ms.setdefault(place, self._begun_ms[prolonged])
+            elif place in self._coming:
+                self._coming.discard(place)
+                self._begun_ms[place] = view.timestamp_ms
+
+    async def watch(self) -> None:
+        """Read the registry again and again until cancelled; a registry that is away makes the view stale, no more."""
+        while True:
+            await asyncio.sleep(REFRESH_EVERY_MS / 1000)
+            try:
+                await self._read_again()
+            except Exception:
+                # Whatever waits for a newer view must hear that there will be none.
+                self._failure, self._view = BlockRobotError("INTERNAL", "The registry cannot be read."), None
+                self.note_freshness()
+                raise
+            self.note_freshness()
+
+    async def _read_again(self) -> None:
+        try:
+            await self.refresh()
+        except BlockRobotError as error:
+            self.figures.failures += 1
+            _log.warning("registry_unread", code=error.code)
+            if error.code in _NO_ROBOT and await self._majority.is_turned_away():
+                self._failure, self._view = error, None
+
+    def raise_failure(self) -> None:
+        """Raise why the registry will not be read again, if that is so: SESSION_REFUSED and the like, INTERNAL."""
+        if self._failure is not None:
+            raise self._failure
+
+    async def wait_fresh(self, timeout_ms: int) -> None:
+        """Wait until `watch`, which must run beside, has seen a recent block. Raises REGISTRY_STALE if none comes."""
+        try:
+            async with asyncio.timeout(timeout_ms / 1000):
+                while not self.is_fresh():
+                    self.raise_failure()
+                    await self._news.wait()
+        except TimeoutError:
+            raise BlockRobotError("REGISTRY_STALE") from None
+
+    def note_freshness(self) -> None:
+        """Count and log when the view becomes stale or fresh; wake what waits for a newer one."""
+        now_ms = self._now_ms()
+        if self.is_fresh():
+            if self._stale_since_ms is not None:
+                self.figures.stale_ms += now_ms - self._stale_since_ms
+                self._stale_since_ms = None
+                _log.warning("registry_fresh")
+        elif self._stale_since_ms is None:
+            self._stale_since_ms = now_ms
+            self.figures.stale_count += 1
+            _log.error("registry_stale", age_ms=None if self._view is None else now_ms - self._view.timestamp_ms)
+        news, self._news = self._news, asyncio.Event()
+        news.set()
+
+    def is_fresh(self) -> bool:
+        """Tell whether the view may be acted on."""
+        if self._view is None:
+            return False
+        return -CLOCK_AHEAD_MAX_MS <= self._now_ms() - self._view.timestamp_ms <= self._stale_after_ms()
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the run so far."""
+        self.note_freshness()
+        figures = self.figures.as_json()
+        if self._stale_since_ms is not None:
+            figures["stale_ms"] += self._now_ms() - self._stale_since_ms
+        return figures
+
+    # Answers
+
+    def find_refusal(self, handle: bytes, purpose: str, sensor: str, taken_at_ms: int) -> Refusal | None:
+        """Return why a picture of this person, taken then, may not be kept, or None if it may."""
+        if self._view is None or not self.is_fresh():
+            return Refusal.STALE
+        consent = self._consent(self._view, handle, purpose, sensor)
+        if consent is None:
+            return Refusal.NO_CONSENT
+        began_ms = self._began_ms(handle, purpose, sensor, consent)
+        ended = consent.until_ms and taken_at_ms >= consent.until_ms
+        return Refusal.OUTSIDE if taken_at_ms < began_ms or ended else None
+
+    def is_coming(self, handle: bytes, purpose: str, sensor: str) -> bool:
+        """Tell whether a consent is on the chain whose height no block that was seen has reached."""
+        return any(place[:3] == (handle, purpose, sensor) for place in self._coming)
+
+    def find_beginning(self, handle: bytes, purpose: str, sensor: str) -> int | None:
+        """Return since when the consent that holds by the last view holds without a break, None if none does."""
+        consent = None if self._view is None else self._consent(self._view, handle, purpose, sensor)
+        return None if consent is None else self._began_ms(handle, purpose, sensor, consent)
+
+    def _began_ms(self, handle: bytes, purpose: str, sensor: str, consent: Step) -> int:
+        begun_ms = self._begun_ms.get((handle, purpose, sensor, consent.height), 0)
+        return max(consent.since_ms, consent.from_ms, begun_ms)
+
+    @staticmethod
+    def _consent(view: Reading, handle: bytes, purpose: str, sensor: str) -> Step | None:
+        choices = view.people.get(handle)
+        return None if choices is None else find_consent(choices.get((purpose, sensor), ()), view.height)
+
+    def person_tag(self, handle: bytes) -> bytes:
+        """Return what stands for a person in the spool."""
+        return compute_person_tag(self._person_key, handle)
+
+    async def may_record(self, clip: SpooledClip) -> bool:
+        """Wait for a fresh view that is later than the clip's last picture; tell whether it may be recorded.
+
+        A recording that is played faster than time has pictures of the future: there the sealing counts. Raises
+        SESSION_REFUSED once the robot is no member any more, INTERNAL if reading failed for good.
+        """
+        handle = self._persons.get(clip.person)
+        ends = (clip.captured_from_ms, clip.captured_until_ms)
+        while True:
+            await self._wait_to_know_of(min(clip.captured_until_ms, clip.decided_at_ms))
+            if handle is None:
+                return False
+            refusals = {self.find_refusal(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends}
+            if Refusal.STALE not in refusals:
+                return refusals == {None}
+            # The view turned stale since: that is no word of hers.
+            await self._news.wait()
+
+    async def _wait_to_know_of(self, at_ms: int) -> None:
+        self._waited_for.append(at_ms)
+        try:
+            while not self._knows_of(at_ms):
+                self.raise_failure()
+                await self._news.wait()
+        finally:
+            self._waited_for.remove(at_ms)
+
+    def _knows_of(self, at_ms: int) -> bool:
+        """Tell whether the view is fresh and shows every no that was said until then."""
+        if self._view is None or not self.is_fresh():
+            return False
+        return self._view.timestamp_ms >= at_ms or self._settled_at_ms >= at_ms + SETTLED_AFTER_MS
+
+
+def _places(view: Reading) -> Iterator[tuple[_Place, _Place | None]]:
+    """Yield where each consent stands, the earlier first, and where the one stands that it prolongs, if any."""
+    for handle, choices in view.people.items():
+        for (purpose, sensor), steps in choices.items():
+            for before, step in zip((None, *steps), steps, strict=False):
+                if step.status == GIVEN:
+                    prolongs = before is not None and _is_prolonged(before, step, view.timestamp_ms)
+                    earlier = (handle, purpose, sensor, before.height) if before is not None and prolongs else None
+                    yield (handle, purpose, sensor, step.height), earlier
+
+
+def _is_prolonged(before: Step, step: Step, now_ms: int) -> bool:
+    """Tell whether a consent goes on from the one before it without a break, as far as the chain's time has come."""
+    same = before.status == GIVEN and step.since_ms == max(before.since_ms, before.from_ms)
+    return same and (before.until_ms == 0 or now_ms < before.until_ms)

@@ -1,0 +1,109 @@
+"""Reads what the chain proves of everybody on a roster: keys, status, consents. Must never ask about one person alone.
+
+The registry is asked for whole, always the same keys in the same order, so that a node learns nothing of who is near.
+Two numbers on the chain tell whether anything changed; while they stay, one small proof makes an old reading new.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from clients.sdk.chain.proved_rows import ProvingClient, in_session
+from clients.sdk.quorum import AskingClient, hear_quorum, is_turned_away
+from consensus.members.roster import RosterRow
+from consensus.primitives.keys import PrivateKey
+from consensus.rights.consents import Choices, read_choices
+from consensus.state import consent, identity
+from consensus.state.consent import CHOICES
+from consensus.state.identity import HANDLE, MEMBER, MemberRow
+
+_COUNTS = (identity.CHANGES.flat, consent.CHANGES.flat)
+
+
+class RegistryClient(ProvingClient, Protocol):
+    """What the registry is read with: `clients.sdk.network_client.NetworkClient`."""
+
+    async def catch_up(self, key: PrivateKey) -> object:
+        """Ask every node for the newest final header, and go on with the node that has it."""
+
+
+class Majority(Protocol):
+    """What several nodes say that one of them cannot vouch for."""
+
+    async def hear_quorum(self) -> bool:
+        """Tell whether a quorum of producers has answered, and nothing is read any more that is older than they say."""
+
+    async def is_turned_away(self) -> bool:
+        """Tell whether no node takes the robot for a member any more."""
+
+
+class NetworkMajority:
+    """The majority of a network's nodes, asked in the robot's session."""
+
+    def __init__(self, client: AskingClient, key: PrivateKey) -> None:
+        self._client = client
+        self._key = key
+
+    async def hear_quorum(self) -> bool:
+        """See `Majority`. Raises what reading raises."""
+        return await hear_quorum(self._client, self._key)
+
+    async def is_turned_away(self) -> bool:
+        """See `Majority`."""
+        return await is_turned_away(self._client, self._key)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one block proves: its height and time, the two numbers, and the choices of whom it confirms, by handle."""
+
+    height: int
+    timestamp_ms: int
+    counts: tuple[Any, ...]
+    people: dict[bytes, Choices]
+
+
+class RegistryReader:
+    """Reads the registry for the people of one roster, in the robot's own session."""
+
+    def __init__(self, client: RegistryClient, key: PrivateKey, rows: tuple[RosterRow, ...]) -> None:
+        self._client = client
+        self._key = key
+        self._rows = rows
+
+    async def catch_up(self) -> None:
+        """Look at all nodes for the newest header. Raises NODE_UNREACHABLE and the like."""
+        await self._client.catch_up(self._key)
+
+    async def read(self, known: Reading | None) -> Reading:
+        """Return a new reading; `known` is the last one if it may be carried on while nothing changed.
+
+        Raises what the network refuses, PROOF_INVALID, PROOF_STALE. The reading counts as of the numbers, which are
+        asked for first: whatever changes meanwhile shows in the next one.
+        """
+        state = await self._client.state_values(_COUNTS, self._key)
+        counts = tuple(state.values[key] for key in _COUNTS)
+        unchanged = known is not None and counts == known.counts
+        people = known.people if known is not None and unchanged else await self._read_whole()
+        return Reading(state.height, state.timestamp_ms, counts, people)
+
+    async def _read_whole(self) -> dict[bytes, Choices]:
+        read = in_session(self._client, self._key)
+        handles = [row.handle for row in self._rows]
+        values = await read([HANDLE.key(handle) for handle in handles])
+        owners = {handle: HANDLE.among(values, handle) for handle in handles}
+        members = await read([MEMBER.key(owner) for owner in owners.values() if owner is not None])
+        choices = await read([CHOICES.key(handle) for handle in handles])
+        found = {}
+        for row in self._rows:
+            owner = owners[row.handle]
+            member = None if owner is None else MEMBER.among(members, owner)
+            if member is not None and _agrees(row, member):
+                found[row.handle] = read_choices(choices[CHOICES.key(row.handle)])
+        return found
+
+
+def _agrees(row: RosterRow, member: MemberRow) -> bool:
+    keys = (member.handle, member.spend, member.view, member.sealing)
+    return member.is_active and keys == (row.handle, row.spend, row.view, row.sealing)

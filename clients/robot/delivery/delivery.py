@@ -1,0 +1,348 @@
+"""Brings spooled clips to custodians and chain: upload, record, confirm. Must never forget a clip that is not final, unless
+its person's consent has ended: then it is destroyed.
+
+Each clip is its own transaction, sent after a random delay of up to half a second, so that the owners of one scene do
+not stand side by side on the chain. A visit is announced before its first record. Every step is idempotent: after a
+crash or a cut the spool's clips are delivered again, and the chain refuses a second record of the same id. What must be
+on the medium is brought there in a thread, one thing after another: camera and uploads go on meanwhile.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections import Counter
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import msgspec
+import structlog
+
+from clients.robot.recording.spool import Spool, SpooledClip
+from clients.robot.recording.unclosed_visits import OpenVisits
+from consensus.chain.transaction import Transaction
+from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipUpload
+
+SUBMIT_DELAY_MAX_MS = 500
+DELIVERIES_AT_ONCE_MAX_COUNT = 8
+CLIPS_LOADED_MAX_COUNT = 32
+"""How many clips are in memory at once, of up to 4 MiB each; the others wait on disk."""
+
+RETRY_FIRST_MS = 200
+RETRY_MAX_MS = 5_000
+OVERDUE_AFTER_MS = 24 * 60 * 60 * 1000
+"""The chain takes no record of a day ago (`BUCKET_AGE_MAX_MS` of the contract `records`)."""
+
+_OVERDUE_CODES = frozenset({"BUCKET_WRONG", "EXPIRY_WRONG"})
+_NOT_OURS = "NOT_THE_ROBOT"
+"""Another robot, which saw the announcement on its way, opened a visit under this key first: a robot that lies."""
+
+_OPEN_VISIT = "open_visit"
+
+_log = structlog.get_logger("delivery")
+
+
+class ConsentEnded(Exception):  # noqa: N818 - no error: the person's word
+    """The clip's person does not consent any more."""
+
+
+async def _nothing(_: SpooledClip) -> None:
+    """Take no notice of a clip that was destroyed."""
+
+
+class DeliveryNetwork(Protocol):
+    """What delivery needs of the network, signed as the robot."""
+
+    def sign(self, contract: str, entry: str, arguments: list[Any]) -> Transaction:
+        """Sign a call as the robot."""
+
+    async def submit_and_wait(self, transaction: Transaction) -> Confirmation:
+        """Submit and wait until the transaction is final. Raises what the network refuses."""
+
+    async def upload(self, upload: ClipUpload) -> None:
+        """Bring a clip to the custodians. Raises when fewer than required took it."""
+
+    async def knows_visit(self, owner: bytes) -> bool:
+        """Whether the chain proves a visit of that owner key. Raises what the network refuses."""
+
+    def now_ms(self) -> int:
+        """The wall clock."""
+
+
+class Confirmation(Protocol):
+    """A final receipt."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the call succeeded."""
+
+    @property
+    def code(self) -> str:
+        """`OK`, or the contract's code."""
+
+
+@dataclass(frozen=True, slots=True)
+class Delivered:
+    """One clip whose record is final. Times are the robot's wall clock."""
+
+    clip: SpooledClip
+    txid: bytes
+    submitted_at_ms: int
+    final_at_ms: int
+
+
+class Delivery:
+    """Delivers clips from a spool until each is final, several at once."""
+
+    def __init__(
+        self,
+        spool: Spool,
+        network: DeliveryNetwork,
+        *,
+        on_delivered: Callable[[Delivered], None],
+        may_record: Callable[[SpooledClip], Awaitable[bool]],
+        on_dropped: Callable[[SpooledClip], Awaitable[None]] = _nothing,
+        at_once: bool = False,
+    ) -> None:
+        """`may_record` is asked before each attempt to announce or record a clip, and again between a clip's upload and its
+        record; what it says no to is destroyed, and `on_dropped` is told once that is on the medium.
+        """
+        self._spool = spool
+        self._network = network
+        self._on_delivered = on_delivered
+        self._may_record = may_record
+        self._on_dropped = on_dropped
+        self._delay_max_ms = 0 if at_once else SUBMIT_DELAY_MAX_MS
+        self._loaded = asyncio.Semaphore(CLIPS_LOADED_MAX_COUNT)
+        self._slots = asyncio.Semaphore(DELIVERIES_AT_ONCE_MAX_COUNT)
+        self._announcements: dict[bytes, asyncio.Task[None]] = {}
+        self._known_visits: set[bytes] = set()
+        self._tried_visits: set[bytes] = set()
+        self._done_counts: Counter[bytes] = Counter()  # of clips that were not destroyed, by owner key
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._destroying = asyncio.Lock()  # one at a time: threads are wanted for the picture work
+        self._finishing: set[asyncio.Task[None]] = set()
+        self.failure: BaseException | None = None
+        self.let_go_count = 0
+
+    def start(self, name: str) -> None:
+        """Begin to deliver a clip of the spool."""
+        task = asyncio.create_task(self._deliver(name))
+        self._tasks[name] = task
+        task.add_done_callback(lambda done: self._finished(name, done))
+
+    def _finished(self, name: str, task: asyncio.Task[None]) -> None:
+        self._tasks.pop(name, None)
+        if not task.cancelled() and task.exception() is not None:
+            self.failure = task.exception()
+
+    def announce(self, clip_or_visit: SpooledClip) -> asyncio.Task[None]:
+        """Open the visit on the chain, once."""
+        owner = clip_or_visit.owner
+        if owner not in self._announcements:
+            self._announcements[owner] = asyncio.create_task(self._open_visit(clip_or_visit))
+        return self._announcements[owner]
+
+    def has_announced(self, owner: bytes) -> bool:
+        """Tell whether this run has seen the visit's announcement final."""
+        return owner in self._known_visits
+
+    async def _announced(self, clip: SpooledClip) -> None:
+        """Wait until the clip's visit is announced. Raises ConsentEnded, if this clip's has ended."""
+        while True:
+            task = self.announce(clip)
+            try:
+                await asyncio.shield(task)
+                return
+            except ConsentEnded:
+                if self._announcements.get(clip.owner) is task:
+                    del self._announcements[clip.owner]
+                if not await self._may_record(clip):
+                    raise
+
+    async def _open_visit(self, clip: SpooledClip) -> None:
+        arguments = [clip.owner, clip.ephemeral, clip.view_tag, clip.visit_bucket_ms, clip.purpose]
+        await self._final("records", _OPEN_VISIT, arguments, accepted=("OK", "VISIT_EXISTS"), clip=clip)
+        self._known_visits.add(clip.owner)
+
+    async def close_visits(self, visits: OpenVisits) -> None:
+        """Close every visit that the chain knows, and forget all; to be called once every clip is delivered.
+
+        Of a visit that was destroyed whole before anybody heard of it the chain must not hear by its closing. A robot
+        that was killed cannot know what it announced, nor can one that never heard the answer: then a node is asked.
+        """
+        for owner, record_count in visits.counts.items():
+            await self._close(visits, owner, record_count)
+
+    async def close_over(self, visits: OpenVisits, goes_on: Callable[[bytes], bool]) -> None:
+        """Close those visits of this run that do not go on and whose every record is final; for a run that lasts long.
+
+        One that did not go on before its count is read has all its records in it: what came to it while others were
+        closed counts. What cannot be closed now is left to the next time.
+        """
+        for owner in visits.counts:
+            if owner in visits.inherited or goes_on(owner) or self._done_counts[owner] != visits.counts[owner]:
+                continue
+            await self._delay()
+            try:
+                await self._close(visits, owner, visits.counts[owner])
+            except BlockRobotError as error:
+                _log.warning("visit_not_closed", code=error.code)
+
+    async def _close(self, visits: OpenVisits, owner: bytes, record_count: int) -> None:
+        doubtful = owner in visits.inherited or owner in self._tried_visits
+        if self.has_announced(owner) or (doubtful and await self._is_on_chain(owner)):
+            await self.close_visit(owner, record_count)
+        visits.forget(owner)
+        self._known_visits.discard(owner)
+        self._tried_visits.discard(owner)
+        self._announcements.pop(owner, None)
+        del self._done_counts[owner]
+        await asyncio.to_thread(visits.save)
+
+    async def _is_on_chain(self, owner: bytes) -> bool:
+        wait_ms = RETRY_FIRST_MS
+        while True:
+            try:
+                return await self._network.knows_visit(owner)
+            except BlockRobotError as error:
+                if not error.entry.retryable:
+                    raise
+                _log.warning("retry", entry="visit", code=error.code)
+                await asyncio.sleep(wait_ms / 1000)
+                wait_ms = min(2 * wait_ms, RETRY_MAX_MS)
+
+    async def close_visit(self, owner: bytes, record_count: int) -> None:
+        """Say on the chain how many records the visit has, so that a missing tail is noticed."""
+        await self._final("records", "close_visit", [owner, record_count], accepted=("OK", "VISIT_CLOSED", _NOT_OURS))
+
+    async def drain(self) -> None:
+        """Wait until every started clip is final. Raises what stopped one for good."""
+        while self._tasks:
+            await asyncio.wait(list(self._tasks.values()))
+        if self.failure is not None:
+            raise self.failure
+
+    async def stop(self) -> None:
+        """Stop without waiting for the network; the clips stay in the spool. What is being destroyed is destroyed."""
+        tasks = [*self._tasks.values(), *self._announcements.values()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, *self._finishing, return_exceptions=True)
+
+    async def _final(
+        self,
+        contract: str,
+        entry: str,
+        arguments: list[Any],
+        *,
+        accepted: tuple[str, ...],
+        clip: SpooledClip | None = None,
+        upload: ClipUpload | None = None,
+    ) -> tuple[bytes, int]:
+        """Submit until final, over cuts and expiries; what goes with it is uploaded first.
+
+        Returns (txid, when it was submitted). Raises NOT_PERMITTED if the contract refuses, ConsentEnded if it is for
+        a clip that may not be recorded.
+        """
+        wait_ms = RETRY_FIRST_MS
+        while True:
+            if clip is not None and not await self._may_record(clip):
+                raise ConsentEnded
+            transaction = self._network.sign(contract, entry, arguments)
+            try:
+                if upload is not None:
+                    expiry = transaction.body.valid_until_ms
+                    await self._network.upload(
+                        msgspec.structs.replace(upload, txid=transaction.txid, valid_until_ms=expiry)
+                    )
+                    # An upload takes as long as the slowest custodian does.
+                    if clip is not None and not await self._may_record(clip):
+                        raise ConsentEnded
+                if entry == _OPEN_VISIT:
+                    self._tried_visits.add(arguments[0])
+                submitted = self._network.now_ms()
+                confirmation = await self._network.submit_and_wait(transaction)
+            except BlockRobotError as error:
+                if not error.entry.retryable and error.code != "TRANSACTION_EXPIRED":
+                    raise
+                _log.warning("retry", entry=entry, code=error.code)
+                await asyncio.sleep(wait_ms / 1000)
+                wait_ms = min(2 * wait_ms, RETRY_MAX_MS)
+                continue
+            if confirmation.code not in accepted:
+                detail = f"The chain refused {contract}.{entry}: {confirmation.code}."
+                raise BlockRobotError("NOT_PERMITTED", detail, contract_code=confirmation.code)
+            return transaction.txid, submitted
+
+    async def _deliver(self, name: str) -> None:
+        async with self._loaded:
+            await self._deliver_loaded(name, self._spool.get(name))
+
+    async def _deliver_loaded(self, name: str, clip: SpooledClip) -> None:
+        try:
+            txid, submitted = await self._record(clip)
+        except BlockRobotError as error:
+            if error.code == "CLIP_ERASED":
+                # Its record was final before a restart, and the owner has erased it since: there is nothing to do.
+                self._spool.remove(name)
+            elif error.context.get("contract_code") == _NOT_OURS or self._is_overdue(clip, error):
+                # No chain will ever take it, and its pictures must not outlive their owner's say: she sees a gap.
+                _log.error("clip_let_go", bucket_ms=clip.bucket_ms, code=error.context.get("contract_code"))
+                self._spool.remove(name)
+                self.let_go_count += 1
+            else:
+                raise
+            self._done_counts[clip.owner] += 1
+            return
+        except ConsentEnded:
+            await self._finish(self._destroy(name, clip))
+            return
+        self._spool.remove(name)
+        self._done_counts[clip.owner] += 1
+        self._on_delivered(
+            Delivered(clip=clip, txid=txid, submitted_at_ms=submitted, final_at_ms=self._network.now_ms())
+        )
+
+    async def _finish(self, work: Coroutine[Any, Any, None]) -> None:
+        """Bring something to its end, though the run is ended meanwhile; `stop` waits for it."""
+        task = asyncio.create_task(work)
+        self._finishing.add(task)
+        task.add_done_callback(self._finishing.discard)
+        await asyncio.shield(task)
+
+    async def _destroy(self, name: str, clip: SpooledClip) -> None:
+        """Destroy a clip, and only then say so: killed in between, its owner is told of one that is missing."""
+        async with self._destroying:
+            await asyncio.to_thread(self._spool.destroy, name)
+            await self._on_dropped(clip)
+
+    def _is_overdue(self, clip: SpooledClip, error: BlockRobotError) -> bool:
+        """Tell whether the chain refused a clip because it is too old, and not because the robot's clock is ahead."""
+        now_ms = self._network.now_ms()
+        is_old = min(clip.bucket_ms, clip.visit_bucket_ms) < now_ms - OVERDUE_AFTER_MS or clip.expires_at_ms <= now_ms
+        return is_old and error.context.get("contract_code") in _OVERDUE_CODES
+
+    async def _delay(self) -> None:
+        if self._delay_max_ms:
+            await asyncio.sleep(random.SystemRandom().uniform(0, self._delay_max_ms) / 1000)
+
+    async def _record(self, clip: SpooledClip) -> tuple[bytes, int]:
+        """Announce the visit, then upload and record the clip. Returns (txid, when it was submitted)."""
+        await self._announced(clip)
+        await self._delay()
+        arguments = [
+            clip.upload.record_id,
+            clip.owner,
+            clip.commitment_root,
+            clip.ciphertext_root,
+            clip.sealed_metadata,
+            clip.bucket_ms,
+            clip.expires_at_ms,
+        ]
+        async with self._slots:
+            return await self._final(
+                "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), clip=clip, upload=clip.upload
+            )

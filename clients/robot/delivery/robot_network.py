@@ -1,0 +1,99 @@
+"""The robot's side of the network: signs, uploads to custodians, submits. Must never call an upload done too early.
+
+An upload ends with the last custodian's answer, though fewer are required: a copy that is on its way is not broken off.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import Any
+
+import structlog
+
+from clients.robot.hiding.background import EmptyFrame
+from clients.robot.identity.robot_keys import RobotIdentity
+from clients.sdk.chain.empty_frames import approve_frames, read_approved
+from clients.sdk.chain.proved_rows import in_session, proved_row
+from clients.sdk.chain.receipts import FinalReceipt
+from clients.sdk.connections import NodeAddress
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.transaction import Transaction
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.clips import ClipUpload
+from consensus.state.records import VISIT
+
+COPIES_DEFAULT_COUNT = 2
+COPIES_MAX_COUNT = 16
+
+_log = structlog.get_logger("robot")
+
+
+class RobotNetwork:
+    """What delivery needs, over the client library.
+
+    A clip counts as uploaded once `copies` custodians have acknowledged it, or all where there are fewer.
+    """
+
+    def __init__(self, client: NetworkClient, identity: RobotIdentity, copies: int = COPIES_DEFAULT_COUNT) -> None:
+        self._client = client
+        self._copies = copies
+        self._identity = identity
+        self.refused_uploads: Counter[str] = Counter()
+        """How often a custodian took no upload, by the code with which it refused or could not be reached."""
+
+    def now_ms(self) -> int:
+        """The wall clock in milliseconds."""
+        return self._client.clock.now_ms()
+
+    def sign(self, contract: str, entry: str, arguments: list[Any]) -> Transaction:
+        """Sign a call as the robot."""
+        return self._client.transactions.build(self._identity.identity, contract, entry, arguments)
+
+    async def submit_and_wait(self, transaction: Transaction) -> FinalReceipt:
+        """Submit and wait until the transaction is final."""
+        return await self._client.submit_and_wait(transaction)
+
+    async def knows_visit(self, owner: bytes) -> bool:
+        """Whether the chain proves a visit of that owner key. The node that is asked hears the key."""
+        return await proved_row(in_session(self._client, self._identity.identity), VISIT, owner) is not None
+
+    async def upload(self, upload: ClipUpload) -> None:
+        """Bring a clip to all custodians. Raises the last refusal if fewer took it than are to have it."""
+        await self._to_custodians(lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity))
+
+    async def approve_empty_frames(self, frames: tuple[EmptyFrame, ...], approver: PrivateKey) -> None:
+        """Approve frames on the chain with the key of an admin of the robot's organisation."""
+        robot = self._identity.identity.public_key
+        await approve_frames(self._client, approver, robot, [frame.background_id for frame in frames])
+
+    async def find_unapproved(self, frames: tuple[EmptyFrame, ...]) -> list[EmptyFrame]:
+        """Return the frames that the chain proves no approval of."""
+        identity = self._identity.identity
+        approved = {frame.digest for frame in await read_approved(self._client, identity.public_key, identity)}
+        return [frame for frame in frames if frame.background_id not in approved]
+
+    async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:
+        """Bring the recorded empty frames, which show nobody, to all custodians."""
+        for frame in frames:
+            await self._to_custodians(partial(self._put_background, frame.png))
+
+    async def _put_background(self, png: bytes, node: NodeAddress) -> None:
+        await self._client.custody.put_background(node, png, self._identity.identity)
+
+    async def _to_custodians(self, send: Callable[[NodeAddress], Awaitable[object]]) -> None:
+        await self._client.find_nodes(self._identity.identity)
+        custodians = self._client.custody.custodians
+        required = min(self._copies, len(custodians))
+        results = await asyncio.gather(*(send(node) for node in custodians), return_exceptions=True)
+        refusals = [result for result in results if isinstance(result, BaseException)]
+        for refusal in refusals:
+            if not isinstance(refusal, BlockRobotError):
+                raise refusal
+            self.refused_uploads[refusal.code] += 1
+        if len(results) - len(refusals) < required:
+            _log.warning("upload_refused", count=len(refusals))
+            raise refusals[-1]

@@ -1,0 +1,131 @@
+"""Seals the frames of one clip for one owner: data keys, ciphertexts, commitments. Must never keep a data key.
+
+What goes in is a list of renditions of one owner in one visit; what comes out is a spooled clip: bytes that only the
+owner opens, and the arguments of the record's transaction. Data keys live for the length of one call.
+"""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+
+from clients.robot.recording.spool import SpooledClip
+from consensus.limits import RETENTION_DEFAULT_MS, TIME_BUCKET_MS
+from consensus.primitives.encoding import encode
+from consensus.records.clips import ClipUpload
+from consensus.records.commitments import (
+    ciphertext_leaves,
+    ciphertext_root,
+    commitment_root,
+    frame_commitment,
+)
+from consensus.records.envelopes import (
+    DATA_KEY_BYTES,
+    NONCE_BYTES,
+    RECORD_ID_BYTES,
+    seal_data_key,
+    seal_frame,
+    seal_metadata,
+)
+from consensus.records.metadata import RecordMetadata, compute_metadata_hash
+from consensus.records.renditions import Rendition, encode_rendition
+
+
+@dataclass(slots=True)
+class VisitChain:
+    """A visit as the robot holds it while it lasts: its owner key, what announces it, and the end of its chain.
+
+    `sealing` is the X25519 key of the person it belongs to; `previous_hash` that of the last record's metadata.
+    """
+
+    owner: bytes
+    ephemeral: bytes
+    view_tag: int
+    purpose: str
+    bucket_ms: int
+    sealing: bytes
+    record_count: int = 0
+    previous_hash: bytes = bytes(32)
+
+
+@dataclass(frozen=True, slots=True)
+class ClipContent:
+    """What one record will hold. `withheld` counts, by reason, the frames kept back since the record before.
+
+    `person` stands for whom it shows (`consent_view`; nobody is 32 zeros), `taken_by` for the sensor that
+    consent is asked for, if that is not `sensor`; `offset_ms` is the host's clock minus that of the renditions' stamps.
+    """
+
+    renditions: tuple[Rendition, ...]
+    withheld: tuple[tuple[str, int], ...]
+    sensor: str
+    decided_at_ms: int
+    person: bytes = bytes(32)
+    taken_by: str = ""
+    offset_ms: int = 0
+
+
+def compute_time_bucket(time_ms: int) -> int:
+    """Return the start of the five-minute bucket that holds `time_ms`: all that the chain tells of the time."""
+    return time_ms - time_ms % TIME_BUCKET_MS
+
+
+def compute_expiry(now_ms: int, retention_ms: int) -> int:
+    """Return when a record expires, on full five minutes: an exact expiry would tell the time that the bucket hides."""
+    return max(compute_time_bucket(now_ms + retention_ms), compute_time_bucket(now_ms) + TIME_BUCKET_MS)
+
+
+def seal_clip(
+    content: ClipContent, chain: VisitChain, *, now_ms: int, retention_ms: int = RETENTION_DEFAULT_MS
+) -> SpooledClip:
+    """Seal a clip of 1 to 64 renditions to the owner of `chain`, and move the chain on by one record."""
+    record_id = secrets.token_bytes(RECORD_ID_BYTES)
+    ciphertexts, sealed_keys, leaves = [], [], []
+    for index, rendition in enumerate(content.renditions):
+        plaintext = encode_rendition(rendition)
+        data_key = secrets.token_bytes(DATA_KEY_BYTES)
+        ciphertexts.append(seal_frame(data_key, secrets.token_bytes(NONCE_BYTES), record_id, index, plaintext))
+        sealed_keys.append(seal_data_key(chain.sealing, data_key))
+        leaves.append(frame_commitment(data_key, index, plaintext))
+    first, last = content.renditions[0], content.renditions[-1]
+    metadata = RecordMetadata(
+        sensor=content.sensor,
+        started_at_ms=first.captured_at_ms,
+        ended_at_ms=last.captured_at_ms,
+        frame_count=len(content.renditions),
+        index_in_visit=chain.record_count,
+        previous_hash=chain.previous_hash,
+        withheld=content.withheld,
+        width=first.width,
+        height=first.height,
+    )
+    chain.record_count += 1
+    chain.previous_hash = compute_metadata_hash(metadata)
+    upload = ClipUpload(
+        record_id=record_id,
+        txid=bytes(32),
+        valid_until_ms=0,
+        ciphertexts=ciphertexts,
+        sealed_keys=sealed_keys,
+        commitment_leaves=leaves,
+        owner=chain.owner,
+    )
+    return SpooledClip(
+        upload=upload,
+        owner=chain.owner,
+        ephemeral=chain.ephemeral,
+        view_tag=chain.view_tag,
+        purpose=chain.purpose,
+        visit_bucket_ms=chain.bucket_ms,
+        commitment_root=commitment_root(leaves),
+        ciphertext_root=ciphertext_root(ciphertext_leaves(ciphertexts, sealed_keys)),
+        sealed_metadata=seal_metadata(chain.sealing, encode(metadata)),
+        bucket_ms=compute_time_bucket(now_ms),
+        expires_at_ms=compute_expiry(now_ms, retention_ms),
+        frame_count=len(content.renditions),
+        decided_at_ms=content.decided_at_ms,
+        person=content.person,
+        sensor=content.taken_by or content.sensor,
+        captured_from_ms=min(rendition.captured_at_ms for rendition in content.renditions) + content.offset_ms,
+        captured_until_ms=max(rendition.captured_at_ms for rendition in content.renditions) + content.offset_ms,
+    )

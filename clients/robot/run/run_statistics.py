@@ -1,0 +1,264 @@
+"""Counts what became of every frame and how long it took. Must never count a frame as kept before its record is final.
+
+Frames are counted per frame and owner: covered = kept + withheld + lost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from clients.robot.delivery.delivery import Delivered
+from clients.robot.hiding import match_evidence, merged_evidence
+from clients.robot.hiding.match_evidence import MatchEvidence
+from clients.robot.hiding.merged_evidence import MergedEvidence
+
+ARRIVALS_MAX_COUNT = 4_096
+"""Of so many frames it is remembered when they came: more than two minutes of 30 a second, longer than any waits here."""
+
+AMBIGUOUS_TAGS_MAX_COUNT = 16
+"""Of so many tags it is told why they could not be told to be anybody's in view."""
+
+_EXACT_BELOW_MS = 10_000
+
+
+@dataclass(slots=True)
+class Distribution:
+    """How often each number of milliseconds occurred; from ten seconds on to four digits. A run may last for weeks."""
+
+    counts: Counter[int] = field(default_factory=Counter)
+
+    def add(self, value_ms: int) -> None:
+        """Count one value."""
+        step = 1
+        while abs(value_ms) >= _EXACT_BELOW_MS * step:
+            step *= 10
+        self.counts[value_ms // step * step] += 1
+
+    def summarise(self) -> dict[str, float]:
+        """Return median, 95th percentile and maximum, rounded; zeros if there is nothing."""
+        if not self.counts:
+            return {"p50": 0.0, "p95": 0.0, "max": 0.0}
+        values = np.array(sorted(self.counts))
+        ends = np.cumsum([self.counts[value] for value in values.tolist()])
+
+        def at(share: float) -> float:
+            place = share * float(ends[-1] - 1)
+            low, high = (int(values[np.searchsorted(ends, int(rank), "right")]) for rank in (place, math.ceil(place)))
+            return round(low + (high - low) * (place % 1), 1)
+
+        return {"p50": at(0.50), "p95": at(0.95), "max": float(values[-1])}
+
+
+@dataclass(frozen=True, slots=True)
+class SealedFrames:
+    """Which frames a record holds, as (sequence, captured_at_ms), and this run's alias of their owner.
+
+    `arrived_at_ms` and `decided_at_ms` say of each frame when it came and when it was settled that it is kept, None
+    where that is not known.
+    """
+
+    alias: str = ""
+    frames: tuple[tuple[int, int], ...] = ()
+    arrived_at_ms: tuple[int | None, ...] = ()
+    decided_at_ms: tuple[int | None, ...] = ()
+
+
+@dataclass(slots=True)
+class Ambiguity:
+    """One tag's ambiguous frames: how many, and the matcher's numbers where it came nearest to a decision."""
+
+    frames: int
+    nearest: MatchEvidence
+
+    def as_json(self, alias: str) -> dict[str, Any]:
+        """Return the numbers, and in words what stood in the way and what helps."""
+        help_text = match_evidence.HELP[self.nearest.obstacle]
+        return {"alias": alias, "frames": self.frames, **self.nearest.as_json(), "help": help_text}
+
+
+@dataclass(slots=True)
+class MergedFrames:
+    """One tag's merged frames: how many, and the silhouette that came nearest to being taken for one person."""
+
+    frames: int
+    nearest: MergedEvidence
+
+    def as_json(self, alias: str) -> dict[str, Any]:
+        """Return the numbers, and in words what they mean."""
+        help_text = merged_evidence.HELP[self.nearest.by]
+        return {"alias": alias, "frames": self.frames, **self.nearest.as_json(), "help": help_text}
+
+
+@dataclass(slots=True)
+class RunStatistics:
+    """The figures of one run, in memory that does not grow with it. Times in milliseconds of the robot's wall clock."""
+
+    window_ms: int
+    published: int = 0
+    covered: int = 0
+    kept_final: int = 0
+    records_final: int = 0
+    withheld: dict[str, int] = field(default_factory=dict)
+    stored_bytes: int = 0
+    arrivals_ms: dict[int, int] = field(default_factory=dict)
+    sealed: dict[bytes, SealedFrames] = field(default_factory=dict)
+    frame_to_final: Distribution = field(default_factory=Distribution)
+    arrival_to_final: Distribution = field(default_factory=Distribution)
+    decided_to_final: Distribution = field(default_factory=Distribution)
+    submit_to_final: Distribution = field(default_factory=Distribution)
+    final_gap_max_ms: int = 0
+    """The longest time between two records that became final."""
+    senses: dict[str, RunStatistics] = field(default_factory=dict)
+    ambiguities: dict[str, Ambiguity] = field(default_factory=dict)
+    merged: dict[str, MergedFrames] = field(default_factory=dict)
+    distances_off: dict[str, tuple[int, MatchEvidence]] = field(default_factory=dict)
+    let_go: int = 0
+    """Of another sense: how many could not wait for a verdict, for lack of memory."""
+    _decided: dict[tuple[str, int], int] = field(default_factory=dict)
+    _last_final_ms: int | None = None
+
+    def frame_arrived(self, sequence: int, arrived_at_ms: int) -> None:
+        """Note when a frame came in."""
+        self.published += 1
+        self.arrivals_ms[sequence] = arrived_at_ms
+        if len(self.arrivals_ms) > ARRIVALS_MAX_COUNT:
+            del self.arrivals_ms[next(iter(self.arrivals_ms))]
+
+    def frame_decided(self, alias: str, sequence: int, decided_at_ms: int) -> None:
+        """Note when it was settled that a frame is kept for an owner: when what settled it had come, busy or not."""
+        self._decided[alias, sequence] = decided_at_ms
+
+    def forget_decided(self, alias: str, sequence: int) -> None:
+        """Note that a frame is not kept after all."""
+        self._decided.pop((alias, sequence), None)
+
+    def clip_sealed(self, record_id: bytes, frames: list[tuple[int, int]], alias: str = "") -> None:
+        """Note which frames, as (sequence, captured_at_ms), a record holds, and by this run's alias whose they are."""
+        decided = tuple(self._decided.pop((alias, sequence), None) for sequence, _ in frames)
+        arrived = tuple(self.arrivals_ms.get(sequence) for sequence, _ in frames)
+        self.sealed[record_id] = SealedFrames(alias, tuple(frames), arrived, decided)
+
+    def clip_dropped(self, record_id: bytes, reason: str) -> SealedFrames:
+        """Note that a sealed clip will never be recorded. Returns its frames; none if an earlier run's."""
+        sealed = self.sealed.pop(record_id, SealedFrames())
+        self.add_withheld(reason, len(sealed.frames))
+        return sealed
+
+    def add_withheld(self, reason: str, count: int = 1) -> None:
+        """Count covered frames that are not kept."""
+        if count:
+            self.withheld[reason] = self.withheld.get(reason, 0) + count
+
+    def add_ambiguous(self, alias: str, evidence: MatchEvidence) -> None:
+        """Note the matcher's numbers for a frame that was withheld as ambiguous."""
+        known = self.ambiguities.get(alias)
+        if known is not None:
+            known.frames += 1
+            delay_ms = known.nearest.delay_ms if evidence.delay_ms is None else evidence.delay_ms
+            nearest = evidence if evidence.nearness > known.nearest.nearness else known.nearest
+            known.nearest = replace(nearest, delay_ms=delay_ms)
+        elif len(self.ambiguities) < AMBIGUOUS_TAGS_MAX_COUNT:
+            self.ambiguities[alias] = Ambiguity(1, evidence)
+
+    def add_merged(self, alias: str, evidence: MergedEvidence) -> None:
+        """Note the silhouette of a frame that was withheld as merged."""
+        known = self.merged.get(alias)
+        if known is not None:
+            known.frames += 1
+            if evidence.excess < known.nearest.excess:
+                known.nearest = evidence
+        elif len(self.merged) < AMBIGUOUS_TAGS_MAX_COUNT:
+            self.merged[alias] = MergedFrames(1, evidence)
+
+    def add_off(self, alias: str, evidence: MatchEvidence) -> None:
+        """Note a frame that is kept though the tag's distances disagree with the camera's; the newest numbers stay."""
+        if alias in self.distances_off or len(self.distances_off) < AMBIGUOUS_TAGS_MAX_COUNT:
+            count, _ = self.distances_off.get(alias, (0, evidence))
+            self.distances_off[alias] = count + 1, evidence
+
+    def delivered(self, done: Delivered) -> SealedFrames:
+        """Note that a record is final: only now its frames count as kept. Returns them; none if an earlier run's."""
+        for sense in self.senses.values():
+            if done.clip.upload.record_id in sense.sealed:
+                sense.delivered(done)
+        sealed = self.sealed.pop(done.clip.upload.record_id, SealedFrames())
+        frames = sealed.frames
+        self.records_final += 1
+        self.kept_final += len(frames)
+        self.stored_bytes += sum(len(text) for text in done.clip.upload.ciphertexts)
+        self.submit_to_final.add(done.final_at_ms - done.submitted_at_ms)
+        if self._last_final_ms is not None:
+            self.final_gap_max_ms = max(self.final_gap_max_ms, done.final_at_ms - self._last_final_ms)
+        self._last_final_ms = done.final_at_ms
+        for _, captured_at_ms in frames:
+            self.frame_to_final.add(done.final_at_ms - (captured_at_ms + self.window_ms))
+        for times, distribution in (
+            (sealed.arrived_at_ms, self.arrival_to_final),
+            (sealed.decided_at_ms, self.decided_to_final),
+        ):
+            for at_ms in times:
+                if at_ms is not None:
+                    distribution.add(done.final_at_ms - at_ms)
+        return sealed
+
+    @property
+    def withheld_count(self) -> int:
+        """How many covered frames were withheld, all reasons together."""
+        return sum(self.withheld.values())
+
+    def frames_json(self) -> dict[str, Any]:
+        """Return the counts of frames; `lost` is what is covered but neither final nor withheld."""
+        return {
+            "published": self.published,
+            "covered": self.covered,
+            "kept": self.kept_final,
+            "withheld": self.withheld_count,
+            "withheld_reasons": dict(sorted(self.withheld.items())),
+            "lost": self.covered - self.kept_final - self.withheld_count,
+        }
+
+    def ambiguous_json(self) -> list[dict[str, Any]]:
+        """Return for each tag with ambiguous frames, most frames first, why it could not be told whose they are."""
+        rows = sorted(self.ambiguities.items(), key=lambda row: (-row[1].frames, row[0]))
+        return [ambiguity.as_json(alias) for alias, ambiguity in rows]
+
+    def merged_json(self) -> list[dict[str, Any]]:
+        """Return for each tag with merged frames, most frames first, what the silhouette looked like."""
+        rows = sorted(self.merged.items(), key=lambda row: (-row[1].frames, row[0]))
+        return [merged.as_json(alias) for alias, merged in rows]
+
+    def distances_off_json(self) -> list[dict[str, Any]]:
+        """Return the tags whose frames are kept though their distances disagree with the camera's."""
+        return [
+            {
+                "alias": alias,
+                "frames": count,
+                "gap_m": round(evidence.gap_m, 2),
+                "spread_m": round(evidence.spread_m, 2),
+                "sigma_m": round(evidence.sigma_m, 2),
+            }
+            for alias, (count, evidence) in sorted(self.distances_off.items())
+        ]
+
+    def senses_json(self) -> dict[str, Any]:
+        """Return the same counts of each other sense of which anything came."""
+        came = {sensor: sense for sensor, sense in self.senses.items() if sense.published}
+        return {sensor: {**sense.frames_json(), "let_go": sense.let_go} for sensor, sense in came.items()}
+
+    def latency_json(self) -> dict[str, Any]:
+        """Return the distributions of the latencies.
+
+        `frame_to_final` counts from the end of the pairing window, `decided_to_final` from when hiding had settled the
+        frame too.
+        """
+        return {
+            "frame_to_final": self.frame_to_final.summarise(),
+            "decided_to_final": self.decided_to_final.summarise(),
+            "arrival_to_final": self.arrival_to_final.summarise(),
+            "submit_to_final": self.submit_to_final.summarise(),
+        }

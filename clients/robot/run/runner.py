@@ -1,0 +1,310 @@
+"""Puts a whole run together: recording, roster, pipeline, delivery, and the summary of what became of every frame.
+
+Must never end while a covered frame is neither final, nor withheld, nor counted as lost.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+
+from clients.robot.backgrounds.background_banks import approved_frames, approved_scene, check_empty, published_frames
+from clients.robot.backgrounds.background_publishing import publish_frames
+from clients.robot.consent.consent_filter import note_dropped
+from clients.robot.consent.consent_view import Consents, compute_stale_after_ms
+from clients.robot.consent.registry_reader import NetworkMajority, RegistryReader
+from clients.robot.delivery.delivery import Delivery
+from clients.robot.delivery.robot_network import COPIES_DEFAULT_COUNT, RobotNetwork
+from clients.robot.hiding.background import empty_bank, learn_background
+from clients.robot.hiding.hider import Hider
+from clients.robot.identity.robot_keys import load_identity
+from clients.robot.pairing.rosters import load_roster
+from clients.robot.recording.spool import Spool
+from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.visit_book import VisitBook
+from clients.robot.run.event_log import MESSAGE_REFUSED, EventLog
+from clients.robot.run.pipeline import Camera, Pipeline, note_delivered
+from clients.robot.run.robot_lock import only_run
+from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.run.run_validity import Tenure
+from clients.robot.sensing.camera_intrinsics import Lens
+from clients.robot.sensing.input_checks import Inputs
+from clients.robot.sensing.sensor_events import Refused, SourceEvent
+from clients.robot.sources.live.live_source import LiveSource
+from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.sources.source import Source, StoppableClock
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from consensus.chain.genesis import Genesis
+from consensus.primitives.keys import PrivateKey
+
+SENSOR_NAME = "depth"
+SPOOL_FOLDER = "spool"
+FRESH_WITHIN_MS = 30_000
+"""How long a run waits for a recent block at most, beyond the chain's heartbeat."""
+
+_START_DELAY_MS = 250
+_PROGRESS_EVERY_S = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    """How to replay: where the roster is, for what purpose, how long a clip is, where events go.
+
+    With a `viewpoint` the empty frames are those of the robot's approved bank instead of the source's, which are only
+    checked for what moves in them. In real time it ends after `lasts_s` seconds of the source, if that is given. A clip
+    is recorded once `copies` custodians have it, or all where there are fewer. `passphrase` opens a sealed key file.
+    With an `approver`, an admin's key of the robot's organisation, the empty frames are approved on the chain first.
+    """
+
+    roster: Path
+    purpose: str
+    clip_ms: int
+    events: Path
+    at_once: bool
+    real_time: bool
+    viewpoint: str = ""
+    lasts_s: float | None = None
+    copies: int = COPIES_DEFAULT_COUNT
+    passphrase: str | None = field(default=None, repr=False)
+    approver: PrivateKey | None = field(default=None, repr=False)
+
+
+class ProgressListener(Protocol):
+    """Is told how far the run is."""
+
+    def __call__(self, figures: dict[str, Any], *, last: bool = False) -> None:
+        """Take frames_read, frames_recorded and waiting."""
+
+
+async def _events(
+    source: Source, stop: asyncio.Event, options: ReplayOptions, tenure: Tenure
+) -> AsyncIterator[SourceEvent]:
+    """Yield what the source gives until it ends or `stop` is set. Raises what ends the run before its source does."""
+    if options.real_time:
+        ends_ms = None if options.lasts_s is None else source.start_ms + round(options.lasts_s * 1000)
+        async for event in source.play(StoppableClock(stop, ends_ms)):
+            if stop.is_set() or tenure.is_over:
+                break
+            yield event
+    else:
+        for event in source.events():
+            if stop.is_set() or tenure.is_over:
+                break
+            yield event
+    tenure.check()
+
+
+def _note_refused(refused: Refused, count: int, log: EventLog, now_ms: int) -> None:
+    case = f"{refused.kind}-refused-{log.counts[MESSAGE_REFUSED]}"
+    if count == 1:
+        log.write(now_ms, MESSAGE_REFUSED, case, reason=refused.reason)
+    else:
+        log.write(now_ms, MESSAGE_REFUSED, case, reason=refused.reason, count=count)
+
+
+class _Run:
+    """One run: the parts that are put together, and what they tell each other."""
+
+    def __init__(
+        self,
+        folder: Path,
+        client: NetworkClient,
+        options: ReplayOptions,
+        progress: ProgressListener,
+        stop: asyncio.Event | None = None,
+    ) -> None:
+        self._folder = folder
+        self._options = options
+        self._progress = progress
+        self._stop = stop or asyncio.Event()
+        self._over = asyncio.Event()
+        self._identity = load_identity(folder, options.passphrase)
+        self._client = client
+        self._chain_id = client.genesis.chain_id
+        self._network = RobotNetwork(client, self._identity, options.copies)
+        self._roster = load_roster(options.roster, self._identity, client.genesis, self._network.now_ms())
+        self._spool = Spool(folder / SPOOL_FOLDER, self._identity.spool)
+        self._consents = Consents(
+            RegistryReader(client, self._identity.identity, self._roster.rows),
+            self._roster,
+            majority=NetworkMajority(client, self._identity.identity),
+            person_key=self._identity.spool,
+            stale_after_ms=lambda: compute_stale_after_ms(self._heartbeat_ms),
+            now_ms=self._network.now_ms,
+        )
+        self.intake: dict[str, Any] = {}
+        self.camera: dict[str, Any] = {}
+
+    async def work(self, source: Source) -> RunStatistics:
+        """Work through a source and return the figures once all its records are final. Raises REGISTRY_STALE.
+
+        Nothing is read of the source before the chain proves a recent block: one that has just begun again, or that
+        nobody used, makes its next at a heartbeat, and until then the robot is closed.
+        """
+        await self._consents.refresh()
+        watch = asyncio.create_task(self._consents.watch())
+        try:
+            await self._consents.wait_fresh(self._heartbeat_ms + FRESH_WITHIN_MS)
+            return await self._play(source)
+        finally:
+            watch.cancel()
+
+    def _tenure(self) -> Tenure:
+        viewpoint, now_ms = self._options.viewpoint, self._network.now_ms
+        look = (lambda: approved_scene(self._folder, viewpoint, now_ms())) if viewpoint else None
+        return Tenure(self._roster, now_ms, look)
+
+    async def _play(self, source: Source) -> RunStatistics:
+        viewpoint, now_ms, tenure = self._options.viewpoint, self._network.now_ms(), self._tenure()
+        empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
+        check_empty(empty)
+        bank = tuple(empty_bank(published_frames(empty)))
+        hider = Hider(learn_background(empty))
+        lens = Lens(source, hider.use_focal_px, live=isinstance(source, LiveSource))
+        statistics = RunStatistics(window_ms=hider.pairing.window_ms)
+        open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
+        member = self._identity.identity.public_key
+        await publish_frames(self._network, bank, self._folder, member, self._options.approver)
+        height, width = empty[0].shape
+        with EventLog(self._options.events) as log:
+            delivery = Delivery(
+                self._spool,
+                self._network,
+                on_delivered=lambda done: note_delivered(done, statistics, log),
+                may_record=self._consents.may_record,
+                on_dropped=lambda clip: note_dropped(
+                    clip, self._consents, statistics, open_visits, log, self._network.now_ms()
+                ),
+                at_once=self._options.at_once,
+            )
+            pipeline = Pipeline(
+                camera=Camera(sensor=SENSOR_NAME, width=width, height=height, empty_frames=bank),
+                hider=hider,
+                roster=self._roster,
+                consents=self._consents,
+                visits=VisitBook(self._chain_id, self._identity.identity.public_key, self._options.purpose),
+                open_visits=open_visits,
+                spool=self._spool,
+                delivery=delivery,
+                statistics=statistics,
+                log=log,
+                purpose=self._options.purpose,
+                clip_ms=self._options.clip_ms,
+                now_ms=self._network.now_ms,
+            )
+            source.shift_to(self._network.now_ms() + _START_DELAY_MS)
+            inputs = Inputs(
+                (height, width),
+                lambda refused, count: _note_refused(refused, count, log, self._network.now_ms()),
+                live=isinstance(source, LiveSource),
+            )
+            events = inputs.usable(lens.learnt(_events(source, self._over, self._options, tenure)))
+            beside = [
+                asyncio.create_task(self._tell_regularly(statistics)),
+                asyncio.create_task(tenure.watch(self._over.set)),
+                asyncio.create_task(self._heed_stop()),
+            ]
+            try:
+                await pipeline.run(events, live=self._options.real_time)
+            finally:
+                for task in beside:
+                    task.cancel()
+                await delivery.stop()
+                inputs.close()
+            live = source.intake_json() if isinstance(source, LiveSource) else {}
+            heard = {"antennas_unnamed": source.antennas_unnamed} if isinstance(source, LiveSource | BagSource) else {}
+            self.intake = {**pipeline.intake_json(), **inputs.summary(), **live, **heard}
+            self.camera = lens.as_json()
+            self._tell(statistics, last=True)
+        return statistics
+
+    @property
+    def _heartbeat_ms(self) -> int:
+        """The heartbeat that is in force, as the chain proves it."""
+        return self._client.light_client.epoch.settings.heartbeat_ms
+
+    @property
+    def roster_rows(self) -> int:
+        """How many people of the roster the chain has confirmed."""
+        return len(self._consents)
+
+    @property
+    def spool_peak_bytes(self) -> int:
+        """The most that waited in the spool at once."""
+        return self._spool.peak_bytes
+
+    @property
+    def refused_uploads(self) -> dict[str, int]:
+        """How often custodians took no upload, by code."""
+        return dict(sorted(self._network.refused_uploads.items()))
+
+    @property
+    def consent_figures(self) -> dict[str, Any]:
+        """What the summary says of consents."""
+        return self._consents.summary()
+
+    async def _heed_stop(self) -> None:
+        """Let the user end the source. That it ended by itself must not be taken for the user's word."""
+        await self._stop.wait()
+        self._over.set()
+
+    async def _tell_regularly(self, statistics: RunStatistics) -> None:
+        while True:
+            self._tell(statistics, last=False)
+            await asyncio.sleep(_PROGRESS_EVERY_S)
+
+    def _tell(self, statistics: RunStatistics, *, last: bool) -> None:
+        figures = {
+            "frames_read": statistics.published,
+            "frames_recorded": statistics.kept_final,
+            "records": statistics.records_final,
+            "waiting": len(self._spool.names()),
+        }
+        self._progress(figures, last=last)
+
+
+async def replay_recording(
+    folder: Path,
+    source: Source,
+    genesis: Genesis,
+    options: ReplayOptions,
+    progress: ProgressListener,
+    stop: asyncio.Event | None = None,
+) -> dict[str, Any]:
+    """Replay a source through the robot in `folder` and return its summary once all its records are final.
+
+    When `stop` is set the source ends there, and what came before is worked through as at any other end.
+    `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any;
+    `camera` tells the focal length and where it is from.
+    Raises ROBOT_RUNNING, EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*,
+    REGISTRY_STALE, and what the network refuses for good.
+    """
+    # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
+    cv2.setNumThreads(1)
+    with only_run(folder):
+        async with open_pinned_client(genesis, folder / PIN_FILE) as client:
+            run = _Run(folder, client, options, progress, stop)
+            statistics = await run.work(source)
+    return {
+        "roster_rows": run.roster_rows,
+        "consents": run.consent_figures,
+        "frames": statistics.frames_json(),
+        "ambiguous": statistics.ambiguous_json(),
+        "merged": statistics.merged_json(),
+        "distances_off": statistics.distances_off_json(),
+        "senses": statistics.senses_json(),
+        "latency_ms": statistics.latency_json(),
+        "intake": run.intake,
+        "camera": run.camera,
+        "records": statistics.records_final,
+        "stored_bytes": statistics.stored_bytes,
+        "spool_peak_bytes": run.spool_peak_bytes,
+        "uploads_refused": run.refused_uploads,
+        "final_gap_max_s": round(statistics.final_gap_max_ms / 1000, 3),
+    }

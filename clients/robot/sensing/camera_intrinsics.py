@@ -1,0 +1,62 @@
+"""What a run knows of its camera's focal length, and since when. Must never let a guess pass for a measurement.
+
+A live camera may begin after the run, and tell its focal length (CameraInfo) a little after its first frame. Silhouettes
+are measured by it, so the first frame waits for it a while; what is learnt later counts from then on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.sensing.sensor_events import Frame, SourceEvent
+from clients.robot.sources.source import Source
+
+FOCAL_WAIT_MAX_S = 2.0
+ASSUMED = "assumed"
+_ASK_EVERY_S = 0.05
+
+
+class Lens:
+    """The focal length that `source` tells. `use` is given it when it comes; before that the Hider has the default."""
+
+    def __init__(self, source: Source, use: Callable[[float], None], *, live: bool) -> None:
+        self._source = source
+        self._use = use
+        self._live = live
+        self._waits = live
+        self._frames_before = 0
+        self._focal_px: float | None = None
+        self._take()
+
+    async def learnt(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[SourceEvent]:
+        """Yield the events; of a live source the first frame waits for the focal length, `FOCAL_WAIT_MAX_S` at most."""
+        async for event in events:
+            if self._focal_px is None and isinstance(event, Frame):
+                if self._live:  # a recording has told it at the start, or never will
+                    await self._wait()
+                self._frames_before += self._focal_px is None
+            yield event
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the focal length in pixels, where it is from, and how many frames came before it was known."""
+        if self._focal_px is None:
+            return {"focal_px": FOCAL_DEFAULT_PX, "focal_from": ASSUMED, "frames_before": self._frames_before}
+        told = {"focal_px": round(self._focal_px, 3), "focal_from": self._source.focal_from}
+        return {**told, "frames_before": self._frames_before}
+
+    async def _wait(self) -> None:
+        loop = asyncio.get_running_loop()
+        until_s = loop.time() + (FOCAL_WAIT_MAX_S if self._waits else 0)
+        self._waits = False
+        self._take()
+        while self._focal_px is None and loop.time() < until_s:
+            await asyncio.sleep(_ASK_EVERY_S)
+            self._take()
+
+    def _take(self) -> None:
+        self._focal_px = self._source.focal_px
+        if self._focal_px is not None:
+            self._use(self._focal_px)

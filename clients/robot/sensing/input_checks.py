@@ -1,0 +1,137 @@
+"""Lets through what the pipeline can use, and counts the rest by reason. Must never let one bad message end a run.
+
+A stream that breaks off, or of which too many messages in a row cannot be used, ends here, and so does one for which the
+roster or the empty frames do not hold any longer: what came before is worked through as at any other end, and `fault` says
+what happened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+from clients.robot.run.run_validity import ENDS
+from clients.robot.sensing.sensor_events import (
+    AudioClip,
+    ColourFrame,
+    Event,
+    Frame,
+    Label,
+    Refused,
+    Sense,
+    Sighting,
+    SourceEvent,
+)
+from consensus.errors import BlockRobotError
+
+REFUSED_IN_A_ROW_MAX_COUNT = 300
+NOTED_EACH_COUNT = 300
+"""So many refusals of one kind and reason are noted one by one, those after them so many at once:"""
+
+NOTED_TOGETHER_COUNT = 1_000
+
+_FAULTS = frozenset({"BAG_DAMAGED", "FEED_LOST"}) | ENDS
+
+
+class Inputs:
+    """The gate before the pipeline. `shape` is (height, width) of the empty scene, which every frame must have.
+
+    Of a `live` source only frames can become useless: anybody may hold an odd tag before a reader, or publish nonsense.
+    `note` is told of refusals, and of how many: each at first, later many at once, since a run may last for days.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], note: Callable[[Refused, int], None] | None = None, *, live: bool = False
+    ) -> None:
+        self.refused: dict[str, dict[str, int]] = {}
+        self.first_detail: dict[str, str] = {}
+        self.fault: BlockRobotError | None = None
+        self._shape = shape
+        self._note = note or (lambda _refused, _count: None)
+        self._live = live
+        self._unnoted: dict[tuple[str, str], tuple[Refused, int]] = {}
+        self._in_a_row: dict[str, int] = {}
+
+    async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event | Sense]:
+        """Yield the events that can be used, until the stream ends, breaks off or becomes useless."""
+        try:
+            async for event in events:
+                refused = self._check(event)
+                if refused is not None:
+                    self._refuse(refused)
+                else:
+                    self._in_a_row[_KINDS[type(event)]] = 0
+                if not isinstance(event, Refused) and refused is None:
+                    yield event
+                if self.fault is not None:
+                    return
+        except BlockRobotError as error:
+            if error.code not in _FAULTS:
+                raise
+            self.fault = error
+
+    def close(self) -> None:
+        """Note what was not noted yet."""
+        for refused, count in self._unnoted.values():
+            self._note(refused, count)
+        self._unnoted.clear()
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was refused, by kind and reason, and what ended the stream if that was no proper end."""
+        fault = self.fault and {"code": self.fault.code, "detail": self.fault.detail}
+        return {
+            "messages_refused": {kind: dict(sorted(found.items())) for kind, found in self.refused.items()},
+            "first_refused": dict(self.first_detail),
+            "fault": fault,
+        }
+
+    def _check(self, event: SourceEvent) -> Refused | None:
+        if isinstance(event, Frame) and event.depth.shape != self._shape:
+            return Refused(event.captured_at_ms, "frame", "size")
+        if isinstance(event, ColourFrame) and event.registered and event.pixels.shape[:2] != self._shape:
+            return Refused(event.at_ms, "rgb", "size")
+        return event if isinstance(event, Refused) else None
+
+    def _refuse(self, refused: Refused) -> None:
+        """Count a message that cannot be used; too many in a row are a fault."""
+        counts = self.refused.setdefault(refused.kind, {})
+        counts[refused.reason] = counts.get(refused.reason, 0) + 1
+        if refused.detail:
+            self.first_detail.setdefault(refused.kind, refused.detail)
+        self._note_it(refused, counts[refused.reason])
+        in_a_row = self._in_a_row.get(refused.kind, 0) + 1
+        self._in_a_row[refused.kind] = in_a_row
+        if in_a_row < REFUSED_IN_A_ROW_MAX_COUNT or (self._live and refused.kind != "frame"):
+            return
+        why = (refused.detail or refused.reason).removesuffix(".")
+        detail = f"{in_a_row} messages in a row were no usable {KIND_WORDS[refused.kind]}, the last: {why}."
+        self.fault = BlockRobotError("FRAMES_UNUSABLE", detail)
+
+    def _note_it(self, refused: Refused, number: int) -> None:
+        if number <= NOTED_EACH_COUNT:
+            self._note(refused, 1)
+            return
+        what = (refused.kind, refused.reason)
+        count = self._unnoted.pop(what, (refused, 0))[1] + 1
+        if count == NOTED_TOGETHER_COUNT:
+            self._note(refused, count)
+        else:
+            self._unnoted[what] = (refused, count)
+
+
+KIND_WORDS = {
+    "frame": "depth images",
+    "sighting": "tag readings",
+    "rgb": "colour images",
+    "label": "estimates",
+    "audio": "stretches of sound",
+}
+"""What messages of each kind are called in sentences."""
+
+_KINDS: dict[type, str] = {
+    Frame: "frame",
+    Sighting: "sighting",
+    ColourFrame: "rgb",
+    Label: "label",
+    AudioClip: "audio",
+}

@@ -1,0 +1,120 @@
+"""The robot's front door: puts what arrives on one timeline, and lets a storm of readings cost no more than a drizzle.
+
+Pairing gets every reading, since its owners must be exact. Matching, the log and aliases get a thinned stream: a tag's
+readings a little apart, and so many a second in all, those of the roster's tags and of strangers' counted apart, so
+that strangers cannot crowd out whom the robot is for. Must never drop a reading without counting it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from clients.robot.pairing.tag_pairing import Pairing
+from clients.robot.sensing.sensor_clocks import RunClocks
+from clients.robot.sensing.sensor_events import Sighting
+
+APART_MS = 50  # readings of one tag by one antenna that are closer tell matching nothing new
+KNOWN_MAX_PER_S = 200
+STRANGERS_MAX_PER_S = 50
+READINGS_MAX_COUNT = 256  # remembered of one tag and antenna
+TAGS_MAX_COUNT = 4_096  # remembered, tags times antennas
+FORGET_EVERY_MS = 10_000
+MEMORY_MS = 30_000
+TELL_EVERY_MS = 10_000
+
+
+@dataclass(slots=True)
+class _Gate:
+    """Lets at most `limit` readings a second through, and of one tag and antenna none that are near one another."""
+
+    limit: int
+    _second: int = 0
+    _passed: int = 0
+    _readings: dict[tuple[str, int], list[int]] = field(default_factory=dict)
+    _forgot_ms: int = 0
+
+    def takes(self, sighting: Sighting) -> bool:
+        """Return whether a reading may pass; remembers it if so."""
+        at_ms = sighting.last_seen_ms if sighting.received_at_ms is None else sighting.received_at_ms
+        second = at_ms // 1000
+        if second > self._second or second < self._second - MEMORY_MS // 1000:  # older by less: out of order
+            self._second, self._passed = second, 0
+        if self._passed >= self.limit or not self._is_apart(sighting):
+            return False
+        self._passed += 1
+        return True
+
+    def _is_apart(self, sighting: Sighting) -> bool:
+        """Whether no remembered reading of that tag by that antenna is near; remembers this one if so."""
+        at, key = sighting.middle_ms, (sighting.uid, sighting.antenna)
+        if abs(at - self._forgot_ms) > FORGET_EVERY_MS:
+            self._forget(at)
+        times = self._readings.get(key)
+        if times is None:
+            if len(self._readings) >= TAGS_MAX_COUNT:
+                return False
+            self._readings[key] = [at]
+            return True
+        place = bisect_left(times, at - APART_MS + 1)
+        if place < len(times) and times[place] < at + APART_MS:
+            return False
+        if len(times) >= READINGS_MAX_COUNT:
+            if at < times[0]:
+                return False
+            del times[0]
+        insort(times, at)
+        return True
+
+    def _forget(self, at_ms: int) -> None:
+        self._forgot_ms = at_ms
+        self._readings = {key: times for key, times in self._readings.items() if abs(at_ms - times[-1]) <= MEMORY_MS}
+
+
+@dataclass(slots=True)
+class Admission:
+    """What stands between the sources and the pipeline. `only_paired_count` readings went to pairing alone."""
+
+    clocks: RunClocks = field(default_factory=RunClocks)
+    only_paired_count: int = 0
+    _known: _Gate = field(default_factory=lambda: _Gate(KNOWN_MAX_PER_S))
+    _strangers: _Gate = field(default_factory=lambda: _Gate(STRANGERS_MAX_PER_S))
+    _told_ms: int | None = None
+    _told_turned_away: Counter[str] = field(default_factory=Counter)
+
+    def weighs(self, sighting: Sighting, *, known: bool) -> bool:
+        """Say whether an admitted sighting goes to matching and the log too, and not to pairing alone."""
+        passes = (self._known if known else self._strangers).takes(sighting)
+        self.only_paired_count += not passes
+        return passes
+
+    def is_time_to_tell(self) -> bool:
+        """Whether ten seconds of the stream have passed since this last said so."""
+        now = self.clocks.newest_ms
+        if now is None or (self._told_ms is not None and abs(now - self._told_ms) < TELL_EVERY_MS):
+            return False
+        self._told_ms = now
+        return True
+
+    def newly_turned_away(self, pairing: Pairing) -> list[tuple[str, int]]:
+        """Return (reason, count) of what was turned away since this was last asked, for the log."""
+        now = self._turned_away(pairing)
+        new = now - self._told_turned_away
+        self._told_turned_away = now
+        return sorted(new.items())
+
+    def as_json(self, pairing: Pairing) -> dict[str, Any]:
+        """Return what was found of the clocks, and how much was turned away, late or thinned, for a run's summary."""
+        return {
+            "clocks": {name: estimate.as_json() for name, estimate in self.clocks.estimates().items()},
+            "turned_away": dict(sorted(self._turned_away(pairing).items())),
+            "sightings_late": pairing.late_count,
+            "sightings_shortened": self.clocks.shortened_count,
+            "sightings_only_paired": self.only_paired_count,
+            "timelines": pairing.timeline_count,
+        }
+
+    def _turned_away(self, pairing: Pairing) -> Counter[str]:
+        return Counter(self.clocks.refused) + Counter(pairing.refused)

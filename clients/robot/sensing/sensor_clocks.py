@@ -1,0 +1,370 @@
+"""Measures a camera's and tag readers' clocks against the host's from the streams themselves, for one timeline of all.
+
+A message is received after its stamp, never before: of (received - stamp) only the lower edge is the clock's offset,
+and what lies above it is delay. The edge is a line (offset and drift) under the least of every few seconds. The
+shortest delay cannot be told from the offset and stays in it. Pure; must never hold an offset that was not measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any, TypeVar
+
+from clients.robot.sensing.sensor_events import Event, Frame, Sighting
+
+DELAY_MAX_MS = 2_000  # between stamp and receipt; what does not fit in is a clock that was set, or a wrong stamp
+LATE_MAX_MS = 60_000  # unless the stamp goes on from the one before: then the host was busy, at most so long
+LATE_FOR_MS = 10_000  # and catches up within this time
+CONFIRM_COUNT = 5  # as many doubtful stamps in a row, all agreeing, and the clock was set
+BIN_MS = 5_000
+HORIZON_MS = 600_000  # what is older says nothing of today's drift; so many bins at most are kept
+DRIFT_MAX_PPM = 500.0  # quartz is within 100
+DRIFT_SPAN_MIN_MS = 60_000
+STEP_MIN_MS = 50.0  # smaller steps of a clock are taken for delay
+STEP_BINS_COUNT = 3
+READERS_MAX_COUNT = 32  # more than a robot can be told of
+READING_MAX_MS = 10_000  # of a longer reading its end counts: some readers tell when they saw a tag first of all
+_PPM = 1e-6
+_Kind = TypeVar("_Kind", bound=Event)
+
+
+class Standing(StrEnum):
+    """What a stamp is, seen from the line so far."""
+
+    FITS = "fits"
+    DOUBTFUL = "doubtful"
+    CLOCK_SET = "clock-set"
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEstimate:
+    """Host time minus device time at one moment, how fast that grows, and how far it may be off."""
+
+    offset_ms: float
+    drift_ppm: float
+    uncertainty_ms: float
+    sample_count: int
+    started_anew_count: int
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the estimate, rounded, for a log or a summary."""
+        return {
+            "offset_ms": round(self.offset_ms, 1),
+            "drift_ppm": round(self.drift_ppm, 1),
+            "uncertainty_ms": round(self.uncertainty_ms, 1),
+            "sample_count": self.sample_count,
+            "started_anew_count": self.started_anew_count,
+        }
+
+
+@dataclass(slots=True)
+class _Bin:
+    """A few seconds of the stream: its lowest point, and how many points there were."""
+
+    at: float
+    low: float
+    count: int = 1
+
+
+class ClockEstimator:
+    """One device's clock. Time and memory a stamp are bounded: one point for each bin within the horizon is kept.
+
+    It starts anew, and forgets all before, when the device's clock was set: once `CONFIRM_COUNT` doubtful stamps, off by
+    more than `DELAY_MAX_MS` or far below the line, come in a row and agree, or after `STEP_BINS_COUNT` bins far above
+    it. A lone stamp ahead, taken while little was known, is forgotten after as many bins. It starts anew too
+    when the host's own clock moved, or nothing came, for longer than the horizon.
+    Stamps that go on while their receipt lags are late, not wrong: a busy host is given `LATE_FOR_MS` to catch up.
+    """
+
+    def __init__(self) -> None:
+        self._origin: tuple[int, int] = (0, 0)
+        self._bins: dict[int, _Bin] = {}
+        self._newest_bin = 0
+        self._level = 0.0
+        self._slope = 0.0
+        self._spread = 0.0
+        self._drift_doubt = DRIFT_MAX_PPM * _PPM
+        self._samples = 0
+        self._doubts: list[tuple[int, int]] = []
+        self._newest_stamp = 0
+        self._late_since: int | None = None
+        self.started_anew_count = 0
+
+    def observe(self, stamp_ms: int, received_ms: int) -> Standing:
+        """Take one stamp with its time of receipt and say whether it fits."""
+        if not self._bins:
+            self._start(stamp_ms, received_ms)
+            return Standing.FITS
+        at = received_ms - self._origin[0]
+        if abs(at // BIN_MS - self._newest_bin) >= HORIZON_MS // BIN_MS:
+            self._start_anew(stamp_ms, received_ms)
+            return Standing.FITS
+        above = received_ms - stamp_ms - self._origin[1] - self._line(at)
+        if above > DELAY_MAX_MS and self._is_catching_up(above, stamp_ms, received_ms):
+            self._newest_stamp = stamp_ms
+            self._doubts.clear()
+            return Standing.FITS
+        if abs(above) > DELAY_MAX_MS:
+            return self._doubt(stamp_ms, received_ms)
+        if above < -_tolerance(self._uncertainty(at)):
+            return self._doubt(stamp_ms, received_ms)
+        self._doubts.clear()
+        self._late_since = None
+        self._newest_stamp = max(stamp_ms, self._newest_stamp)
+        self._take(at, received_ms - stamp_ms - self._origin[1])
+        return Standing.FITS
+
+    def offset_at(self, received_ms: int) -> float | None:
+        """Return what to add to the device's time to get the host's; None before the first stamp."""
+        if not self._bins:
+            return None
+        return self._origin[1] + self._line(received_ms - self._origin[0])
+
+    def estimate(self, received_ms: int) -> ClockEstimate | None:
+        """Return the estimate as of a host time; None before the first stamp."""
+        offset = self.offset_at(received_ms)
+        if offset is None:
+            return None
+        uncertainty = self._uncertainty(received_ms - self._origin[0])
+        return ClockEstimate(offset, self._slope / _PPM, uncertainty, self._samples, self.started_anew_count)
+
+    def _is_catching_up(self, above_ms: float, stamp_ms: int, received_ms: int) -> bool:
+        goes_on = 0 <= stamp_ms - self._newest_stamp <= DELAY_MAX_MS
+        if not goes_on or above_ms > LATE_MAX_MS:
+            return False
+        if self._late_since is None:
+            self._late_since = received_ms
+        return 0 <= received_ms - self._late_since <= LATE_FOR_MS
+
+    def _start(self, stamp_ms: int, received_ms: int) -> None:
+        self._origin = (received_ms, received_ms - stamp_ms)
+        self._bins = {0: _Bin(0.0, 0.0)}
+        self._newest_bin = 0
+        self._level = self._slope = self._spread = 0.0
+        self._drift_doubt = DRIFT_MAX_PPM * _PPM
+        self._samples = 1
+        self._newest_stamp, self._late_since = stamp_ms, None
+        self._doubts.clear()
+
+    def _start_anew(self, stamp_ms: int, received_ms: int) -> None:
+        self.started_anew_count += 1
+        self._start(stamp_ms, received_ms)
+
+    def _doubt(self, stamp_ms: int, received_ms: int) -> Standing:
+        delay = received_ms - stamp_ms
+        if any(abs(delay - (other[1] - other[0])) > DELAY_MAX_MS for other in self._doubts):
+            self._doubts.clear()
+        self._doubts.append((stamp_ms, received_ms))
+        if len(self._doubts) < CONFIRM_COUNT:
+            return Standing.DOUBTFUL
+        agreed = list(self._doubts)
+        self._start_anew(*agreed[0])
+        for stamp, received in agreed[1:]:
+            self._newest_stamp = max(stamp, self._newest_stamp)
+            self._take(received - self._origin[0], received - stamp - self._origin[1])
+        return Standing.CLOCK_SET
+
+    def _take(self, at: float, low: float) -> None:
+        number = int(at // BIN_MS)
+        self._samples += 1
+        kept = self._bins.get(number)
+        if kept is not None:
+            kept.count += 1
+            if low - self._slope * at < kept.low - self._slope * kept.at:
+                kept.at, kept.low = at, low
+                self._fit()
+            return
+        if number > self._newest_bin:
+            self._drop_a_lone_stamp_ahead()
+            self._drop_what_is_before_a_step()
+        self._newest_bin = max(number, self._newest_bin)
+        self._bins[number] = _Bin(at, low)
+        for old in [n for n in self._bins if n <= self._newest_bin - HORIZON_MS // BIN_MS]:
+            self._samples -= self._bins.pop(old).count
+        self._fit()
+
+    def _drop_a_lone_stamp_ahead(self) -> None:
+        """Drop the lowest bin if all others, some later ones too, lie far above it: one wrong stamp holds the line down."""
+        lowest = min(self._bins, key=lambda number: self._bins[number].low - self._line(self._bins[number].at))
+        if lowest not in sorted(self._bins)[:-STEP_BINS_COUNT]:
+            return
+        others = [one for number, one in sorted(self._bins.items()) if number != lowest]
+        span = others[-1].at - others[0].at
+        slope = _middle_slope([(one.at, one.low) for one in others]) if span >= DRIFT_SPAN_MIN_MS else 0.0
+        slope = max(-DRIFT_MAX_PPM * _PPM, min(DRIFT_MAX_PPM * _PPM, slope))
+        level = min(one.low - slope * one.at for one in others)
+        spread = sum(one.low - slope * one.at - level for one in others) / len(others)
+        count = sum(one.count for one in others)
+        lone = self._bins[lowest]
+        if level + slope * lone.at - lone.low > _tolerance(1 + spread + DELAY_MAX_MS / (count + 1)):
+            self._samples -= self._bins.pop(lowest).count
+            self._fit()
+
+    def _drop_what_is_before_a_step(self) -> None:
+        """Drop all but the last bins if all these lie far above the line: a clock that was set back a little."""
+        order = sorted(self._bins)
+        older, recent = order[:-STEP_BINS_COUNT], order[-STEP_BINS_COUNT:]
+        if not older:
+            return
+        above = {number: one.low - self._line(one.at) for number, one in self._bins.items()}
+        count = sum(self._bins[number].count for number in older)
+        doubt = 1 + sum(above[number] for number in older) / len(older) + DELAY_MAX_MS / (count + 1)
+        if min(above[number] for number in recent) > _tolerance(doubt):
+            self._bins = {number: self._bins[number] for number in recent}
+            self._samples -= count
+            self._slope = 0.0
+            self.started_anew_count += 1
+
+    def _fit(self) -> None:
+        """Lay the line under all points that is nearest to them: the edge of their lower hull below their middle."""
+        points = [(one.at, one.low) for _, one in sorted(self._bins.items())]
+        span = points[-1][0] - points[0][0]
+        if span >= DRIFT_SPAN_MIN_MS:
+            limit = DRIFT_MAX_PPM * _PPM
+            self._slope = max(-limit, min(limit, _middle_slope(points)))
+        self._level = min(low - self._slope * at for at, low in points)
+        self._spread = sum(low - self._line(at) for at, low in points) / len(points)
+        if span >= DRIFT_SPAN_MIN_MS:
+            self._drift_doubt = min(DRIFT_MAX_PPM * _PPM, 2 * (self._spread + 1) / span)
+
+    def _line(self, at: float) -> float:
+        return self._level + self._slope * at
+
+    def _uncertainty(self, at: float) -> float:
+        """Return how far off the line may be, in ms.
+
+        The stamps' own millisecond, how far the bins' least delays scatter, what the least of so many delays would
+        miss were they spread evenly up to the longest, and the drift since the middle of what was seen.
+        """
+        middle = (min(self._bins) + max(self._bins) + 1) * BIN_MS / 2
+        return 1 + self._spread + DELAY_MAX_MS / (self._samples + 1) + self._drift_doubt * abs(at - middle)
+
+
+def _tolerance(uncertainty_ms: float) -> float:
+    return STEP_MIN_MS + 5 * uncertainty_ms
+
+
+def _middle_slope(points: list[tuple[float, float]]) -> float:
+    """Return the slope of the lower hull's edge below the points' mean time; points in time order, two at least."""
+    hull: list[tuple[float, float]] = []
+    for at, low in points:
+        while len(hull) > 1 and (hull[-1][0] - hull[-2][0]) * (low - hull[-2][1]) <= (hull[-1][1] - hull[-2][1]) * (
+            at - hull[-2][0]
+        ):
+            hull.pop()
+        hull.append((at, low))
+    middle = sum(at for at, _ in points) / len(points)
+    right = next((i for i, (at, _) in enumerate(hull) if at >= middle and i), len(hull) - 1)
+    (x0, y0), (x1, y1) = hull[right - 1], hull[right]
+    return (y1 - y0) / (x1 - x0)
+
+
+@dataclass(slots=True)
+class _Reader:
+    """One origin of readings: its clock, and what waits until it is clear whether that was set."""
+
+    clock: ClockEstimator = field(default_factory=ClockEstimator)
+    held: list[Sighting] = field(default_factory=list)
+
+
+class RunClocks:
+    """The clocks of a run: the camera's, and one for each origin of sightings, `READERS_MAX_COUNT` at most.
+
+    Gives back frames as they are, and sightings moved onto the camera's timeline. What does not fit waits (at most
+    `CONFIRM_COUNT` events a stream) until it is clear that the clock was set, and is refused, counted in `refused`, if
+    it was not. `shortened_count` readings were too long. An event without a time of receipt is taken at its word.
+    """
+
+    def __init__(self) -> None:
+        self.camera = ClockEstimator()
+        self.refused = {"frame-time": 0, "sighting-time": 0}
+        self.shortened_count = 0
+        self.newest_ms: int | None = None
+        self._held_frames: list[Frame] = []
+        self._readers: dict[str, _Reader] = {}  # the one heard last stands last
+
+    def admit(self, event: Event) -> list[Event]:
+        """Take an event in order of receipt and return those that may go on."""
+        if event.received_at_ms is not None:
+            self.newest_ms = event.received_at_ms
+        if isinstance(event, Frame):
+            return list(self._admit_frame(event))
+        return list(self._admit_sighting(event))
+
+    def flush(self) -> None:
+        """Refuse what is still in doubt: nothing more will arrive."""
+        self.refused["frame-time"] += len(self._held_frames)
+        self._held_frames.clear()
+        for reader in self._readers.values():
+            self._refuse_held(reader)
+
+    @property
+    def camera_offset_ms(self) -> int:
+        """The host's clock minus the camera's as far as it is known now, 0 before that."""
+        return round(self.camera.offset_at(self.newest_ms or 0) or 0.0)
+
+    def estimates(self) -> dict[str, ClockEstimate]:
+        """Return the newest estimates: `camera`, and `reader ORIGIN` for each; none for what told no time of receipt."""
+        at = self.newest_ms if self.newest_ms is not None else 0
+        found = {f"reader {origin}".rstrip(): one.clock.estimate(at) for origin, one in sorted(self._readers.items())}
+        found["camera"] = self.camera.estimate(at)
+        return {name: estimate for name, estimate in found.items() if estimate is not None}
+
+    def _admit_frame(self, frame: Frame) -> list[Frame]:
+        if frame.received_at_ms is None:
+            return [frame]
+        standing = self.camera.observe(frame.captured_at_ms, frame.received_at_ms)
+        return self._sort(frame, standing, self._held_frames, "frame-time")
+
+    def _admit_sighting(self, sighting: Sighting) -> list[Sighting]:
+        lasting_ms = sighting.last_seen_ms - sighting.first_seen_ms
+        if lasting_ms < 0:
+            self.refused["sighting-time"] += 1
+            return []
+        if lasting_ms > READING_MAX_MS:
+            self.shortened_count += 1
+            sighting = replace(sighting, first_seen_ms=sighting.last_seen_ms - READING_MAX_MS)
+        if sighting.received_at_ms is None:
+            return [sighting]
+        reader = self._reader_of(sighting.origin)
+        standing = reader.clock.observe(sighting.last_seen_ms, sighting.received_at_ms)
+        return [self._move(one, reader.clock) for one in self._sort(sighting, standing, reader.held, "sighting-time")]
+
+    def _reader_of(self, origin: str) -> _Reader:
+        """Return an origin's reader; for a new one too many, that is forgotten which was not heard for longest."""
+        reader = self._readers.pop(origin, None) or _Reader()
+        if len(self._readers) >= READERS_MAX_COUNT:
+            self._refuse_held(self._readers.pop(next(iter(self._readers))))
+        self._readers[origin] = reader
+        return reader
+
+    def _refuse_held(self, reader: _Reader) -> None:
+        self.refused["sighting-time"] += len(reader.held)
+        reader.held.clear()
+
+    def _sort(self, event: _Kind, standing: Standing, held: list[_Kind], name: str) -> list[_Kind]:
+        if standing is Standing.DOUBTFUL:
+            held.append(event)
+            if len(held) >= CONFIRM_COUNT:  # doubts that do not agree with one another
+                held.pop(0)
+                self.refused[name] += 1
+            return []
+        waited = list(held)
+        held.clear()
+        if standing is Standing.CLOCK_SET:
+            return [*waited, event]
+        self.refused[name] += len(waited)
+        return [event]
+
+    def _move(self, sighting: Sighting, clock: ClockEstimator) -> Sighting:
+        """Return a sighting on the camera's timeline."""
+        received_ms = sighting.received_at_ms or 0
+        to_camera = -round(self.camera.offset_at(received_ms) or 0.0)
+        shift = round(clock.offset_at(received_ms) or 0.0) + to_camera
+        return replace(
+            sighting,
+            first_seen_ms=sighting.first_seen_ms + shift,
+            last_seen_ms=sighting.last_seen_ms + shift,
+            received_at_ms=received_ms + to_camera,
+        )

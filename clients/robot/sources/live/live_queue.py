@@ -1,0 +1,95 @@
+"""What came and is not yet worked on: bounded, in order of arrival, filled by any thread and emptied by one.
+
+When it is full, images go first, the oldest before the newer; then sound and labels; readings of tags last, since a frame
+whose reading is gone could be taken for somebody else's. Must never lose anything without counting it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from clients.robot.sensing.sensor_events import Refused, Sighting
+from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.messages.message_types import MessageTypes
+
+QUEUE_MAX_COUNT = 20_000
+QUEUE_MAX_BYTES = 128 * 1024 * 1024
+ENTRY_BYTES = 512
+"""What an entry takes beside its data, about."""
+
+_LANES = {"frame": 0, "rgb": 0, "sighting": 2}
+_OTHERS_LANE = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Queued:
+    """One message with the types to decode it by, or what needs no decoding; `kind` is how events of it are counted."""
+
+    kind: str
+    what: tuple[Message, MessageTypes] | Sighting | Refused = field(repr=False)
+
+    @property
+    def size_bytes(self) -> int:
+        """How much memory it takes, about."""
+        return ENTRY_BYTES + (len(self.what[0].data) if isinstance(self.what, tuple) else 0)
+
+
+class LiveQueue:
+    """At most `max_count` entries of `max_bytes` in all. `missed` counts by kind what went unread for lack of room."""
+
+    def __init__(self, max_count: int = QUEUE_MAX_COUNT, max_bytes: int = QUEUE_MAX_BYTES) -> None:
+        self.missed: Counter[str] = Counter()
+        self._max_count = max_count
+        self._max_bytes = max_bytes
+        self._lock = threading.Lock()
+        self._lanes: tuple[deque[tuple[int, Queued]], ...] = (deque(), deque(), deque())
+        self._put_count = 0
+        self._bytes = 0
+        self._wake: Callable[[], None] | None = None
+
+    def __len__(self) -> int:
+        with self._lock:
+            return sum(len(lane) for lane in self._lanes)
+
+    @property
+    def size_bytes(self) -> int:
+        """How much memory all of it takes, about."""
+        with self._lock:
+            return self._bytes
+
+    def put(self, entry: Queued) -> None:
+        """Add what came; drop what there is no room for, which may be this very entry."""
+        with self._lock:
+            self._put_count += 1
+            self._lanes[_LANES.get(entry.kind, _OTHERS_LANE)].append((self._put_count, entry))
+            self._bytes += entry.size_bytes
+            while self._bytes > self._max_bytes or sum(map(len, self._lanes)) > self._max_count:
+                _, dropped = next(lane for lane in self._lanes if lane).popleft()
+                self._bytes -= dropped.size_bytes
+                self.missed[dropped.kind] += 1
+            wake, self._wake = self._wake, None
+        if wake is not None:
+            wake()
+
+    def take(self, wake: Callable[[], None] | None = None) -> Queued | None:
+        """Return the oldest entry; if there is none, None, and `wake` is called from any thread when the next comes."""
+        with self._lock:
+            oldest = min((lane for lane in self._lanes if lane), key=lambda lane: lane[0][0], default=None)
+            if oldest is None:
+                self._wake = wake
+                return None
+            _, entry = oldest.popleft()
+            self._bytes -= entry.size_bytes
+            return entry
+
+    def clear(self) -> Counter[str]:
+        """Empty it, and return how many there were of each kind."""
+        with self._lock:
+            left = Counter(entry.kind for lane in self._lanes for _, entry in lane)
+            for lane in self._lanes:
+                lane.clear()
+            self._bytes, self._wake = 0, None
+        return left

@@ -1,0 +1,135 @@
+"""Listens to live feeds for some seconds: what is on the air, and frames of a scene without people.
+
+Must never keep more of a topic than its first message, and never show what a message says.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from contextlib import ExitStack
+from typing import Any
+
+from clients.robot.sensing.sensor_events import Depth, Frame, Refused, Sighting
+from clients.robot.sources.live.live_feed import Feed, Message
+from clients.robot.sources.live.live_source import LiveSource
+from clients.robot.sources.messages.decoding import KINDS
+from clients.robot.sources.messages.message_types import LearntTypes, MessageTypes, own_types
+from clients.robot.sources.recordings.empty_frame_choice import EmptyFrames
+from clients.robot.sources.recordings.recording import TopicFigures, explain_undefined
+from clients.robot.sources.source import StoppableClock, SystemClock
+from consensus.errors import BlockRobotError
+
+TOPICS_MAX_COUNT = 512
+
+
+class Sample:
+    """What came of one feed within some seconds, and what was advertised, in the form in which a recording is listed."""
+
+    def __init__(self, feed: Feed) -> None:
+        self.topics: dict[str, TopicFigures] = {}
+        self.listened_s = 0.0
+        self._feed = feed
+        self._types = LearntTypes(own_types(), ros1=feed.ros1)
+        self._first: dict[str, tuple[Message, MessageTypes]] = {}
+        self._lock = threading.Lock()
+
+    def listen(self, seconds: float) -> None:
+        """Subscribe to all that is advertised, for so long. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
+        advertised = dict(sorted(self._feed.topics().items())[:TOPICS_MAX_COUNT])
+        self.topics = {topic: TopicFigures(topic, kind, types={kind}) for topic, kind in advertised.items()}
+        with ExitStack() as closing:
+            closing.callback(self._feed.close)
+            # Nobody said of what type they are to be: one whose type cannot be had here must not keep the rest from sight.
+            self._feed.open(dict.fromkeys(advertised, ""), self)
+            time.sleep(seconds)
+        self.listened_s = seconds
+        with self._lock:
+            for figures in self.topics.values():
+                figures.rate_hz = round(figures.count / seconds, 2)
+
+    def explain_unknown(self, topic: str) -> str:
+        """Return why a topic's type is not known, and what to do about it."""
+        figures = self.topics[topic]
+        if self._feed.ros1 and not figures.count:
+            return (
+                f"No message of {topic} came in {self.listened_s:g} s, and with one comes what {figures.type} is. If it "
+                "holds tag readings, hold a tag before the reader and list again, or listen longer with --seconds."
+            )
+        return explain_undefined(figures, "neither the robot's middleware nor BlockRobot defines")
+
+    def types_of(self, type_name: str) -> MessageTypes:
+        """Return the types among which messages of a type are explained."""
+        return self._types.of(type_name)
+
+    def first(self, topic: str) -> Any:
+        """Return the first message of a topic if it can be decoded, else None."""
+        if topic not in self._first:
+            return None
+        message, types = self._first[topic]
+        try:
+            return types.decode(message)
+        except BlockRobotError:
+            return None
+
+    def learn(self, type_name: str, definition: str) -> None:
+        """Take the definition of a type."""
+        with self._lock:
+            self._types.learn(type_name, definition)
+
+    def deliver(self, message: Message, definition: str = "") -> None:
+        """Count a message, and keep it if it is its topic's first."""
+        with self._lock:
+            if message.topic in self.topics:
+                if definition:
+                    self._types.learn(message.type, definition)
+                self.topics[message.topic].count += 1
+                self.topics[message.topic].type = message.type or self.topics[message.topic].type
+                self._first.setdefault(message.topic, (message, self._types.of(message.type, definition)))
+
+    def sight(self, sighting: Sighting) -> None:
+        """Take no notice: a reader has no topics."""
+
+    def refuse(self, refused: Refused) -> None:
+        """Take no notice: it is the listing that matters."""
+
+    def miss(self, topic: str, count: int) -> None:
+        """Take no notice: a sample is not whole anyway."""
+
+    def presence(self, part: str, *, here: bool) -> None:
+        """Take no notice: what is there is listed."""
+
+    def unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
+        """Take no notice: what came of the others is listed."""
+
+    def fail(self, error: BlockRobotError) -> None:
+        """Take no notice: what came before is listed."""
+
+
+def record_empty_frames(source: LiveSource, seconds: float) -> list[Depth]:
+    """Return frames of an entered source, of `seconds` from now on, all of one size.
+
+    Raises CAMERA_SILENT if no usable one came, naming the topics that are there.
+    """
+    gathered, refused = asyncio.run(_gather(source, seconds))
+    if gathered.frames:
+        return gathered.frames
+    why = f"none of {sum(refused.values())} could be used, for {', '.join(sorted(refused))}" if refused else "none came"
+    raise BlockRobotError(
+        "CAMERA_SILENT",
+        f"No usable frame of {source.camera_topic} within {seconds:g} s: {why}. {source.describe_images()}",
+    )
+
+
+async def _gather(source: LiveSource, seconds: float) -> tuple[EmptyFrames, dict[str, int]]:
+    gathered, refused, stop = EmptyFrames(), dict[str, int](), asyncio.Event()
+    ends_ms = SystemClock().now_ms() + round(seconds * 1000)
+    async for event in source.play(StoppableClock(stop, ends_ms)):
+        if isinstance(event, Frame):
+            gathered.add(event.depth)
+        elif isinstance(event, Refused) and event.kind == KINDS["depth"]:
+            refused[event.reason] = refused.get(event.reason, 0) + 1
+        if gathered.is_enough:
+            break
+    return gathered, refused

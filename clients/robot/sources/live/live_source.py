@@ -1,0 +1,334 @@
+"""Live feeds as one source: what they deliver waits in a bounded queue until the robot comes to it, in real time only.
+
+What the robot is too slow for is dropped at the queue and counted. Must never write what it hears, and never let an
+exception out into a feed's threads.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from types import TracebackType
+from typing import Any, Self
+
+from clients.robot.sensing.sensor_events import Depth, Refused, Sighting, SourceEvent
+from clients.robot.sources.live.feed_watch import Watch
+from clients.robot.sources.live.live_feed import Feed, Message
+from clients.robot.sources.live.live_queue import LiveQueue, Queued
+from clients.robot.sources.messages.decoding import (
+    KINDS,
+    AntennaCounts,
+    MessageReader,
+    info_topic,
+    read_focal_px,
+    wrong_type,
+)
+from clients.robot.sources.messages.image_decoding import COMPRESSED_TYPE, IMAGE_TYPE
+from clients.robot.sources.messages.message_types import LearntTypes, MessageTypes, types_with
+from clients.robot.sources.recordings.path_checks import missing_field
+from clients.robot.sources.source import Clock, SystemClock
+from clients.robot.sources.topics import Topics
+from consensus.errors import BlockRobotError
+
+INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+INFO_WAIT_S = 2.0
+LISTED_MAX_COUNT = 12
+LOOK_EVERY_S = 2.0
+SENTENCES_MAX_COUNT = 256
+YIELD_EVERY_COUNT = 16
+_FOREVER_MS = 1 << 53
+
+Tell = Callable[[str], None]
+
+
+class LiveSource:
+    """What `feeds` bring of `topics`, while inside the context; `tell` is told in a sentence what comes and goes.
+
+    `tell` is called while `play` runs, in its thread; that nobody reads it (OSError, ValueError) ends nothing.
+    What comes before `play` begins is not heard, but for the camera's focal length. Entering raises FEED_UNREACHABLE,
+    MIDDLEWARE_MISSING, and TOPICS_INVALID when a topic is there and carries what it cannot.
+    """
+
+    def __init__(self, feeds: Sequence[Feed], topics: Topics, tell: Tell | None = None) -> None:
+        self._feeds = tuple(feeds)
+        self._topics = topics
+        self._kinds = {topic: KINDS[what] for topic, what in topics.wanted.items()}
+        self._known = types_with(topics.definitions)
+        self._tell = tell or (lambda _: None)
+        self._reader = MessageReader(topics)
+        self._queue = LiveQueue()
+        self._opened = ExitStack()
+        self._began_ms: int | None = None
+        self._is_playing = False
+        self._failure: BlockRobotError | None = None
+        self._wake: Callable[[], None] = lambda: None
+        self._sentences: deque[str] = deque(maxlen=SENTENCES_MAX_COUNT)
+        self._wake_teller: Callable[[], None] = lambda: None
+        self._heard: Counter[str] = Counter()
+        self._missing: Counter[str] = Counter()
+        self._gone: Counter[str] = Counter()
+        self._counting = threading.Lock()
+        self._frame_came_s = 0.0
+        self._unread: Counter[str] = Counter()
+        self._focal_px = topics.focal_px
+        self._focal_known = threading.Event()
+        # Readers that are asked beside the camera's middleware have no topics.
+        self._watches = {feed: Watch(feed.name, topics.wanted, topics.depth) for feed in self._feeds[:1]}
+
+    def __enter__(self) -> Self:
+        with ExitStack() as opening:
+            info = info_topic(self._topics)
+            is_told = False
+            for feed in self._feeds:
+                advertised = feed.topics()
+                for topic in self._kinds.keys() & advertised.keys():
+                    self._check(topic, advertised[topic], ros1=feed.ros1)
+                wanted = {topic: advertised.get(topic, "") for topic in self._kinds}
+                if self._focal_px is None:
+                    wanted[info] = INFO_TYPE
+                opening.callback(feed.close)
+                feed.open(wanted, _Ear(self, LearntTypes(self._known, ros1=feed.ros1)))
+                is_told = is_told or info in advertised
+            if is_told and self._focal_px is None:
+                self._focal_known.wait(INFO_WAIT_S)
+            self._opened = opening.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._is_playing = False
+        self._opened.close()
+
+    @property
+    def topics(self) -> Topics:
+        """What is read of which topic."""
+        return self._topics
+
+    @property
+    def start_ms(self) -> int:
+        """When playing began; until then, the present."""
+        return SystemClock().now_ms() if self._began_ms is None else self._began_ms
+
+    @property
+    def focal_px(self) -> float | None:
+        """The focal length that the user names, or the one that the camera's CameraInfo has told so far."""
+        return self._focal_px
+
+    @property
+    def focal_from(self) -> str:
+        """Where the focal length is from."""
+        return "camera-info" if self._topics.focal_px is None else "topics"
+
+    @property
+    def camera_topic(self) -> str:
+        """The topic of depth images."""
+        return self._topics.depth
+
+    def describe_images(self) -> str:
+        """Return which topics of images are advertised now, as a sentence."""
+        advertised = _advertised(self._feeds[0]) or {}
+        images = sorted(topic for topic, kind in advertised.items() if kind in (IMAGE_TYPE, COMPRESSED_TYPE))
+        more = f" and {len(images) - LISTED_MAX_COUNT} more" if len(images) > LISTED_MAX_COUNT else ""
+        shown = ", ".join(images[:LISTED_MAX_COUNT])
+        return f"Images are on {shown}{more}." if images else "No topic of images is there."
+
+    @property
+    def antennas_unnamed(self) -> AntennaCounts:
+        """How often antennas were heard that the topics file names neither in front nor in back."""
+        return self._reader.antennas_unnamed
+
+    def shift_to(self, start_ms: int) -> None:
+        """Take no notice: what is live cannot be moved."""
+
+    def empty_frames(self) -> list[Depth]:
+        """Raise EMPTY_SCENE_MISSING: nobody could say whether somebody is in a frame that comes now."""
+        raise BlockRobotError(
+            "EMPTY_SCENE_MISSING",
+            "A live camera has no frames of the empty scene by itself. Record some with `blockrobot robot background "
+            "record --source ... --viewpoint NAME`, have them approved, and run with --viewpoint NAME.",
+        )
+
+    def events(self) -> Iterator[SourceEvent]:
+        """Raise USAGE_INVALID: what is live comes in real time only, from `play`."""
+        raise BlockRobotError("USAGE_INVALID", "A live source can only be played in real time.")
+
+    async def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
+        """Yield what comes from now on until `clock` wakes all sleepers. Raises what a feed failed with, after all else."""
+        loop = asyncio.get_running_loop()
+        came = asyncio.Event()
+        self._wake = lambda: _call_in(loop, came.set)
+        self._wake_teller = lambda: _call_in(loop, self._tell_all)
+        ending = asyncio.create_task((clock or SystemClock()).sleep_until(_FOREVER_MS))
+        ending.add_done_callback(lambda _: came.set())
+        watching = asyncio.create_task(self._watch())
+        self._began_ms, self._frame_came_s = SystemClock().now_ms(), time.monotonic()
+        self._is_playing, taken_count = True, 0
+        self._tell_all()
+        try:
+            while not ending.done():
+                came.clear()
+                entry = self._queue.take(self._wake)
+                if entry is None:
+                    if self._failure is not None:
+                        raise self._failure
+                    await came.wait()
+                    continue
+                for event in self._read(entry):
+                    yield event
+                taken_count += 1
+                if taken_count % YIELD_EVERY_COUNT == 0:  # a storm must not keep deliveries and consents waiting
+                    await asyncio.sleep(0)
+        finally:
+            self._is_playing = False
+            self._unread = self._queue.clear()
+            ending.cancel()
+            watching.cancel()
+            self._tell_all()
+
+    def intake_json(self) -> dict[str, Any]:
+        """Return how much came on each topic and how often one was gone; how much never came, though it was sent.
+
+        By kind: how much came and was dropped for lack of room (`missed`), or waited still when the run ended (`unread`).
+        """
+        gone = self._gone.copy()
+        for watch in self._watches.values():
+            gone += watch.gone
+        return {
+            "missed": dict(sorted(self._queue.missed.items())),
+            "unread": dict(sorted(self._unread.items())),
+            "heard": dict(sorted(self._heard.items())),
+            "never_came": dict(sorted(self._missing.items())),
+            "gone": dict(sorted(gone.items())),
+        }
+
+    def hear(self, message: Message, types: MessageTypes) -> None:
+        """Take a message of a feed and what to decode it by, from any thread."""
+        if message.topic not in self._kinds:
+            self._look_through(message, types)
+        elif self._is_playing:
+            kind = self._kinds[message.topic]
+            with self._counting:
+                self._heard[message.topic] += 1
+            if kind == "frame":
+                self._frame_came_s = time.monotonic()
+            self._queue.put(Queued(kind, (message, types)))
+
+    def hear_ready(self, kind: str, event: Sighting | Refused) -> None:
+        """Take what needs no decoding, from any thread."""
+        if self._is_playing:
+            self._queue.put(Queued(kind, event))
+
+    def note_missing(self, topic: str, count: int) -> None:
+        """Count what a feed lost on the way of what is wanted, from any thread."""
+        if self._is_playing and topic in self._kinds:
+            with self._counting:
+                self._missing[topic] += count
+
+    def note_presence(self, part: str, *, here: bool) -> None:
+        """Say that a part of a feed is gone, or back, from any thread."""
+        with self._counting:
+            self._gone[part] += not here
+        self._say(f"{part} is there." if here else f"{part} is gone; it is waited for.")
+
+    def note_unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
+        """Say that a topic cannot be heard, and count it as refused; without a camera there is no run. From any thread."""
+        if topic == self._topics.depth and for_good:
+            self.lose(error)
+            return
+        self._say(f"{error.detail} The run goes on without {topic}.")
+        if topic in self._kinds:
+            kind = self._kinds[topic]
+            self._queue.put(Queued(kind, Refused(SystemClock().now_ms(), kind, "type")))
+
+    def lose(self, error: BlockRobotError) -> None:
+        """Take a feed's failure, from any thread."""
+        self._failure = self._failure or BlockRobotError("FEED_LOST", error.detail)
+        self._wake()
+
+    def _check(self, topic: str, type_name: str, *, ros1: bool) -> None:
+        wrong = wrong_type(self._topics, topic, type_name)
+        if wrong:
+            raise BlockRobotError("TOPICS_INVALID", wrong)
+        own = MessageTypes(self._known, ros1=False)
+        # In ROS 1 each publisher defines its types, with its messages only: what fits none is refused then, and counted.
+        misspelt = missing_field(self._topics, topic, type_name, own) if own.knows(type_name) and not ros1 else ""
+        if misspelt:
+            raise BlockRobotError("TOPICS_INVALID", misspelt)
+
+    def _read(self, entry: Queued) -> Sequence[SourceEvent]:
+        return self._reader.read(*entry.what) if isinstance(entry.what, tuple) else [entry.what]
+
+    def _look_through(self, message: Message, types: MessageTypes) -> None:
+        """Take the focal length from a CameraInfo, once."""
+        if self._focal_px is None and message.type == INFO_TYPE:
+            with suppress(BlockRobotError):
+                self._focal_px = read_focal_px(types.decode(message))
+            self._focal_known.set()
+
+    async def _watch(self) -> None:
+        while True:
+            for feed, watch in self._watches.items():
+                for sentence in watch.look(await asyncio.to_thread(_advertised, feed)):
+                    self._say(sentence)
+            for sentence in next(iter(self._watches.values())).listen(time.monotonic(), self._frame_came_s):
+                self._say(sentence)
+            await asyncio.sleep(LOOK_EVERY_S)
+
+    def _say(self, sentence: str) -> None:
+        """Have a sentence told, from any thread: whoever listens may be slow, or gone."""
+        self._sentences.append(sentence)
+        self._wake_teller()
+
+    def _tell_all(self) -> None:
+        while self._sentences:
+            with suppress(OSError, ValueError):
+                self._tell(self._sentences.popleft())
+
+
+class _Ear:
+    """The listener of one feed. Whatever a strange message does, the feed's thread goes on."""
+
+    def __init__(self, source: LiveSource, types: LearntTypes) -> None:
+        self._source = source
+        self._types = types
+
+    def learn(self, type_name: str, definition: str) -> None:
+        self._types.learn(type_name, definition)
+
+    def deliver(self, message: Message, definition: str = "") -> None:
+        self._source.hear(message, self._types.of(message.type, definition))
+
+    def sight(self, sighting: Sighting) -> None:
+        self._source.hear_ready("sighting", sighting)
+
+    def refuse(self, refused: Refused) -> None:
+        self._source.hear_ready(refused.kind, refused)
+
+    def miss(self, topic: str, count: int) -> None:
+        self._source.note_missing(topic, count)
+
+    def presence(self, part: str, *, here: bool) -> None:
+        self._source.note_presence(part, here=here)
+
+    def unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
+        self._source.note_unusable(topic, error, for_good=for_good)
+
+    def fail(self, error: BlockRobotError) -> None:
+        self._source.lose(error)
+
+
+def _advertised(feed: Feed) -> Mapping[str, str] | None:
+    try:
+        return feed.topics()
+    except Exception:  # noqa: BLE001 - a library fails in ways of its own, and the watch must go on
+        return None
+
+
+def _call_in(loop: asyncio.AbstractEventLoop, what: Callable[[], None]) -> None:
+    with suppress(RuntimeError):  # the loop is closed: nobody waits any more
+        loop.call_soon_threadsafe(what)

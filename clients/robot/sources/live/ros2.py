@@ -1,0 +1,342 @@
+"""ROS 2 as a live feed: the user's own rclpy with raw subscriptions, which hand over each message's CDR bytes as they came.
+
+rclpy is a guest in this process: it must never handle our signals, write its log files or read our command line. Nothing
+is published, and no message is decoded here. All of rclpy is used by one thread at a time.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from clients.robot.sources.live import ros2_types
+from clients.robot.sources.live.live_feed import CLOSE_MAX_S, Feed, Listener, Message
+from clients.robot.sources.live.ros2_discovery import OWN_TOPIC, Discovery
+from consensus.errors import BlockRobotError
+
+NODE_NAME = "blockrobot"
+LOOK_EVERY_S = 0.5
+"""How often the graph is looked at: so late may a topic be subscribed that appears, or whose publisher has changed."""
+
+SPIN_MAX_S = 0.1
+DISCOVERY_POLL_S = 0.05
+SUBSCRIBE_MAX_S = 1.0
+DETAIL_MAX_CHARS = 200
+IMAGE_QUEUE_MAX_COUNT = 16
+"""Half a second of a camera. The robot's own queue drops and counts what is too much; this one would not say."""
+
+QUEUE_MAX_COUNT = 1024
+IMAGE_TYPES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"})
+
+OPTIONS: tuple[Callable[[Any], Any], ...] = ()
+
+_log = logging.getLogger(__name__)
+
+
+def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
+    """Return the one feed that the options describe."""
+    return [Ros2Feed(options.get("ros_domain"))]
+
+
+class Ros2Feed:
+    """The ROS 2 graph that this process' environment describes to any ROS 2 program; `domain` goes before ROS_DOMAIN_ID."""
+
+    name = "The ROS 2 graph"
+    ros1 = False
+
+    def __init__(self, domain: int | None = None) -> None:
+        self._domain = domain
+        self._wanted: dict[str, str] = {}
+        self._heard: dict[str, _Heard] = {}
+        self._unusable: dict[str, str] = {}
+        self._advertised: dict[str, str] = {}
+        self._closing = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics that have a publisher; before `open` it joins the graph for that, and leaves it again.
+
+        Takes from `LOOK_MIN_S` to `LOOK_MAX_S` then. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING.
+        """
+        if self._thread is not None:
+            return dict(self._advertised)
+        joined = _Joined.join(_Bindings(), self._domain)
+        try:
+            return joined.discover()
+        finally:
+            joined.leave()
+
+    def open(self, wanted: Mapping[str, str], listener: Listener) -> None:
+        """Join the graph and listen to it in a thread; what is not advertised yet is subscribed when it is.
+
+        Waits up to `SUBSCRIBE_MAX_S` for the publishers of topics whose type is told. Raises FEED_UNREACHABLE, and
+        MIDDLEWARE_MISSING when rclpy or such a type cannot be imported, or is not the publisher's. Of other topics that
+        is told to `listener` as unusable, and the rest is heard all the same.
+        """
+        bindings = _Bindings()
+        told = {topic for topic, type_name in wanted.items() if type_name}
+        for topic in sorted(told):
+            bindings.find(topic, wanted[topic])
+        self._wanted = dict(wanted)
+        joined = _Joined.join(bindings, self._domain)
+        try:
+            deadline_s = time.monotonic() + SUBSCRIBE_MAX_S
+            while True:
+                for topic, error in self._look(joined, listener):
+                    if topic in told:
+                        raise error
+                    _tell_unusable(listener, topic, error)
+                if not told - self._heard.keys() or time.monotonic() > deadline_s:
+                    break
+                time.sleep(DISCOVERY_POLL_S)
+        except BaseException:
+            joined.leave()
+            raise
+        self._thread = threading.Thread(target=self._run, args=(joined, listener), name="ros2-feed", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._closing.set()
+        if self._thread is not None:
+            self._thread.join(CLOSE_MAX_S)
+
+    def _run(self, joined: _Joined, listener: Listener) -> None:
+        look_at_s = time.monotonic() + LOOK_EVERY_S
+        try:
+            while not self._closing.is_set():
+                if time.monotonic() >= look_at_s:
+                    for topic, error in self._look(joined, listener):
+                        _tell_unusable(listener, topic, error)
+                    look_at_s = time.monotonic() + LOOK_EVERY_S
+                joined.spin(SPIN_MAX_S)
+        except Exception as error:  # noqa: BLE001 - rclpy fails in many ways, and nobody else watches its thread
+            told = f"rclpy failed: {type(error).__name__}: {_cut(error)}."
+            listener.fail(BlockRobotError("FEED_LOST", told))
+        finally:
+            joined.leave()
+
+    def _look(self, joined: _Joined, listener: Listener) -> list[tuple[str, BlockRobotError]]:
+        """Subscribe to what is advertised, anew where type or reliability has changed; return what is newly unusable."""
+        advertised, unusable = joined.advertised(), []
+        for topic, told in self._wanted.items():
+            publishers = joined.publishers(topic) if topic in advertised else []
+            if not publishers:
+                continue
+            heard = self._heard.get(topic)
+            advertised[topic] = _choose_type({one.type for one in publishers}, heard.type if heard else "", told)
+            try:
+                self._subscribe(joined, listener, topic, [one for one in publishers if one.type == advertised[topic]])
+                if self._unusable.pop(topic, None) is not None:
+                    listener.presence(topic, here=True)
+            except BlockRobotError as error:
+                if self._unusable.get(topic) != error.detail:
+                    unusable.append((topic, error))
+                self._unusable[topic] = error.detail
+        self._advertised = advertised
+        return unusable
+
+    def _subscribe(self, joined: _Joined, listener: Listener, topic: str, publishers: list[_Publisher]) -> None:
+        """Subscribe as suits the publishers, all of one type, unless that is so already. Raises MIDDLEWARE_MISSING."""
+        heard = self._heard.get(topic)
+        wish = _Heard(publishers[0].type, all(one.is_reliable for one in publishers))
+        found = joined.bindings.find(topic, wish.type)
+        is_other = found.is_other({one.type_hash for one in publishers if one.type_hash})
+        if heard is not None and (is_other or heard != wish):
+            joined.unsubscribe(self._heard.pop(topic).subscription)
+        if is_other:
+            package = wish.type.partition("/")[0]
+            detail = (
+                f"The publisher of {topic} was built with another version of {wish.type} than the one that Python finds. "
+                f"Build {package} anew for both, source it, and start again."
+            )
+            raise BlockRobotError("MIDDLEWARE_MISSING", detail, until="the publisher ends")
+        if topic not in self._heard:
+            listener.learn(wish.type, found.definition)
+            wish.subscription = joined.subscribe(topic, wish, listener)
+            self._heard[topic] = wish
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What is subscribed of a topic; two are equal if they ask for the same."""
+
+    type: str
+    is_reliable: bool
+    subscription: Any = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class _Publisher:
+    """What a publisher offers. `type_hash` is REP 2011's, empty if it tells none (before ROS 2 Iron)."""
+
+    type: str
+    is_reliable: bool
+    type_hash: str
+
+
+def _choose_type(offered: set[str], heard: str, told: str) -> str:
+    """Return which type of a topic is listened to: the one that was, else the one that was told, else any."""
+    return next((name for name in (heard, told) if name in offered), min(offered))
+
+
+def _tell_unusable(listener: Listener, topic: str, error: BlockRobotError) -> None:
+    """What Python cannot import now it never can; a publisher of another version may end and leave others."""
+    listener.unusable(topic, error, for_good="until" not in error.context)
+
+
+def _cut(error: Exception) -> str:
+    return str(error)[:DETAIL_MAX_CHARS]
+
+
+class _Bindings:
+    """rclpy, and the message types that Python finds beside it. Making it raises MIDDLEWARE_MISSING."""
+
+    def __init__(self) -> None:
+        loggers = logging.getLoggerClass()
+        try:
+            self.rclpy = importlib.import_module("rclpy")
+            importlib.import_module("rclpy.impl.implementation_singleton")
+            for name in ("context", "event_handler", "executors", "node", "parameter", "qos"):
+                importlib.import_module(f"rclpy.{name}")
+        except Exception as error:  # a library of another system, or of another Python, fails in many ways
+            version = f"{sys.version_info.major}.{sys.version_info.minor}"
+            detail = (
+                f"Python {version} cannot import rclpy ({_cut(error)}). In the terminal in which you start BlockRobot, "
+                "first type `source /opt/ros/DISTRO/setup.bash`, for DISTRO jazzy, kilted or yours; BlockRobot must be "
+                "installed with the Python of that ROS 2 (jazzy, kilted: 3.12)."
+            )
+            raise BlockRobotError("MIDDLEWARE_MISSING", detail) from error
+        finally:
+            logging.setLoggerClass(loggers)
+        self._types: dict[str, ros2_types.RosType] = {}
+
+    def find(self, topic: str, type_name: str) -> ros2_types.RosType:
+        """Return a type as Python finds it. Raises MIDDLEWARE_MISSING."""
+        if type_name not in self._types:
+            try:
+                self._types[type_name] = ros2_types.load(type_name)
+            except ros2_types.NotFoundError as error:
+                package = type_name.partition("/")[0]
+                detail = (
+                    f"Topic {topic} carries {type_name}, and {error}. In the terminal in which you start BlockRobot, "
+                    f"first source the workspace that has {package}: `source WORKSPACE/install/setup.bash`."
+                )
+                raise BlockRobotError("MIDDLEWARE_MISSING", detail) from error
+        return self._types[type_name]
+
+
+class _Joined:
+    """A node of ours in the graph, with a context and an executor of its own. `spin` alone makes messages come."""
+
+    def __init__(self, bindings: _Bindings, context: Any, node: Any, executor: Any) -> None:
+        self.bindings = bindings
+        self._context = context
+        self._node = node
+        self._executor = executor
+
+    @classmethod
+    def join(cls, bindings: _Bindings, domain: int | None) -> _Joined:
+        """Join the graph of a domain, the environment's if none is given. Raises FEED_UNREACHABLE."""
+        rclpy = bindings.rclpy
+        context = rclpy.context.Context()
+        try:
+            # Not rclpy.init: that would take our signals; and without logging nothing is written to ~/.ros/log.
+            context.init(args=[], initialize_logging=False, domain_id=domain)
+            node = rclpy.node.Node(
+                NODE_NAME,
+                context=context,
+                enable_rosout=False,
+                start_parameter_services=False,
+                parameter_overrides=[rclpy.parameter.Parameter("start_type_description_service", value=False)],
+            )
+            executor = rclpy.executors.SingleThreadedExecutor(context=context)
+            executor.add_node(node)
+        except Exception as error:
+            context.try_shutdown()
+            detail = (
+                f"The ROS 2 graph cannot be joined: {type(error).__name__}: {_cut(error)}. Check RMW_IMPLEMENTATION "
+                "and ROS_DOMAIN_ID, and whether `ros2 topic list` works in this terminal."
+            )
+            raise BlockRobotError("FEED_UNREACHABLE", detail) from error
+        return cls(bindings, context, node, executor)
+
+    def advertised(self) -> dict[str, str]:
+        """Return the topics that have a publisher now, each with a type."""
+        found = {}
+        for topic, types in self._node.get_topic_names_and_types():
+            own_count = int(topic == OWN_TOPIC)
+            if types and self._node.count_publishers(topic) > own_count:
+                found[str(topic)] = str(sorted(types)[0])
+        return found
+
+    def discover(self) -> dict[str, str]:
+        """Return what is advertised once nothing new is heard of."""
+        discovery = Discovery(time.monotonic())
+        while not discovery.is_known(self.advertised(), time.monotonic()):
+            time.sleep(DISCOVERY_POLL_S)
+        return discovery.found
+
+    def publishers(self, topic: str) -> list[_Publisher]:
+        """Return what the publishers of a topic offer now."""
+        reliable = self.bindings.rclpy.qos.ReliabilityPolicy.RELIABLE
+        found = []
+        for info in self._node.get_publishers_info_by_topic(topic):
+            told = getattr(info, "topic_type_hash", None)
+            type_hash = str(told) if told is not None and getattr(told, "version", -1) > 0 else ""
+            found.append(_Publisher(info.topic_type, info.qos_profile.reliability == reliable, type_hash))
+        return found
+
+    def subscribe(self, topic: str, wish: _Heard, listener: Listener) -> Any:
+        """Subscribe to the bytes of a topic's messages.
+
+        Best effort hears every publisher, but of large messages it loses many: it is asked for only where somebody offers
+        no more. Volatile hears every durability.
+        """
+        qos, events = self.bindings.rclpy.qos, self.bindings.rclpy.event_handler
+        reliability = qos.ReliabilityPolicy.RELIABLE if wish.is_reliable else qos.ReliabilityPolicy.BEST_EFFORT
+        profile = qos.QoSProfile(
+            history=qos.HistoryPolicy.KEEP_LAST,
+            depth=IMAGE_QUEUE_MAX_COUNT if wish.type in IMAGE_TYPES else QUEUE_MAX_COUNT,
+            reliability=reliability,
+            durability=qos.DurabilityPolicy.VOLATILE,
+        )
+
+        def hear(data: bytes) -> None:
+            listener.deliver(Message(topic, wish.type, time.time_ns(), data))
+
+        def lose(info: Any) -> None:
+            listener.miss(topic, info.total_count_change)
+
+        wanted = self.bindings.find(topic, wish.type).python_class
+        for callbacks in (
+            events.SubscriptionEventCallbacks(message_lost=lose, use_default_callbacks=False),
+            events.SubscriptionEventCallbacks(use_default_callbacks=False),
+        ):
+            try:
+                return self._node.create_subscription(wanted, topic, hear, profile, raw=True, event_callbacks=callbacks)
+            except events.UnsupportedEventTypeError:  # not every middleware counts what it loses
+                continue
+        raise BlockRobotError("FEED_LOST", f"The topic {topic} cannot be subscribed.")
+
+    def unsubscribe(self, subscription: Any) -> None:
+        """Stop hearing a topic."""
+        self._node.destroy_subscription(subscription)
+
+    def spin(self, limit_s: float) -> None:
+        """Hand over what has come; wait for it no longer than this."""
+        self._executor.spin_once(timeout_sec=limit_s)
+
+    def leave(self) -> None:
+        """Leave the graph, whatever state it is in."""
+        for step in (self._executor.shutdown, self._node.destroy_node, self._context.try_shutdown):
+            try:
+                step()
+            except Exception as error:  # noqa: BLE001 - what cannot be left in good order is left all the same
+                _log.debug("rclpy did not close in good order: %s", error)

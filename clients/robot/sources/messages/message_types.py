@@ -1,0 +1,180 @@
+"""What the types of messages look like: those that ROS has, our own, and what a recording or a live graph defines.
+
+Must never show what a message says: only types are described here.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.messages.type_bounds import is_bounded
+from clients.robot.synthetic.bag_messages import typestore
+from consensus.errors import BlockRobotError
+
+DEFINITION_MAX_CHARS = 256 * 1024
+DEFINITIONS_MAX_COUNT = 64
+"""How many definitions of live publishers are kept; what is forgotten is worked out again when it is told again."""
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
+
+@functools.cache
+def own_types() -> Typestore:
+    """Return the built-in types, made once; never to be changed."""
+    return typestore()
+
+
+def types_with(definitions: Mapping[str, str]) -> Typestore:
+    """Return the built-in types and those that the user defines. Raises TOPICS_INVALID for one that makes no sense."""
+    if not definitions:
+        return own_types()
+    store = typestore()
+    for name, text in definitions.items():
+        try:
+            store.register(get_types_from_msg(text, name))
+        except Exception as error:
+            raise BlockRobotError("TOPICS_INVALID", f"The definition of {name} makes no sense.") from error
+    return store
+
+
+class MessageTypes:
+    """Types by name, and messages of them in one serialisation: ROS 1's own, or CDR."""
+
+    def __init__(self, store: Typestore, *, ros1: bool) -> None:
+        self._store = store
+        self._ros1 = ros1
+        self._bounded: dict[str, bool] = {}
+
+    def decode(self, message: Message) -> Any:
+        """Return a message as an object with the fields of its type. Raises FRAME_INVALID, reason `undecodable`."""
+        read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
+        try:
+            if not self._is_bounded(message.type):
+                raise ValueError(message.type)
+            return read(message.data, message.type)
+        except Exception as error:
+            detail = f"A message of {message.topic} is no {message.type}."
+            raise BlockRobotError("FRAME_INVALID", detail, reason="undecodable") from error
+
+    def knows(self, type_name: str) -> bool:
+        """Tell whether messages of a type can be decoded."""
+        return type_name in self._store.types and self._is_bounded(type_name)
+
+    def field_names(self, type_name: str) -> list[str]:
+        """Return the names of a type's own fields, none if it is not known."""
+        return [name for name, _ in self._fields(type_name)]
+
+    def paths(self, type_name: str, deep: int = 3) -> list[str]:
+        """Return the paths of a type's plain fields: `epc`, `tags[].epc`. Bytes are one value, a UID perhaps."""
+        found = []
+        for name, (kind, what) in self._fields(type_name):
+            each = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+            inner = what[0] if each else (kind, what)
+            path = name + ("[]" if each and inner != (Nodetype.BASE, ("uint8", 0)) else "")
+            if inner[0] is Nodetype.NAME:
+                further = self.paths(str(inner[1]), deep - 1) if deep > 1 else []
+                found += [f"{path}.{rest}" for rest in further if path.count("[]") + rest.count("[]") < 2]
+            else:
+                found.append(path)
+        return found
+
+    def has_path(self, type_name: str, path: str) -> bool:
+        """Tell whether messages of a type can hold something at a path; also where the type on the way is not known."""
+        part, _, rest = path.partition(".")
+        name, in_text = part.removesuffix("[]").removesuffix("{}"), "{}" in part
+        fields = dict(self._fields(type_name))
+        if not fields:
+            return True
+        if name not in fields:
+            return False
+        kind, what = fields[name]
+        each = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        if in_text:  # what the text holds is known by its messages only
+            return bool(kind is Nodetype.BASE and what[0] == "string")
+        if part.endswith("[]") != each and (rest or not each):
+            return False
+        inner = what[0] if each else (kind, what)
+        return not rest or (inner[0] is Nodetype.NAME and self.has_path(str(inner[1]), rest))
+
+    def is_text(self, type_name: str, path: str) -> bool:
+        """Tell whether a path leads to text, or to a list of texts."""
+        part, _, rest = path.partition(".")
+        for name, (kind, what) in self._fields(type_name):
+            if name == part.removesuffix("[]"):
+                inner = what[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, what)
+                if rest:
+                    return inner[0] is Nodetype.NAME and self.is_text(str(inner[1]), rest)
+                return bool(inner[0] is Nodetype.BASE and inner[1][0] == "string")
+        return False
+
+    def _fields(self, type_name: str) -> list[Any]:
+        return list(self._store.fielddefs[type_name][1]) if self.knows(type_name) else []
+
+    def _is_bounded(self, type_name: str) -> bool:
+        if type_name not in self._store.types:
+            return True
+        if type_name not in self._bounded:
+            self._bounded[type_name] = is_bounded(type_name, self._store.fielddefs, ros1=self._ros1)
+        return self._bounded[type_name]
+
+
+class LearntTypes:
+    """What a live feed's types look like: as the feed tells, else as the user's definitions or ROS itself say.
+
+    Each type's definition stands for itself, with the types in it: two nodes may disagree about one that both use. What is
+    no definition, or asks for more work than its messages' bytes, is as if never told. Any thread may use it.
+    """
+
+    def __init__(self, known: Typestore, *, ros1: bool) -> None:
+        self._ros1 = ros1
+        self._known = MessageTypes(known, ros1=ros1)
+        self._lock = threading.Lock()
+        self._worked_out: OrderedDict[tuple[str, str], MessageTypes | None] = OrderedDict()
+        self._newest: OrderedDict[str, MessageTypes | None] = OrderedDict()
+
+    def learn(self, type_name: str, definition: str) -> bool:
+        """Take the newest definition of a type; return whether it makes sense."""
+        with self._lock:
+            types = self._work_out(type_name, definition)
+            _keep(self._newest, type_name, types)
+            return types is not None
+
+    def of(self, type_name: str, definition: str = "") -> MessageTypes:
+        """Return the types to decode a message with: by its own definition if it came with one, else by the newest."""
+        with self._lock:
+            types = self._work_out(type_name, definition) if definition else self._newest.get(type_name)
+        return types or self._known
+
+    def _work_out(self, type_name: str, definition: str) -> MessageTypes | None:
+        if len(definition) > DEFINITION_MAX_CHARS:
+            return None
+        key = type_name, definition
+        return _keep(self._worked_out, key, self._worked_out[key] if key in self._worked_out else self._parse(*key))
+
+    def _parse(self, type_name: str, definition: str) -> MessageTypes | None:
+        store = get_typestore(Stores.EMPTY)
+        try:
+            store.register(get_types_from_msg(definition, type_name))
+        except Exception:  # noqa: BLE001 - a stranger's text fails in many ways
+            return None
+        types = MessageTypes(store, ros1=self._ros1)
+        return types if types.knows(type_name) else None
+
+
+def _keep(kept: OrderedDict[Key, Value], key: Key, value: Value) -> Value:
+    """Put a value last of so many; what was not used for the longest goes."""
+    kept[key] = value
+    kept.move_to_end(key)
+    if len(kept) > DEFINITIONS_MAX_COUNT:
+        kept.popitem(last=False)
+    return value

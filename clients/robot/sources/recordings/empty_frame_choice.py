@@ -1,0 +1,36 @@
+"""Gathers frames of the empty scene out of many: no more than are needed, spread evenly over those that came.
+
+Pure. Must never take frames of different sizes for one scene.
+"""
+
+from __future__ import annotations
+
+from clients.robot.sensing.sensor_events import Depth
+
+EMPTY_FRAMES_READ_MAX_COUNT = 300
+EMPTY_FRAMES_MAX_COUNT = 64
+EMPTY_FRAMES_MAX_BYTES = 256 * 1024 * 1024
+
+
+class EmptyFrames:
+    """Takes frames one by one; `frames` are those kept so far, all of the first one's size."""
+
+    def __init__(self) -> None:
+        self.frames: list[Depth] = []
+        self._usable_count = 0
+        self._step = 1
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether no more frames are looked at."""
+        return self._usable_count >= EMPTY_FRAMES_READ_MAX_COUNT
+
+    def add(self, depth: Depth) -> None:
+        """Take one frame; one of another size is left out."""
+        if self.frames and depth.shape != self.frames[0].shape:
+            return
+        if self._usable_count % self._step == 0:
+            self.frames.append(depth)
+        if len(self.frames) > max(1, min(EMPTY_FRAMES_MAX_COUNT, EMPTY_FRAMES_MAX_BYTES // depth.nbytes)):
+            self.frames, self._step = self.frames[::2], 2 * self._step
+        self._usable_count += 1

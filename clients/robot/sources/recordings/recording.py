@@ -1,0 +1,224 @@
+"""One recording of any format: ROS 1 .bag, rosbag2 with SQLite or MCAP, as folder or as file. Must never write anything.
+
+A whole recording is read by its index, in time order. One that was cut off is read from the front to the break, and
+says so at the end: `messages` then raises BAG_DAMAGED after the last whole message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.messages.message_types import MessageTypes, own_types, types_with
+from clients.robot.sources.recordings.bounded_chunks import bound_chunks
+from clients.robot.sources.recordings.salvage import BrokenOffError, Channel, Found, scan_file
+from consensus.errors import BlockRobotError
+
+bound_chunks()
+
+STORAGE_SUFFIXES = (".mcap", ".db3")
+ROS1_SUFFIXES = (".bag", ".bag.active")
+"""The second is what a ROS 1 recorder leaves that was killed."""
+
+SUFFIXES = (*ROS1_SUFFIXES, *STORAGE_SUFFIXES)
+
+
+@dataclass(slots=True)
+class TopicFigures:
+    """A topic of a recording: its type, how many messages it has, and how many a second on average."""
+
+    name: str
+    type: str
+    count: int = 0
+    rate_hz: float = 0.0
+    types: set[str] = field(default_factory=set)
+
+
+def explain_undefined(figures: TopicFigures, who: str) -> str:
+    """Return what to do about a topic of a type that `who` (with its verb) does not define."""
+    return (
+        f"{figures.name} carries {figures.type}, which {who}. If it holds tag readings, put the type's text into the "
+        "topics file under [definitions], and name topic and fields under [[tags]]."
+    )
+
+
+class Recording:
+    """A recording that was looked into once: `topics` by name, their `types`, and `broken`, which says what is wrong.
+
+    `definitions` gives the text of types that the recording does not define. Raises BAG_DAMAGED when nothing in it
+    can be read, and TOPICS_INVALID when a definition makes no sense.
+    """
+
+    def __init__(self, path: Path, definitions: Mapping[str, str] | None = None) -> None:
+        self.path = path
+        self.broken = ""
+        self.topics: dict[str, TopicFigures] = {}
+        self._ros1 = path.name.endswith(ROS1_SUFFIXES)
+        self._known = types_with(definitions or {})
+        self.types = MessageTypes(self._known, ros1=self._ros1)
+        self._salvage: list[Path] = []
+        try:
+            self._look_by_index()
+        except BlockRobotError as error:
+            if error.code == "RECORDING_TOO_LARGE":
+                raise
+            self._look_through(error)
+        except Exception as error:  # noqa: BLE001 - a damaged file fails in many ways; what is before the break is tried
+            self._look_through(error)
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Yield the messages of some topics in time order. Raises BAG_DAMAGED at the break, if there is one."""
+        if self._salvage:
+            yield from self._salvaged(set(topics))
+            return
+        try:
+            with AnyReader([self.path], default_typestore=own_types()) as reader:
+                chosen = [connection for connection in reader.connections if connection.topic in topics]
+                if not chosen:
+                    return
+                for connection, at_ns, data in reader.messages(chosen):
+                    _require_kinds((at_ns, int))
+                    yield Message(connection.topic, connection.msgtype, at_ns, data)
+        except Exception as error:  # a truncated or flipped chunk fails in many ways
+            if isinstance(error, BlockRobotError) and error.code == "RECORDING_TOO_LARGE":
+                raise
+            raise self._damaged() from error
+
+    def types_of(self, type_name: str) -> MessageTypes:  # noqa: ARG002 - a recording has one set for all
+        """Return the types among which messages of a type are explained."""
+        return self.types
+
+    def explain_unknown(self, topic: str) -> str:
+        """Return why a topic's type is not known, and what to do about it."""
+        return explain_undefined(self.topics[topic], "the recording does not define")
+
+    def first(self, topic: str) -> Any:
+        """Return the first message of a topic that can be decoded, None if there is none."""
+        try:
+            for message in self.messages([topic]):
+                try:
+                    return self.types.decode(message)
+                except BlockRobotError:
+                    continue
+        except BlockRobotError:
+            return None
+        return None
+
+    def _look_by_index(self) -> None:
+        with AnyReader([self.path], default_typestore=own_types()) as reader:
+            seconds = reader.duration / 1e9
+            for connection in reader.connections:
+                _require_kinds((connection.topic, str), (connection.msgtype, str), (connection.msgcount, int))
+                self._note(connection.topic, connection.msgtype, connection.msgcount)
+            self._learn([(connection.msgtype, connection.msgdef) for connection in _defined(reader.connections)])
+        for figures in self.topics.values():
+            figures.rate_hz = round(figures.count / seconds, 2) if seconds > 0 else 0.0
+
+    def _look_through(self, why: Exception) -> None:
+        """Count what can be read of a recording that has no index, or a damaged one."""
+        self.topics.clear()
+        self._salvage = _storage_files(self.path)
+        channels: dict[tuple[Path, int], Channel] = {}
+        first_ns, last_ns = None, 0
+        try:
+            for path, item in self._scan():
+                if isinstance(item, Channel):
+                    channels[path, item.number] = item
+                    self._note(item.topic, item.msgtype, 0)
+                elif (channel := channels.get((path, item.channel))) is not None:
+                    self.topics[channel.topic].count += 1
+                    first_ns = item.at_ns if first_ns is None else first_ns
+                    last_ns = item.at_ns
+        except BrokenOffError as error:
+            self.broken = str(error)
+        if first_ns is None:
+            raise self._damaged() from why
+        self._learn([(channel.msgtype, channel.definition) for channel in channels.values()])
+        seconds = max(0, last_ns - first_ns) / 1e9
+        for figures in self.topics.values():
+            figures.rate_hz = round(figures.count / seconds, 2) if seconds > 0 else 0.0
+
+    def _scan(self) -> Iterator[tuple[Path, Channel | Found]]:
+        for path in self._salvage:
+            for item in scan_file(path):
+                yield path, item
+
+    def _salvaged(self, topics: set[str]) -> Iterator[Message]:
+        channels: dict[tuple[Path, int], Channel] = {}
+        try:
+            for path, item in self._scan():
+                if isinstance(item, Channel):
+                    channels[path, item.number] = item
+                    continue
+                channel = channels.get((path, item.channel))
+                if channel is not None and channel.topic in topics:
+                    yield Message(channel.topic, channel.msgtype, item.at_ns, item.data)
+        except BrokenOffError as error:
+            raise self._damaged() from error
+
+    def _note(self, topic: str, kind: str, count: int) -> None:
+        figures = self.topics.setdefault(topic, TopicFigures(topic, kind))
+        figures.types.add(kind)
+        figures.count += count
+
+    def _learn(self, definitions: list[tuple[str, MessageDefinition]]) -> None:
+        """Add the types that the recording defines; its word goes before what is built in, for ROS 1 differs."""
+        store = get_typestore(Stores.EMPTY)
+        for name, definition in dict(definitions).items():
+            if definition.format is MessageDefinitionFormat.NONE:
+                continue
+            try:
+                store.register(_parse(name, definition))
+            except Exception:  # noqa: BLE001 - a spoilt definition; its topic is then one of an unknown type
+                self.broken = self.broken or f"Its definition of {name} is damaged."
+        if any(figures.type not in store.fielddefs for figures in self.topics.values()):
+            store.register({name: what for name, what in self._known.fielddefs.items() if name not in store.fielddefs})
+        self.types = MessageTypes(store, ros1=self._ros1)
+
+    def _damaged(self) -> BlockRobotError:
+        detail = self.broken or "It is damaged or not a recording."
+        return BlockRobotError("BAG_DAMAGED", f"The recording {self.path.name} cannot be read whole. {detail}")
+
+
+def _require_kinds(*told: tuple[Any, type]) -> None:
+    """Raise BrokenOffError for what is of another kind: a column of SQLite holds whatever somebody wrote into it."""
+    if any(type(value) is not kind for value, kind in told):
+        raise BrokenOffError("A row holds what no recorder writes.")
+
+
+def _defined(connections: list[Connection]) -> list[Connection]:
+    return [connection for connection in connections if connection.msgdef.format is not MessageDefinitionFormat.NONE]
+
+
+def _parse(name: str, definition: MessageDefinition) -> Any:
+    if definition.format is MessageDefinitionFormat.MSG:
+        return get_types_from_msg(definition.data, name)
+    rule = "=" * 80 + "\n"
+    if not definition.data.startswith(f"{rule}IDL: "):
+        return get_types_from_idl(definition.data)
+    types: dict[str, Any] = {}
+    for part in definition.data.split(rule)[1:]:
+        types.update(get_types_from_idl(part.partition("\n")[2]))
+    return types
+
+
+def _storage_files(path: Path) -> list[Path]:
+    """Return the files of a recording in the order in which they were written. Raises BAG_DAMAGED if there are none."""
+    if path.is_dir():
+        files = [file for file in path.iterdir() if file.suffix in STORAGE_SUFFIXES]
+        found = sorted(files, key=lambda file: (len(file.name), file.name))  # ..._9 before ..._10
+    else:
+        found = [path] if path.is_file() and path.name.endswith(SUFFIXES) else []
+    if not path.exists():
+        raise BlockRobotError("FILE_UNUSABLE", f"There is no recording at {path}.")
+    if not found:
+        kinds = "a ROS 1 .bag, a rosbag2 folder, or one .mcap or .db3 file"
+        raise BlockRobotError("BAG_DAMAGED", f"{path.name} is no recording that can be read; one is {kinds}.")
+    return found

@@ -1,0 +1,207 @@
+"""Makes a scenario's ROS bag (rosbag2, MCAP, zstd chunks) and keeps it in a cache named by what it was made from.
+
+The bag holds tags' UIDs, as any robot's recording would: it is an input for tests and demonstrations, and must never
+be made from real people.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from clients.robot.sensing.sensor_events import Sighting
+from clients.robot.synthetic.bag_messages import IMAGE_TYPE, NS_PER_MS, SIGHTING_TYPE, MessageCodec
+from clients.robot.synthetic.render import RENDERER_VERSION, Renderer, readings
+from clients.robot.synthetic.scenario import Scenario
+from clients.sdk.terminal.processes import is_process_alive
+from consensus.errors import BlockRobotError
+
+DEPTH_TOPIC = "/camera/depth/image_raw"
+EMPTY_TOPIC = "/camera/depth/empty"
+SIGHTING_TOPIC = "/rfid/sightings"
+BAG_VERSION = 1
+RUN_START_MS = 1_579_278_405_650  # any instant will do: players move the timeline to the present
+EMPTY_LEAD_MS = 10_000
+BATCH_FRAMES_COUNT = 12
+WORKERS_MAX_COUNT = 8
+_UNFINISHED = re.compile(r"\..+-[0-9a-f]{24}\.([1-9][0-9]{0,9})\.[0-9a-f]{8}")
+"""A bag that a process is making: `.NAME-KEY.PID.CHANCE`."""
+
+Progress = Callable[[int, int], None]
+Rendered = list[tuple[int, bytes]]
+
+
+def frame_time_ms(scenario: Scenario, index: int) -> int:
+    """Return when frame `index` was captured, on the bag's own timeline."""
+    return RUN_START_MS + round(index * 1000 / scenario.frame_rate)
+
+
+def bag_key(scenario: Scenario, uids: Mapping[str, str]) -> str:
+    """Return the name of the bag in the cache: a hash of scenario, renderer, format and tags."""
+    parts = [scenario.digest, str(RENDERER_VERSION), str(BAG_VERSION)]
+    parts += [f"{alias}={uids[alias]}" for alias in scenario.tagged_aliases]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
+
+
+def make_bag(
+    scenario: Scenario, uids: Mapping[str, str], cache: Path, *, progress: Progress | None = None, workers: int = 0
+) -> Path:
+    """Return the path of the scenario's bag, rendering it first if the cache does not hold it.
+
+    `uids` maps each tagged alias to its tag's UID. `progress(done, total)` is called per batch of frames, also once
+    when the bag was already there. `workers` processes render (0: one for each core). Raises CONFIGURATION_INVALID
+    when a UID is missing.
+    """
+    missing = [alias for alias in scenario.tagged_aliases if not uids.get(alias)]
+    if missing:
+        raise BlockRobotError("CONFIGURATION_INVALID", f"No tag is given for {', '.join(missing)}.")
+    target = cache / f"{scenario.name}-{bag_key(scenario, uids)}"
+    total = scenario.frame_count + scenario.empty_frames
+    if (target / "metadata.yaml").is_file():
+        if progress is not None:
+            progress(total, total)
+        return target
+    cache.mkdir(parents=True, exist_ok=True)
+    _remove_abandoned(cache)
+    unfinished = cache / f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}"
+    try:
+        _write(scenario, uids, unfinished, progress or _silent, workers)
+        _settle(unfinished, target)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    return target
+
+
+def _remove_abandoned(cache: Path) -> None:
+    """Remove unfinished bags whose makers are dead: a process that is killed leaves what it has written behind."""
+    for path in cache.iterdir():
+        found = _UNFINISHED.fullmatch(path.name)
+        if found and not is_process_alive(int(found[1])) and path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _silent(done: int, total: int) -> None:
+    """Take no notice of progress."""
+
+
+def _settle(unfinished: Path, target: Path) -> None:
+    """Move a finished bag to its place; another maker may have been first, which is as good."""
+    if target.exists() and not (target / "metadata.yaml").is_file():
+        shutil.rmtree(target)
+    try:
+        unfinished.rename(target)
+    except OSError:
+        if not (target / "metadata.yaml").is_file():
+            raise
+
+
+def _write(scenario: Scenario, uids: Mapping[str, str], path: Path, progress: Progress, workers: int) -> None:
+    codec = MessageCodec()
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    writer.set_custom_data("blockrobot_scenario", scenario.name)
+    total = scenario.frame_count + scenario.empty_frames
+    done = 0
+    with writer:
+        depth = writer.add_connection(DEPTH_TOPIC, IMAGE_TYPE, typestore=codec.store)
+        empty = writer.add_connection(EMPTY_TOPIC, IMAGE_TYPE, typestore=codec.store)
+        tags = writer.add_connection(SIGHTING_TOPIC, SIGHTING_TYPE, typestore=codec.store)
+        pending = _sightings(scenario, uids, codec)
+        for batch in _render_batches(scenario, workers):
+            for at_ms, data in batch:
+                while pending and pending[0][0] <= at_ms:
+                    _put(writer, tags, *pending.pop(0))
+                _put(writer, empty if at_ms < RUN_START_MS else depth, at_ms, data)
+            done += len(batch)
+            progress(done, total)
+        for at_ms, data in pending:
+            _put(writer, tags, at_ms, data)
+
+
+def _put(writer: Writer, connection: Connection, at_ms: int, data: bytes) -> None:
+    writer.write(connection, at_ms * NS_PER_MS, data)
+
+
+def scene_sightings(scenario: Scenario, uids: Mapping[str, str]) -> list[tuple[int, Sighting]]:
+    """Return the scenario's readings as (time of arrival, sighting), in order of arrival, on the bag's timeline."""
+    made = []
+    for reading in readings(scenario):
+        at_ms = RUN_START_MS + round(reading.at_s * 1000)
+        sighting = Sighting(
+            first_seen_ms=at_ms,
+            last_seen_ms=at_ms,
+            uid=uids[reading.alias],
+            antenna=reading.antenna,
+            facing=reading.facing,
+            rssi_dbm=reading.rssi_dbm,
+            distance_m=reading.distance_m,
+            sigma_m=reading.sigma_m,
+        )
+        made.append((RUN_START_MS + round(reading.arrives_s * 1000), sighting))
+    return made
+
+
+def _sightings(scenario: Scenario, uids: Mapping[str, str], codec: MessageCodec) -> Rendered:
+    return [(at_ms, bytes(codec.encode_sighting(found, at_ms))) for at_ms, found in scene_sightings(scenario, uids)]
+
+
+def _render_batches(scenario: Scenario, workers: int) -> Iterator[Rendered]:
+    """Yield encoded frames in time order, empty ones (negative indices) first; rendered in several processes."""
+    first = -scenario.empty_frames
+    jobs = [
+        range(start, min(start + BATCH_FRAMES_COUNT, scenario.frame_count))
+        for start in range(first, scenario.frame_count, BATCH_FRAMES_COUNT)
+    ]
+    count = min(workers or os.cpu_count() or 1, WORKERS_MAX_COUNT, len(jobs))
+    if count == 1:
+        worker = _Worker(scenario)
+        yield from (worker.render(job) for job in jobs)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(scenario,)) as pool:
+        ahead = [pool.submit(_render_job, job) for job in jobs[: count * 2]]
+        following = iter(jobs[count * 2 :])
+        while ahead:
+            yield ahead.pop(0).result()
+            job = next(following, None)
+            if job is not None:
+                ahead.append(pool.submit(_render_job, job))
+
+
+class _Worker:
+    """One renderer with its codec, in whatever process it lives."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._renderer = Renderer(scenario)
+        self._codec = MessageCodec()
+
+    def render(self, job: range) -> Rendered:
+        """Return (time, CDR bytes) of each frame; a negative index is an empty frame."""
+        made = []
+        for index in job:
+            at_ms = frame_time_ms(self._scenario, index) - (EMPTY_LEAD_MS if index < 0 else 0)
+            depth = self._renderer.frame(index) if index >= 0 else self._renderer.empty_frame(-index)
+            made.append((at_ms, bytes(self._codec.encode_image(depth, at_ms))))
+        return made
+
+
+_workers: dict[str, _Worker] = {}
+
+
+def _start_worker(scenario: Scenario) -> None:
+    _workers["own"] = _Worker(scenario)
+
+
+def _render_job(job: range) -> Rendered:
+    return _workers["own"].render(job)

@@ -1,0 +1,62 @@
+"""Pages of announcements, proved complete. Must never accept a page that leaves one out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+
+from clients.sdk.node_answers import ProofsAnswer
+from clients.sdk.proof_checks import Trust
+from consensus.errors import BlockRobotError
+from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
+
+
+@dataclass(frozen=True, slots=True)
+class Announcement:
+    """One opened visit: owner key O, ephemeral key R, the robot's key (33 bytes each), the one-byte view tag.
+
+    `number` counts from 0 in the order of the chain; `bucket_ms` begins the visit's five minutes. With `root` (the first
+    owner key of a visit; otherwise empty) it is no new visit: `owner` decides of that one from now on.
+    """
+
+    number: int
+    owner: bytes
+    ephemeral: bytes
+    view_tag: int
+    bucket_ms: int
+    robot: bytes
+    root: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class AnnouncementPage:
+    """Consecutive announcements. `count` is how many there are in all, `next_number` the first after this page."""
+
+    count: int
+    items: tuple[Announcement, ...]
+    next_number: int
+
+
+def read_announcements(trust: Trust, answer: ProofsAnswer, first: int, limit: int) -> AnnouncementPage:
+    """Check a page: the count is proved, and so is every item that the count says is due.
+
+    Raises PROOF_INVALID, PROOF_STALE and what a wrong finality proof raises.
+    """
+    if not answer.proofs:
+        raise BlockRobotError("PROOF_INVALID", "The page does not prove how many announcements there are.")
+    claimed = len(answer.proofs) - 1
+    if claimed > limit:
+        raise BlockRobotError("PROOF_INVALID", "The page holds more announcements than were asked for.")
+    numbers = range(first, first + claimed)
+    keys = [ANNOUNCEMENT_COUNT.flat, *map(ANNOUNCEMENT.key, numbers)]
+    proved = trust.values(answer, keys).values
+    count = ANNOUNCEMENT_COUNT.among(proved) or 0
+    if claimed != max(0, min(limit, count - first)):
+        raise BlockRobotError("PROOF_INVALID", "The page leaves announcements out.")
+    try:
+        rows = [(number, ANNOUNCEMENT.convert(proved[ANNOUNCEMENT.key(number)])) for number in numbers]
+    except BlockRobotError as error:
+        raise BlockRobotError("PROOF_INVALID", error.detail) from None
+    items = tuple(Announcement(number, *msgspec.structs.astuple(row)) for number, row in rows)
+    return AnnouncementPage(count=count, items=items, next_number=first + claimed)

@@ -1,0 +1,129 @@
+"""Reads contract events in order, from a place on, at whichever node answers. Must never go back, nor skip what was kept.
+
+A place is height:index; it means the same at every node. What a page holds is the word of the node that served it: who
+needs a proof of one event asks for the receipt of its transaction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from clients.sdk.connections import NodeAddress
+from clients.sdk.network_client import FROZEN_AFTER_MS, NetworkClient
+from clients.sdk.node_answers import Answer, read_answer, read_hex
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from consensus.primitives.keys import PrivateKey
+
+PAGE_MAX_COUNT = 100
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Place:
+    """Where an event stands: the block's height, and its index among the block's events."""
+
+    height: int
+    index: int
+
+    def __str__(self) -> str:
+        return f"{self.height}:{self.index}"
+
+
+class EventAnswer(Answer, frozen=True):
+    """One event."""
+
+    place: str
+    contract: str
+    name: str
+    data: str
+    txid: str
+
+
+class EventsAnswer(Answer, frozen=True):
+    """A page of events."""
+
+    head: int
+    earliest_height: int
+    next: str
+    events: list[EventAnswer]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEvent:
+    """An event with its place, the transaction that it is of, and its data, decoded."""
+
+    place: Place
+    contract: str
+    name: str
+    data: Any
+    txid: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class EventPage:
+    """Events in order, and the place to go on from. `head` is the newest block of the node that answered."""
+
+    events: tuple[FoundEvent, ...]
+    next: Place
+    head: int
+
+
+def read_place(text: str) -> Place:
+    """Return the place that a text names. Raises VALUE_INVALID."""
+    height, _, index = text.partition(":")
+    if not (text.isascii() and height.isdigit() and index.isdigit() and len(height) <= 15 and len(index) <= 9):
+        raise BlockRobotError("VALUE_INVALID", f"{text[:40]!r} is no place of events: it has the form height:index.")
+    return Place(int(height), int(index))
+
+
+def _read_page(content: bytes, first: Place | None) -> EventPage:
+    """Read an answer. Raises ENCODING_INVALID for one that goes back or is out of order: another node may do better."""
+    answer = read_answer(content, EventsAnswer)
+    found = tuple(
+        FoundEvent(
+            place=read_place(event.place),
+            contract=event.contract,
+            name=event.name,
+            data=decode_value(read_hex(event.data)),
+            txid=read_hex(event.txid),
+        )
+        for event in answer.events
+    )
+    following = read_place(answer.next)
+    places = [event.place for event in found]
+    if first is not None:
+        places = [Place(first.height, first.index - 1), *places]
+    places.append(following)
+    if any(one >= other for one, other in pairwise(places)):
+        raise BlockRobotError("ENCODING_INVALID", "The node's events are not in order.")
+    return EventPage(found, following, answer.head)
+
+
+async def read_events(
+    client: NetworkClient,
+    key: PrivateKey,
+    first: Place | None,
+    *,
+    contract: str | None = None,
+    name: str | None = None,
+    limit: int = PAGE_MAX_COUNT,
+    wait_ms: int = 0,
+) -> EventPage:
+    """Return a page of events from `first` on (None: from the oldest that is kept), in the session of `key`.
+
+    Without events the answer is held back up to `wait_ms`. Raises BLOCK_PRUNED if no node has them from there on.
+    """
+    query: dict[str, str | int] = {"limit": limit, "wait_ms": wait_ms}
+    chosen = {"from": None if first is None else str(first), "contract": contract, "name": name}
+    query.update({field: value for field, value in chosen.items() if value is not None})
+
+    async def ask(node: NodeAddress) -> EventPage:
+        content = await client.ask_node(
+            node, "GET", "/v1/events/page", key=key, query=query, timeout_ms=wait_ms + FROZEN_AFTER_MS
+        )
+        return _read_page(content, first)
+
+    await client.find_nodes(key)
+    return await client.ask_any(ask)

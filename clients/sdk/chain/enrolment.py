@@ -1,0 +1,86 @@
+"""Registers a member with the code on a card, the same for wallet and robot. Must never send the card's secret anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.chain.proved_rows import in_session, proved_row
+from clients.sdk.network_client import FinalReceipt, NetworkClient
+from consensus.errors import BlockRobotError
+from consensus.members.vouchers import Card, sign_card
+from consensus.primitives.keys import PrivateKey
+from consensus.state.identity import HANDLE, MEMBER, MemberRow
+
+
+@dataclass(frozen=True, slots=True)
+class NewMember:
+    """The keys of who registers: M as a private key, S and V (33 bytes), X (32 bytes) as public ones."""
+
+    identity: PrivateKey
+    spend: bytes
+    view: bytes
+    sealing: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """A final registration: its transaction, and the member key that the chain recovered and holds (33 bytes).
+
+    `txid` is empty if the member had registered with this card before.
+    """
+
+    txid: bytes
+    member: bytes
+    receipt: FinalReceipt | None = None
+
+
+def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purposes: list[str]) -> list[Any]:
+    """Return the arguments of `identity.register`, bound to these keys by the card's signature."""
+    signature = sign_card(
+        card,
+        chain_id=chain_id,
+        member=member.identity.public_key,
+        spend=member.spend,
+        view=member.view,
+        sealing=member.sealing,
+    )
+    return [
+        card.handle,
+        card.card_public,
+        card.role,
+        card.not_after_ms,
+        card.voucher_signature,
+        member.spend,
+        member.view,
+        member.sealing,
+        signature,
+        purposes,
+    ]
+
+
+async def find_registration(client: NetworkClient, identity: PrivateKey) -> MemberRow | None:
+    """Return what the chain holds of a member key, proved, or None if it is no active member's."""
+    try:
+        found = await proved_row(in_session(client, identity), MEMBER, identity.public_key)
+    except BlockRobotError as error:
+        if error.code != "SESSION_REFUSED":
+            raise
+        return None
+    return found if found is not None and found.is_active else None
+
+
+async def register_member(client: NetworkClient, card: Card, member: NewMember, purposes: list[str]) -> Registration:
+    """Register and wait until it is final, then check that the chain maps handle to M. With the same card again: harmless.
+
+    Raises CALL_REFUSED with the contract's code if the chain refuses, PROOF_INVALID if it maps the handle elsewhere.
+    """
+    known = await find_registration(client, member.identity)
+    if known is not None and known.handle == card.handle:
+        return Registration(txid=b"", member=member.identity.public_key)
+    arguments = registration_arguments(card, member, client.genesis.chain_id, purposes)
+    receipt = await client.call(member.identity, "identity", "register", arguments)
+    recovered = await proved_row(in_session(client, member.identity), HANDLE, card.handle)
+    if recovered != member.identity.public_key:
+        raise BlockRobotError("PROOF_INVALID", "The chain does not map the card's handle to this key.")
+    return Registration(txid=receipt.txid, member=recovered, receipt=receipt)

@@ -1,0 +1,312 @@
+"""What organisations decide together, and how one of them speaks. Must never show a value that was not proved.
+
+`read_*` answer from proofs of the finalized state; `Governor` signs an admin's calls and tells what took effect.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+
+from clients.sdk.chain.proved_rows import PROOF_KEYS_MAX_COUNT
+from clients.sdk.network_client import FinalReceipt, NetworkClient
+from consensus.chain.epoch_settings import ChainSettings, Epoch
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.state import producers
+from consensus.state.membership import (
+    CLOSED,
+    KEYS_NUMBER,
+    NODE,
+    NODES,
+    OPEN,
+    ORGANISATION,
+    ORGANISATIONS,
+    PROPOSAL,
+    GovernanceProposalRow,
+    NodeRow,
+    OrganisationRow,
+)
+from consensus.state.settings import QUOTA
+from consensus.upload_quotas import QUOTA_NAMES, UploadQuotas, quotas_of
+from consensus.visible_text import one_entry
+
+ID_PREFIX_MIN_CHARS = 6
+_CONTRACT_NAMED = re.compile(r"^(In contract [a-z]+: )+")
+_ERROR_OF = {
+    "NOT_AN_ADMIN": "GOVERNANCE_NOT_ADMIN",
+    "NOT_THE_PROPOSER": "GOVERNANCE_NOT_ADMIN",
+    "APPROVED_ALREADY": "GOVERNANCE_APPROVED_ALREADY",
+    "PROPOSAL_UNKNOWN": "GOVERNANCE_PROPOSAL_CLOSED",
+    "PROPOSAL_CLOSED": "GOVERNANCE_PROPOSAL_CLOSED",
+    "PROPOSAL_EXPIRED": "GOVERNANCE_PROPOSAL_CLOSED",
+    "PROPOSAL_OF_ANOTHER": "GOVERNANCE_PROPOSAL_CLOSED",
+    "LAST_PRODUCER": "GOVERNANCE_WOULD_STOP_CHAIN",
+    "LAST_CUSTODIAN": "GOVERNANCE_WOULD_STOP_CHAIN",
+    "LAST_ADMINS": "GOVERNANCE_WOULD_STOP_CHAIN",
+    "VALUE_WRONG": "GOVERNANCE_SETTING_REFUSED",
+    "SETTING_UNKNOWN": "GOVERNANCE_SETTING_REFUSED",
+}
+
+
+class ProposalRow(GovernanceProposalRow, frozen=True):
+    """A proposal with its id (32 bytes). Of the approvals those whose organisation has other keys now are left out."""
+
+    id: bytes
+
+
+class CandidateRow(producers.CandidateRow, frozen=True):
+    """A candidate with its key. `turn` is its place in the schedule, None without a seat; `leads`: not a leaderless one."""
+
+    key: bytes
+    turn: int | None
+    leads: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ProducersView:
+    """The epoch that is decided, the height at which it was, and all candidates: those with a seat first."""
+
+    height: int
+    timestamp_ms: int
+    epoch: Epoch
+    since_height: int
+    max_producers: int
+    candidates: tuple[CandidateRow, ...]
+    quotas: UploadQuotas = field(default_factory=UploadQuotas)
+
+
+@dataclass(frozen=True, slots=True)
+class MembershipView:
+    """All active organisations and nodes, and the open proposals, at one height."""
+
+    height: int
+    timestamp_ms: int
+    organisations: tuple[OrganisationRow, ...]
+    nodes: tuple[NodeRow, ...]
+    proposals: tuple[ProposalRow, ...]
+
+    @property
+    def majority(self) -> int:
+        """How many organisations a proposal needs behind it."""
+        return len(self.organisations) // 2 + 1
+
+
+async def _proved(
+    client: NetworkClient, keys: Sequence[bytes], reader: PrivateKey
+) -> tuple[dict[bytes, Any], int, int]:
+    """Return proved values by flat key, with the height and time (ms) of the newest proof."""
+    values: dict[bytes, Any] = {}
+    height = timestamp_ms = 0
+    for first in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
+        part = await client.state_values(keys[first : first + PROOF_KEYS_MAX_COUNT], reader)
+        values.update(part.values)
+        height, timestamp_ms = part.height, part.timestamp_ms
+    return values, height, timestamp_ms
+
+
+def _epoch_of(row: producers.EpochRow) -> Epoch:
+    settings: dict[str, Any] = dict(row.settings)
+    return Epoch(row.number, tuple(row.producers), tuple(row.leaderless), ChainSettings(**settings))
+
+
+def _proposal(proposal_id: bytes, row: GovernanceProposalRow, keys_numbers: Mapping[str, int | None]) -> ProposalRow:
+    """Make a row; of the approvals only those count whose organisation still has the keys that gave them."""
+    said = row.keys_numbers
+    good = [name for name in row.approvals if name in keys_numbers and said[name] == keys_numbers[name]]
+    return ProposalRow(**msgspec.structs.asdict(row) | {"approvals": good}, id=proposal_id)
+
+
+async def read_membership(client: NetworkClient, reader: PrivateKey) -> MembershipView:
+    """Return organisations, nodes and open proposals, proved, in the session of `reader`. Raises PROOF_INVALID etc."""
+    await client.catch_up(reader)
+    found, _, _ = await _proved(client, [ORGANISATIONS.flat, NODES.flat, OPEN.flat], reader)
+    names, nodes = ORGANISATIONS.among(found) or [], NODES.among(found) or []
+    opened = [row.proposal_id for row in OPEN.among(found) or []]
+    of_names = [key for name in names for key in (ORGANISATION.key(name), KEYS_NUMBER.key(name))]
+    of_others = [*map(NODE.key, nodes), *map(PROPOSAL.key, opened)]
+    values, height, timestamp_ms = await _proved(client, [*of_names, *of_others], reader)
+    numbers = {name: KEYS_NUMBER.among(values, name) for name in names}
+    proposals = [(proposal_id, PROPOSAL.among(values, proposal_id)) for proposal_id in opened]
+    return MembershipView(
+        height=height,
+        timestamp_ms=timestamp_ms,
+        organisations=tuple(row for name in names if (row := ORGANISATION.among(values, name)) is not None),
+        nodes=tuple(node for name in nodes if (node := NODE.among(values, name)) is not None),
+        proposals=tuple(
+            _proposal(proposal_id, row, numbers)
+            for proposal_id, row in proposals
+            if row is not None and row.status == "open" and row.expires_ms > timestamp_ms
+        ),
+    )
+
+
+async def read_producers(client: NetworkClient, reader: PrivateKey) -> ProducersView:
+    """Return the epoch that is decided and every candidate, proved, in the session of `reader`."""
+    await client.catch_up(reader)
+    index = [producers.EPOCH.flat, producers.MAX_PRODUCERS.flat, producers.KEYS.flat]
+    found, _, _ = await _proved(client, [*index, *map(QUOTA.key, QUOTA_NAMES)], reader)
+    decided, maximum = producers.EPOCH.among(found), producers.MAX_PRODUCERS.among(found)
+    if decided is None or maximum is None:
+        raise BlockRobotError("NOT_FOUND", "This chain has no contract for its producers; it is older than governance.")
+    epoch = _epoch_of(decided)
+    keys = list(dict.fromkeys([*epoch.producers, *(producers.KEYS.among(found) or [])]))
+    values, height, timestamp_ms = await _proved(client, [producers.CANDIDATE.key(key) for key in keys], reader)
+    turns = {key: turn for turn, key in enumerate(epoch.producers)}
+    rows = [
+        CandidateRow(
+            **msgspec.structs.asdict(row),
+            key=key,
+            turn=turns.get(key),
+            leads=key in turns and turns[key] not in epoch.leaderless,
+        )
+        for key in keys
+        if (row := producers.CANDIDATE.among(values, key)) is not None
+    ]
+    return ProducersView(
+        height=height,
+        timestamp_ms=timestamp_ms,
+        epoch=epoch,
+        since_height=decided.height,
+        max_producers=maximum,
+        candidates=tuple(rows),
+        quotas=quotas_of({name: mib for name in QUOTA_NAMES if (mib := QUOTA.among(found, name)) is not None}),
+    )
+
+
+def settings_in_force(view: ProducersView) -> dict[str, int | str]:
+    """Return every setting by name, with `max_producers` and the quotas of uploads."""
+    values = {name: getattr(view.epoch.settings, name) for name in ChainSettings.__struct_fields__}
+    quotas = {name: getattr(view.quotas, name) for name in QUOTA_NAMES}
+    return {**values, "max_producers": view.max_producers, **quotas}
+
+
+def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
+    """Return the open proposal whose id (hex) begins with this text, at least six digits of it.
+
+    Raises GOVERNANCE_PROPOSAL_CLOSED if there is none, or more than one.
+    """
+    wanted = text.strip().lower()
+    found = [row for row in proposals if len(wanted) >= ID_PREFIX_MIN_CHARS and row.id.hex().startswith(wanted)]
+    if len(found) != 1:
+        raise BlockRobotError("GOVERNANCE_PROPOSAL_CLOSED", f"There is no open proposal {text!r}.")
+    return found[0]
+
+
+async def find_closed(client: NetworkClient, reader: PrivateKey, text: str) -> ProposalRow | None:
+    """Return the proposal whose id begins with this text among those that were closed lately, or None."""
+    wanted = text.strip().lower()
+    closed = CLOSED.among((await _proved(client, [CLOSED.flat], reader))[0]) or []
+    found = [one for one in closed if len(wanted) >= ID_PREFIX_MIN_CHARS and one.hex().startswith(wanted)]
+    if len(found) != 1:
+        return None
+    row = PROPOSAL.among((await _proved(client, [PROPOSAL.key(found[0])], reader))[0], found[0])
+    return None if row is None else _proposal(found[0], row, {})
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What became of a call: at which height it is final, the proposal's id if it opened one, what took effect.
+
+    `executed` tells that a proposal took effect with this call; `due_height` is that at which a contract then changes,
+    `due_kind` (activate or disable) and `due_version` are how; `epoch` is the number of the epoch that the block at
+    `height` decides, if it does: the producers and settings of that epoch hold for every block after it.
+    """
+
+    height: int
+    txid: bytes
+    proposal_id: bytes | None
+    executed: bool
+    epoch: int | None
+    due_height: int | None = None
+    due_kind: str = ""
+    due_version: int = 0
+
+
+def _decision_of(receipt: FinalReceipt) -> Decision:
+    proposed = receipt.event_data("membership", "proposed")
+    epochs = receipt.event_data("producers", "epoch")
+    scheduled = receipt.event_data("lifecycle", "scheduled")
+    due = scheduled[-1] if scheduled else {}
+    return Decision(
+        height=receipt.height,
+        txid=receipt.txid,
+        proposal_id=proposed[0]["proposal_id"] if proposed else None,
+        executed=bool(receipt.event_data("membership", "executed")),
+        epoch=epochs[-1]["number"] if epochs else None,
+        due_height=due.get("height"),
+        due_kind=due.get("kind", ""),
+        due_version=due.get("version", 0),
+    )
+
+
+class Governor:
+    """An admin of one organisation. Each call waits until it is final and its receipt is proved."""
+
+    def __init__(self, client: NetworkClient, key: PrivateKey) -> None:
+        self._client = client
+        self._key = key
+
+    async def _call(self, contract: str, entry: str, arguments: list[Any]) -> Decision:
+        """Raises GOVERNANCE_* with the contract's own sentence, or what the network refuses with."""
+        transaction = self._client.transactions.build(self._key, contract, entry, arguments)
+        try:
+            receipt = await self._client.submit_and_wait(transaction)
+        except BlockRobotError as error:
+            if error.code == "SENDER_WITHOUT_STANDING":
+                raise BlockRobotError("GOVERNANCE_NOT_ADMIN") from None
+            raise
+        if not receipt.ok:
+            sentence = one_entry(_CONTRACT_NAMED.sub("", receipt.message))
+            otherwise = "GOVERNANCE_CONTRACT_REFUSED" if contract == "lifecycle" else "GOVERNANCE_REFUSED"
+            code = _ERROR_OF.get(receipt.code, otherwise)
+            raise BlockRobotError(code, sentence or receipt.code, contract_code=receipt.code)
+        return _decision_of(receipt)
+
+    async def propose_membership(self, kind: str, arguments: dict[str, Any]) -> Decision:
+        """Propose a change of membership (see the reference of the system contracts for kinds and arguments)."""
+        return await self._call("membership", "propose", [kind, arguments])
+
+    async def propose_setting(self, name: str, value: int | str) -> Decision:
+        """Propose a value for a setting."""
+        return await self._call("settings", "propose", [name, value])
+
+    async def upload_part(self, source_hash: bytes, parts: int, place: int, data: bytes) -> Decision:
+        """Upload one part of a contract's source (at most 6,000 bytes); `source_hash` is that of the whole."""
+        return await self._call("lifecycle", "upload", [source_hash, parts, place, data])
+
+    async def check_upload(self, source_hash: bytes) -> Decision:
+        """Have a source that is uploaded whole compiled, once: what is wrong with it is told on a proposal."""
+        return await self._call("lifecycle", "check_upload", [source_hash])
+
+    async def propose_contract(self, kind: str, arguments: dict[str, Any]) -> Decision:
+        """Propose to deploy, activate, disable or keep a contract (see the reference of the system contracts)."""
+        return await self._call("lifecycle", "propose", [kind, arguments])
+
+    async def approve(self, proposal: ProposalRow) -> Decision:
+        """Stand behind an open proposal."""
+        return await self._call(proposal.contract, "approve", [proposal.id])
+
+    async def withdraw(self, proposal: ProposalRow) -> Decision:
+        """Take back an open proposal of one's own organisation."""
+        return await self._call("membership", "withdraw", [proposal.id])
+
+    async def propose_producer(self, key: bytes) -> Decision:
+        """Make a node's producer key (33 bytes) a candidate, with one's own vote."""
+        return await self._call("producers", "propose", [key])
+
+    async def approve_producer(self, key: bytes) -> Decision:
+        """Vote for a candidate, or for the return of a suspended one."""
+        return await self._call("producers", "approve", [key])
+
+    async def withdraw_producer(self, key: bytes) -> Decision:
+        """Take one's vote for a candidate back."""
+        return await self._call("producers", "withdraw", [key])
+
+    async def remove_producer(self, key: bytes) -> Decision:
+        """Stand for the removal of a producer; for one of one's own organisation that suffices."""
+        return await self._call("producers", "remove", [key])

@@ -1,0 +1,61 @@
+"""Reads what organisations tell people, proved, before there is any session. Must never show words without their proof."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+
+from clients.sdk.connections import NodeAddress
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.proof_checks import ProvedState
+from consensus.errors import BlockRobotError
+from consensus.members.vouchers import Card, recover_registrar
+from consensus.rights.notices import (
+    NoticeRow,
+    PublishedNotice,
+    read_published,
+    read_row,
+)
+from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.identity import REGISTRAR
+
+
+async def public_values(client: NetworkClient, keys: Sequence[bytes]) -> ProvedState:
+    """Return proved values of keys that are about organisations, in nobody's session. Raises PROOF_*, NOT_PERMITTED."""
+    body = msgspec.json.encode({"keys": [key.hex() for key in keys]})
+
+    async def ask(node: NodeAddress) -> bytes:
+        return await client.ask_node(node, "POST", "/v1/notice-proofs", body=body)
+
+    return await client.prove_public(ask, keys)
+
+
+async def read_newest(client: NetworkClient, organisation: str) -> NoticeRow | None:
+    """Return which version is in force, or None if nothing was ever published."""
+    key = NOTICE.key(organisation)
+    return read_row(organisation, (await public_values(client, [key])).values[key])
+
+
+async def read_version(client: NetworkClient, organisation: str, version: int) -> PublishedNotice:
+    """Return one version with its words. Raises NOTICE_NOT_FOUND, NOTICE_INVALID."""
+    key = NOTICE_TEXT.key(version, organisation)
+    found = read_published(organisation, (await public_values(client, [key])).values[key])
+    if found is None:
+        raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} published no version {version}.")
+    return found
+
+
+async def read_notice(client: NetworkClient, organisation: str) -> PublishedNotice | None:
+    """Return the version in force with its words, or None if nothing was ever published. Raises NOTICE_INVALID."""
+    row = await read_newest(client, organisation)
+    return None if row is None else await read_version(client, organisation, row.version)
+
+
+async def organisation_of_card(client: NetworkClient, card: Card) -> str:
+    """Return the organisation whose registrar issued a card, proved. Raises VOUCHER_INVALID if nobody's did."""
+    key = REGISTRAR.key(recover_registrar(card, client.genesis.chain_id))
+    name = (await public_values(client, [key])).values[key]
+    if not isinstance(name, str):
+        raise BlockRobotError("VOUCHER_INVALID", "The card was not issued by a registrar of this network.")
+    return name

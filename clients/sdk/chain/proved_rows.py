@@ -1,0 +1,67 @@
+"""Reads rows of the state, proved, and puts queries to them. Must never take what was not proved for absent."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any, Protocol, TypeVar
+
+from clients.sdk.proof_checks import ProvedState
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.state.keys import DecodedReader, Prefix, Reader, StateKey, UnreadError
+
+PROOF_KEYS_MAX_COUNT = 128
+T = TypeVar("T")
+Read = Callable[[Sequence[bytes]], Awaitable[dict[bytes, Any]]]
+"""Returns proved values of any number of flat keys, in somebody's session; None for what is absent."""
+
+
+class ProvingClient(Protocol):
+    """What proves values of the state: `clients.sdk.network_client.NetworkClient`."""
+
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        """Return proved values of up to 128 flat keys, all from one finalized state, in the session of `key`."""
+
+
+def in_session(client: ProvingClient, key: PrivateKey) -> Read:
+    """Return what reads in the session of `key`, in as many questions as it takes."""
+
+    async def read(keys: Sequence[bytes]) -> dict[bytes, Any]:
+        found: dict[bytes, Any] = {}
+        for start in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
+            found.update((await client.state_values(keys[start : start + PROOF_KEYS_MAX_COUNT], key)).values)
+        return found
+
+    return read
+
+
+async def proved_row(read: Read, rows: Prefix[T], *parts: bytes | str | int) -> T | None:
+    """Return the row with these parts, or None if it is absent."""
+    return rows.among(await read([rows.key(*parts)]), *parts)
+
+
+async def proved_rows(read: Read, rows: Prefix[T], ids: Sequence[bytes]) -> list[T]:
+    """Return the rows under these ids. Raises PROOF_INVALID if one is proved absent."""
+    values = await read([rows.key(each) for each in ids])
+    found = [rows.among(values, each) for each in ids]
+    if None in found:
+        raise BlockRobotError("PROOF_INVALID", f"A row of {rows.name} that has to be there is proved absent.")
+    return [row for row in found if row is not None]
+
+
+async def proved_list(read: Read, count: StateKey[int], numbers: Prefix[bytes]) -> list[bytes]:
+    """Return the ids that a contract numbers from 0, all of them, in order. Raises PROOF_INVALID if one is absent."""
+    total = count.among(await read([count.flat])) or 0
+    values = await read([numbers.key(number) for number in range(total)])
+    return [numbers.convert(values[numbers.key(number)]) for number in range(total)]
+
+
+async def put_query(read: Read, query: Callable[[Reader], T]) -> T:
+    """Answer a query of `consensus.state` from proved values: what it misses is read, and then it is put again."""
+    values: dict[bytes, Any] = {}
+    while True:
+        try:
+            return query(DecodedReader(values))
+        except UnreadError as error:
+            (missing,) = error.args
+            values.update(await read([missing]))

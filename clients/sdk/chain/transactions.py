@@ -1,0 +1,64 @@
+"""Signs transactions: fills in chain, expiry and salt. Must never reuse a salt or keep a key."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from typing import Any, Protocol
+
+from consensus.chain.transaction import SALT_SIZE_BYTES, Transaction, sign_transaction
+from consensus.errors import BlockRobotError
+from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.primitives.keys import PrivateKey
+
+LIFETIME_DEFAULT_MS = 2 * 60_000
+"""Long enough for a round of failing producers, short enough that a lost transaction is soon known to be lost."""
+
+
+class Clock(Protocol):
+    """The client's wall clock."""
+
+    def now_ms(self) -> int:
+        """Return milliseconds since 1970 UTC."""
+        ...
+
+
+class SystemClock:
+    """The clock of this machine."""
+
+    def now_ms(self) -> int:
+        """Return milliseconds since 1970 UTC."""
+        return time.time_ns() // 1_000_000
+
+
+class TransactionBuilder:
+    """Signs calls for one chain."""
+
+    def __init__(self, chain_id: bytes, clock: Clock | None = None) -> None:
+        self.chain_id = chain_id
+        self._clock = clock or SystemClock()
+
+    def build(
+        self,
+        key: PrivateKey,
+        contract: str,
+        entry: str,
+        arguments: list[Any],
+        *,
+        lifetime_ms: int = LIFETIME_DEFAULT_MS,
+    ) -> Transaction:
+        """Return a signed call that is valid for `lifetime_ms` from now. Each call makes a new txid.
+
+        Raises TRANSACTION_TOO_FAR_AHEAD beyond ten minutes, VALUE_INVALID for arguments that the ledger cannot hold.
+        """
+        if not 0 < lifetime_ms <= TRANSACTION_LIFETIME_MAX_MS:
+            raise BlockRobotError("TRANSACTION_TOO_FAR_AHEAD")
+        return sign_transaction(
+            key,
+            chain_id=self.chain_id,
+            contract=contract,
+            entry=entry,
+            arguments=arguments,
+            valid_until_ms=self._clock.now_ms() + lifetime_ms,
+            salt=secrets.token_bytes(SALT_SIZE_BYTES),
+        )

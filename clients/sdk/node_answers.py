@@ -1,0 +1,173 @@
+"""The nodes' JSON answers as the client reads them. Must never be trusted: what matters is checked against proofs.
+
+Unknown fields are ignored, so that a newer node can say more.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import msgspec
+
+from clients.sdk.terminal.ascii_output import printable
+from consensus.chain.block import FinalityProof, QuorumCertificate
+from consensus.errors import CATALOGUE, BlockRobotError
+from consensus.primitives.encoding import decode
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """Base of every answer."""
+
+
+A = TypeVar("A", bound=Answer)
+
+
+class ProblemAnswer(Answer, frozen=True):
+    """A refusal."""
+
+    code: str
+    detail: str = ""
+
+
+class SubmitOutcomeAnswer(Answer, frozen=True):
+    """What became of one submitted transaction."""
+
+    txid: str | None
+    status: str
+    error: ProblemAnswer | None
+
+
+class SubmitAnswer(Answer, frozen=True):
+    """What became of a batch."""
+
+    results: list[SubmitOutcomeAnswer]
+
+
+class FinalityDocument(Answer, frozen=True):
+    """A finality proof in hexadecimal."""
+
+    header: str
+    child_header: str
+    child_qc: str
+    through: list[str]
+
+
+class EvidenceDocument(Answer, frozen=True):
+    """What proves a receipt."""
+
+    headers: list[str]
+    finality: FinalityDocument
+    receipt: str
+    count: int
+    receipt_path: list[str]
+    transaction_path: list[str]
+
+
+class TransactionAnswer(Answer, frozen=True):
+    """Where a transaction is."""
+
+    status: str
+    height: int | None
+    index: int | None
+    evidence: EvidenceDocument | None
+
+
+class ChallengeAnswer(Answer, frozen=True):
+    """A challenge."""
+
+    challenge: str
+
+
+class SessionAnswer(Answer, frozen=True):
+    """An open session."""
+
+    token: str
+    kind: str
+    expires_at_ms: int
+
+
+class KeyProofDocument(Answer, frozen=True):
+    """One proved key."""
+
+    key: str
+    value: str | None
+    proof: str
+
+
+class ProofsAnswer(Answer, frozen=True):
+    """Proved keys under one root. The announcements' answer has the same two parts."""
+
+    finality: FinalityDocument | None
+    proofs: list[KeyProofDocument]
+
+
+class FinalityAnswer(Answer, frozen=True):
+    """The newest finalized header."""
+
+    height: int
+    finality: FinalityDocument | None
+
+
+class EpochsAnswer(Answer, frozen=True):
+    """The steps into the next epochs."""
+
+    epochs: list[str]
+
+
+class HeadersAnswer(Answer, frozen=True):
+    """Consecutive headers."""
+
+    from_height: int
+    headers: list[str]
+
+
+class QueryAnswer(Answer, frozen=True):
+    """The result of a view."""
+
+    result: str
+    height: int
+
+
+def read_answer(content: bytes, kind: type[A]) -> A:
+    """Read a JSON answer. Raises INTERNAL if the node does not speak this interface."""
+    try:
+        return msgspec.json.decode(content, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise BlockRobotError("INTERNAL", f"The node's answer is no {kind.__name__}.") from None
+
+
+def read_hex(text: str) -> bytes:
+    """Read hexadecimal of an answer. Raises INTERNAL if it is none."""
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise BlockRobotError("INTERNAL", "The node's answer holds text where bytes are due.") from None
+
+
+def error_of(problem: ProblemAnswer) -> BlockRobotError:
+    """Return the refusal as an exception; a code that this version does not know becomes INTERNAL with the detail.
+
+    A terminal shows it, so nothing is left in it that a terminal would obey.
+    """
+    detail = printable(problem.detail)
+    if problem.code in CATALOGUE:
+        return BlockRobotError(problem.code, detail)
+    return BlockRobotError("INTERNAL", f"{printable(problem.code)}: {detail}")
+
+
+def read_problem(content: bytes, status: int) -> BlockRobotError:
+    """Return the exception for an answer that is no success."""
+    try:
+        return error_of(msgspec.json.decode(content, type=ProblemAnswer))
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return BlockRobotError("INTERNAL", f"The node answered with status {status} and no problem document.")
+
+
+def read_finality(document: FinalityDocument) -> FinalityProof:
+    """Return the proof as a struct. Raises INTERNAL or ENCODING_*."""
+    return FinalityProof(
+        header_bytes=read_hex(document.header),
+        child_header_bytes=read_hex(document.child_header),
+        child_qc=decode(read_hex(document.child_qc), QuorumCertificate),
+        through=tuple(read_hex(header) for header in document.through),
+    )

@@ -1,0 +1,143 @@
+"""Turns a rendition back into a picture that a person can look at: the owner's box on the recorded empty frame.
+
+What comes in was stored elsewhere and is not trusted: a PNG is checked chunk by chunk before it is decoded. Must
+never repair or guess: a picture that is not whole is refused.
+"""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from clients.sdk.pictures.depth_colours import UNMEASURED_GREY, Depth, colour_pixels, draw_legend
+from clients.sdk.pictures.picture_guard import PNG_SIGNATURE, has_few_scans, keep_pixels
+from consensus.errors import BlockRobotError
+from consensus.records.png import COLOUR, COLOUR_WITH_ALPHA, DEPTH, SIDE_MAX_PX, PngKind, check_png
+
+PNG_MAX_BYTES = 16 * 1024 * 1024
+PNG_LEVEL = 3
+
+
+def compose(empty_png: bytes, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
+    """Return the depth image (uint16 mm) of an empty frame with the owner's pixels in their box.
+
+    Pixels of the box that are 0 are not the owner's and show the empty frame. Raises RENDITION_CORRUPTED when either
+    PNG is damaged, is not 16-bit grey, or does not fit the box or the frame.
+    """
+    return compose_on(decode_depth_png(empty_png), x, y, width, height, pixels_png)
+
+
+def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
+    """As `compose`, on an empty frame that was decoded before and is left as it is."""
+    picture = empty.copy()
+    pixels = decode_depth_png(pixels_png)
+    if pixels.shape != (height, width):
+        raise _corrupted("The owner's pixels do not have the size of their box.")
+    if x < 0 or y < 0 or x + width > picture.shape[1] or y + height > picture.shape[0]:
+        raise _corrupted("The owner's box does not lie inside the frame.")
+    box = picture[y : y + height, x : x + width]
+    np.copyto(box, pixels, where=pixels > 0)
+    return picture
+
+
+def decode_depth_png(png: bytes) -> Depth:
+    """Return the uint16 image of a 16-bit grey PNG; raises RENDITION_CORRUPTED for anything else."""
+    size = _check_png(png, DEPTH)
+    return np.array(_decode(png, size[::-1], np.uint16), dtype=np.uint16)
+
+
+def decode_colour_png(png: bytes) -> npt.NDArray[np.uint8]:
+    """Return the pixels of an 8-bit colour PNG without transparency; raises RENDITION_CORRUPTED for anything else."""
+    width, height = _check_png(png, COLOUR)
+    return np.array(_decode(png, (height, width, 3), np.uint8), dtype=np.uint8)
+
+
+def paint_colour(width: int, height: int, box: tuple[int, int, int, int], pixels_png: bytes) -> bytes:
+    """Return a colour PNG of a whole frame, grey but for the owner's colour pixels in their `box` (x, y, width, height).
+
+    Raises RENDITION_CORRUPTED when the PNG is damaged, has no transparency, or does not fit the box or the frame.
+    """
+    x, y, box_width, box_height = box
+    if _check_png(pixels_png, COLOUR_WITH_ALPHA) != (box_width, box_height):
+        raise _corrupted("The owner's pixels do not have the size of their box.")
+    if x < 0 or y < 0 or x + box_width > width or y + box_height > height or max(width, height) > SIDE_MAX_PX:
+        raise _corrupted("The owner's box does not lie inside the frame.")
+    own = _decode(pixels_png, (box_height, box_width, 4), np.uint8)
+    whole = np.full((height, width, 3), UNMEASURED_GREY, dtype=np.uint8)
+    np.copyto(whole[y : y + box_height, x : x + box_width], own[..., :3], where=own[..., 3:] > 0)
+    return _encode(whole)
+
+
+def check_jpeg(data: bytes, width: int, height: int) -> bytes:
+    """Return a JPEG if it is a whole colour picture of that size. Raises RENDITION_CORRUPTED."""
+    if len(data) > PNG_MAX_BYTES or not data.startswith(b"\xff\xd8") or not data.endswith(b"\xff\xd9"):
+        raise _corrupted("The picture is no JPEG, or not whole.")
+    if max(width, height) > SIDE_MAX_PX:
+        raise _corrupted("The picture is too large.")
+    try:
+        with Image.open(BytesIO(data), formats=("JPEG",)) as opened:
+            if opened.size != (width, height):
+                raise _corrupted("The picture does not have the size of its frame.")
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise _corrupted("The picture cannot be decoded.") from error
+    _decode(data, (height, width, 3), np.uint8)
+    return data
+
+
+def _decode(data: bytes, shape: tuple[int, ...], kind: type[np.generic]) -> npt.NDArray[Any]:
+    """Return the pixels of a picture whose size was checked before. Raises RENDITION_CORRUPTED."""
+    is_png = data.startswith(PNG_SIGNATURE)
+    bounded = keep_pixels(data) if is_png else data
+    if bounded is None or not (is_png or has_few_scans(data)):
+        raise _corrupted("The picture asks for more work than its pixels need.")
+    try:
+        image = cv2.imdecode(np.frombuffer(bounded, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise _corrupted("The picture cannot be decoded.") from error
+    if image is None or image.shape != shape or image.dtype != kind:
+        raise _corrupted("The picture cannot be decoded.")
+    return np.asarray(image)
+
+
+def encode_depth_png(depth: Depth) -> bytes:
+    """Return a depth image (uint16, two-dimensional) as a 16-bit grey PNG, without loss."""
+    if depth.dtype != np.uint16 or depth.ndim != 2:
+        raise BlockRobotError("FRAME_INVALID", "A depth picture must be two-dimensional and of 16 bits.")
+    return _encode(depth)
+
+
+def colourise(depth: Depth, *, legend: bool = True) -> bytes:
+    """Return a colour PNG of a depth image: by `depth_colours`, with a legend in metres."""
+    colours = colour_pixels(depth)
+    return encode_colour_png(np.vstack([colours, draw_legend(depth.shape[1])]) if legend else colours)
+
+
+def encode_colour_png(pixels: npt.NDArray[np.uint8]) -> bytes:
+    """Return 8-bit colour pixels as a PNG."""
+    return _encode(pixels)
+
+
+def _encode(image: npt.NDArray[np.uint8] | Depth) -> bytes:
+    done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
+    if not done:
+        raise BlockRobotError("FRAME_INVALID", "The picture could not be written as PNG.")
+    return data.tobytes()
+
+
+def _check_png(png: bytes, kind: PngKind) -> tuple[int, int]:
+    """Return (width, height) of a whole PNG of a kind. Raises RENDITION_CORRUPTED."""
+    if len(png) > PNG_MAX_BYTES:
+        raise _corrupted("The picture is too large.")
+    try:
+        return check_png(png, kind)
+    except BlockRobotError as error:
+        raise _corrupted(f"The picture is damaged, or of another kind. {error.detail}") from None
+
+
+def _corrupted(detail: str) -> BlockRobotError:
+    return BlockRobotError("RENDITION_CORRUPTED", detail)

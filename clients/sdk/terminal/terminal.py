@@ -1,0 +1,254 @@
+"""How every command speaks: lines or one JSON object; errors with code and next step. Must never show a traceback.
+
+Exit codes: `consensus.exit_codes`; 2 (wrong usage) is click's own too.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+from rich.text import Text
+
+from clients.sdk.terminal.ascii_output import is_utf8
+from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, write_trusted
+from consensus import exit_codes
+from consensus.errors import BlockRobotError
+
+if TYPE_CHECKING:
+    from consensus.chain.genesis import Genesis
+
+EXIT_FAILED = exit_codes.EXIT_FAILED
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+console = SafeConsole(highlight=False, emoji=False, soft_wrap=True)
+error_console = SafeConsole(highlight=False, emoji=False, soft_wrap=True, stderr=True)
+
+_PLATFORMS_WITHOUT_XDG = frozenset({"darwin", "win32", "cygwin"})
+_KEPT_AT_HOME = ("network", "wallets", "robots")
+_PLAIN_ROWS_COUNT = 100
+_SAYING_KEY = "blockrobot.say_error"
+_ANSWERS_KEY = "blockrobot.answers"
+
+
+def home_folder() -> Path:
+    """Return the folder of this user's networks, wallets and robots: BLOCKROBOT_HOME, or the platform's own place.
+
+    Where the XDG base directories hold, that is below $XDG_DATA_HOME; a folder below $XDG_CONFIG_HOME, where versions
+    before kept all this, goes on being used as long as only it has any of it.
+    """
+    named = os.environ.get("BLOCKROBOT_HOME")
+    if named:
+        return Path(named)
+    former = Path(click.get_app_dir("blockrobot"))
+    if sys.platform in _PLATFORMS_WITHOUT_XDG:
+        return former
+    given = Path(os.environ.get("XDG_DATA_HOME") or "")
+    # The XDG specification has relative paths ignored. `expanduser` never raises, as click's own place never does.
+    data = given if given.is_absolute() else Path(os.path.expanduser("~/.local/share"))  # noqa: PTH111
+    present = data / "blockrobot"
+    return former if _is_home(former) and not _is_home(present) else present
+
+
+def _is_home(folder: Path) -> bool:
+    """Tell whether a folder holds what cannot be made again. Other things of ours may lie there too, as caches."""
+    # `Path.exists` raises for a place that may not be entered; this one takes it for empty.
+    return any(os.path.exists(folder / name) for name in _KEPT_AT_HOME)  # noqa: PTH110
+
+
+def load_genesis(path: Path) -> Genesis:
+    """Read a genesis file. Raises GENESIS_INVALID, also if there is none."""
+    from consensus.chain.genesis import genesis_from_json  # noqa: PLC0415 - help needs no genesis
+
+    try:
+        return genesis_from_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
+    except UnicodeDecodeError:
+        raise BlockRobotError("GENESIS_INVALID", f"{path} is not a text file.") from None
+
+
+def json_option(command: F) -> F:
+    """Add `--json`: print one JSON object instead of lines for people."""
+    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")(command)
+
+
+def write_json(value: Any) -> str:
+    """Return a command's answer as it is printed: indented, and in ASCII alone where the output takes no more."""
+    return json.dumps(value, indent=2, ensure_ascii=not is_utf8(sys.stdout))
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object on standard output."""
+    click.echo(write_json(value))
+
+
+@contextmanager
+def status_line(text: str, *, as_json: bool) -> Iterator[Callable[[str], None]]:
+    """While inside, show on a terminal what is being done; yields what changes that line. Nobody else sees any of it."""
+    if as_json or not console.is_terminal:
+        yield lambda _text: None
+        return
+    with console.status(text, spinner="dots" if is_utf8(sys.stdout) else "line") as status:
+        yield lambda now: status.update(Text.from_markup(keep_own_tags(now)))
+
+
+@contextmanager
+def _stopped_by_interrupt() -> Iterator[None]:
+    """While inside, the first Ctrl-C raises Abort. asyncio.run only cancels its task, which a question never notices."""
+    try:
+        running = asyncio.current_task()
+    except RuntimeError:
+        running = None
+    before = signal.getsignal(signal.SIGINT)
+    ours = callable(before) and threading.current_thread() is threading.main_thread()
+    try:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        if running is not None and running.cancelling():
+            raise click.Abort  # Ctrl-C came while the text before the question was written
+        yield
+    except KeyboardInterrupt:
+        raise click.Abort from None
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """The words for yes and no of the person's language, what stands behind a question, and what is said to neither.
+
+    `declined` is said of a no: what was asked about is not done.
+    """
+
+    yes: frozenset[str]
+    no: frozenset[str]
+    hint: str
+    again: str
+    declined: str
+
+
+class Declined(click.Abort):
+    """Somebody said no to a question; `str` of it is what she is told then."""
+
+
+def let_answer(context: click.Context, answers: Answers) -> None:
+    """Let questions of the command that runs be answered in these words."""
+    context.meta[_ANSWERS_KEY] = answers
+
+
+def ask(question: str, *, err: bool = False) -> None:
+    """Ask yes or no at the terminal, also within the event loop. Raises Abort for no, and at the first Ctrl-C."""
+    context = click.get_current_context(silent=True)
+    answers = None if context is None else context.meta.get(_ANSWERS_KEY)
+    with _stopped_by_interrupt():
+        if answers is None:
+            click.confirm(question, abort=True, err=err)
+        elif not _is_yes(question, answers, err=err):
+            raise Declined(answers.declined)
+
+
+def _is_yes(question: str, answers: Answers, *, err: bool) -> bool:
+    while True:
+        said = click.prompt(f"{question} {answers.hint}", default="", show_default=False, err=err).strip().casefold()
+        if said in answers.yes:
+            return True
+        if not said or said in answers.no:
+            return False
+        click.echo(answers.again, err=err)
+
+
+def ask_for(text: str) -> str:
+    """Ask for a line at the terminal, also within the event loop. Raises Abort at the first Ctrl-C."""
+    with _stopped_by_interrupt():
+        return str(click.prompt(text))
+
+
+def ask_for_enter(text: str) -> None:
+    """Wait at the terminal until Enter is pressed. Raises Abort at the first Ctrl-C."""
+    with _stopped_by_interrupt():
+        click.prompt(text, default="", show_default=False)
+
+
+def is_at_terminal() -> bool:
+    """Tell whether somebody sits there for whom secrets are: what is typed and what is shown are both at a terminal.
+
+    Colour that is forced upon a pipe makes no terminal of it.
+    """
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def wipe_screen() -> None:
+    """Take secrets off the screen, and out of what can be scrolled back to; a terminal that cannot gets empty lines."""
+    if not console.is_terminal:
+        return
+    wiped = "\n" * _PLAIN_ROWS_COUNT if console.is_dumb_terminal else "\x1b[H\x1b[2J\x1b[3J"
+    write_trusted(wiped)
+    sys.stdout.flush()
+
+
+def say_errors(context: click.Context, saying: Callable[[BlockRobotError], str]) -> None:
+    """Let errors of the command that runs be told to people in words of its own. A program is told the same as ever."""
+    context.meta[_SAYING_KEY] = saying
+
+
+def _say(error: BlockRobotError) -> str:
+    context = click.get_current_context(silent=True)
+    saying = None if context is None else context.meta.get(_SAYING_KEY)
+    return saying(error) if saying else f"{error.detail}\n  {error.code}. Next step: {error.next_step}"
+
+
+def problem_json(error: BlockRobotError) -> dict[str, str]:
+    """Return an error as it stands in a command's JSON."""
+    return {"code": error.code, "detail": error.detail, "next_step": error.next_step}
+
+
+def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
+    """Print what went wrong, its code and the next step, on standard error; return the exit code."""
+    if as_json:
+        click.echo(json.dumps({"ok": False, "error": problem_json(error)}, ensure_ascii=not is_utf8(sys.stdout)))
+    else:
+        click.echo(_say(error), err=True)
+    return exit_codes.exit_code_of(error.entry)
+
+
+def plain_errors(command: F) -> F:
+    """Turn a refusal, or a file that cannot be used, into a sentence, a code, a next step and an exit code."""
+
+    @functools.wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> Any:
+        from clients.sdk.terminal.safe_logging import show_log_lines_safely  # noqa: PLC0415 - help needs no logging
+
+        show_log_lines_safely()
+        try:
+            return command(*args, **kwargs)
+        except BlockRobotError as error:
+            refusal = error
+        except Declined as declined:
+            click.echo(str(declined), err=True)
+            sys.exit(EXIT_FAILED)
+        except BrokenPipeError:
+            # Whoever read the output has seen enough; what is left of it must not fail once more at exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            sys.exit(EXIT_FAILED)
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename else ""
+            refusal = BlockRobotError("FILE_UNUSABLE", f"{place}{error.strerror or type(error).__name__}.")
+        except UnicodeDecodeError:
+            refusal = BlockRobotError("FILE_UNUSABLE", "A file that should hold text does not.")
+        sys.exit(fail(refusal, as_json=bool(kwargs.get("as_json"))))
+
+    return wrapped  # type: ignore[return-value]

@@ -1,0 +1,55 @@
+"""A client whose pin lives in a file: for programs that run again and again. Must never take a pin that it did not write.
+
+So every run begins where the last one was: no node can show it an older state, and it finds the network's nodes even
+when none of those in the genesis file is left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+from clients.sdk.network_client import NetworkClient
+from consensus.chain.genesis import Genesis
+from consensus.errors import BlockRobotError
+
+PIN_FILE = "client.pin"
+
+
+def read_pin(path: Path) -> bytes | None:
+    """Return the pin in a file, or None if there is none yet."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return None
+
+
+def write_pin_file(path: Path, pin: bytes) -> None:
+    """Replace the pin in a file, whole or not at all; readable by its owner only."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(pin)
+    temporary.replace(path)
+
+
+@contextlib.asynccontextmanager
+async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[NetworkClient]:
+    """Open a client with the pin in a file, and keep its new pin there. Raises FILE_UNUSABLE for a damaged one."""
+    pinned = read_pin(path)
+    try:
+        client = NetworkClient(genesis, pinned=pinned)
+    except BlockRobotError as error:
+        if pinned is None:
+            raise
+        sentence = f"{path} is damaged, or of another network ({error.code}); without it the client begins anew."
+        raise BlockRobotError("FILE_UNUSABLE", sentence) from None
+    async with client:
+        try:
+            yield client
+        finally:
+            if client.pinned != pinned:
+                write_pin_file(path, client.pinned)

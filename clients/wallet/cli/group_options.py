@@ -1,0 +1,74 @@
+"""The options that name a wallet, its network and its language. Must never open the wallet: `--help` needs none of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from clients.sdk.terminal.terminal import Answers, home_folder, let_answer, say_errors
+from clients.wallet.cli.invocation import DEFAULT_PROFILE, genesis_place
+from clients.wallet.cli.shell_completion import complete_profiles
+from clients.wallet.present.translations import LANGUAGES, WrongUsage, choose_language, say_error, text
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+KEYRING_KEY = "blockrobot.keyring"
+
+
+def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
+    choose_language(ctx, language)
+    say_errors(ctx, say_error)
+    words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again", "declined")]
+    let_answer(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), *words[2:]))
+
+
+def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    ctx.meta[KEYRING_KEY] = wanted
+
+
+def wallet_options(command: F) -> F:
+    """Add the options that name a wallet and its network, to a group."""
+    place = click.Path(path_type=Path, file_okay=False)
+    file = click.Path(path_type=Path, dir_okay=False)
+    for option in (
+        click.option("--genesis", type=file, help="The network's genesis file: all that is trusted."),
+        click.option(
+            "--keyring",
+            is_flag=True,
+            envvar="BLOCKROBOT_KEYRING",
+            expose_value=False,
+            callback=_use_keyring,
+            help="Take the passphrase from the system's keyring (see `wallet keyring store`).",
+        ),
+        click.option("--wallet-dir", type=place, help="The folder of wallets (default: your own)."),
+        click.option(
+            "--language",
+            type=click.Choice(LANGUAGES),
+            expose_value=False,
+            is_eager=True,
+            callback=_speak,
+            help="What to speak (default: BLOCKROBOT_LANGUAGE, else as your system does).",
+        ),
+        click.option(
+            "--profile",
+            default=DEFAULT_PROFILE,
+            show_default=True,
+            shell_complete=complete_profiles,
+            help="Which wallet, if there are several.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) -> tuple[Path, Path]:
+    """Return the files of a wallet and of its network's genesis, as a group's context holds them."""
+    if not profile.replace("-", "").replace("_", "").isalnum():
+        raise WrongUsage("profile")
+    return (
+        (wallet_dir or home_folder() / "wallets") / f"{profile}.wallet",
+        genesis_place(genesis),
+    )

@@ -1,0 +1,162 @@
+"""`blockrobot wallet`: the wallet on the command line, in plain words. Must never print a key or take one as an argument.
+
+How a wallet is opened: `clients.wallet.cli.wallet_context`; the commands about consent: `clients.wallet.commands.consent_commands`.
+"""
+
+# ruff: noqa: E501 - a table reads better in long lines
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from clients.sdk.terminal.lazy_group import CommandPlace
+from clients.wallet.cli.group_options import place_wallet, wallet_options
+from clients.wallet.cli.translated_help import SpokenGroup
+
+_COMMANDS = {
+    "audit": CommandPlace(
+        "clients.wallet.commands.audit_command:audit", "Show everything that happened to your records, in order."
+    ),
+    "confirm-deleted": CommandPlace(
+        "clients.wallet.commands.inbox_commands:confirm_deleted",
+        "Tell the owner that you have deleted your copies of what was erased, ended or denied since it was shared.",
+    ),
+    "consent": CommandPlace(
+        "clients.wallet.commands.consent_commands:consent",
+        "Give, refuse and withdraw consent to being recorded; see what you said.",
+    ),
+    "correct": CommandPlace(
+        "clients.wallet.commands.rights_commands:correct",
+        "Say what is wrong with a visit or records. It stands beside them on the chain; nothing is changed.",
+    ),
+    "erase": CommandPlace(
+        "clients.wallet.commands.erase_command:erase",
+        "Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.",
+    ),
+    "erasures": CommandPlace(
+        "clients.wallet.records.erasure_status:erasures",
+        "Show what you asked to erase, which custodians have confirmed it, and which are overdue.",
+    ),
+    "export": CommandPlace(
+        "clients.wallet.commands.export_command:export",
+        "Take along what the network holds of you: a ZIP of pictures, JSON and proofs that anybody can check offline.",
+    ),
+    "guardians": CommandPlace(
+        "clients.wallet.commands.account.guardians_commands:guardians",
+        "Let people you trust bring your wallet back together if you lose it. Without a command: who they are.",
+    ),
+    "handle": CommandPlace(
+        "clients.wallet.commands.share_commands:handle",
+        "Show your own handle. Whoever is to share something with you needs it; it is no secret.",
+    ),
+    "inbox": CommandPlace(
+        "clients.wallet.commands.inbox_commands:inbox",
+        "Show what was shared with you and what became of it since, and what is wrong with your own visits.",
+    ),
+    "keyring": CommandPlace(
+        "clients.wallet.commands.account.keyring_command:keyring",
+        "Keep this wallet's passphrase in the system's keyring, or take it out again.",
+    ),
+    "leave": CommandPlace(
+        "clients.wallet.commands.account.rotate_commands:leave",
+        "End your membership. Says what stays and what goes, and asks.",
+    ),
+    "lift": CommandPlace(
+        "clients.wallet.commands.rights_commands:lift",
+        "Lift a restriction. What has outlived its time under it is erased at once.",
+    ),
+    "look": CommandPlace(
+        "clients.wallet.commands.inbox_commands:look",
+        "Look at what was shared with you (GRANT, by `blockrobot wallet inbox`): all of it, or these records.",
+    ),
+    "mandates": CommandPlace(
+        "clients.wallet.commands.mandates_commands:mandates",
+        "See who acts for you and what was done in your name; accept to act for somebody; end it.",
+    ),
+    "new": CommandPlace(
+        "clients.wallet.commands.account.new_commands:new",
+        "Make a new wallet and show its 24 words, this once. Write them down: they are the wallet.",
+    ),
+    "notice": CommandPlace(
+        "clients.wallet.commands.notice_commands:notice",
+        "Show what your organisation tells you about your data, and what changed since you consented.",
+    ),
+    "object": CommandPlace(
+        "clients.wallet.commands.rights_commands:object_to",
+        "Object to a purpose: nothing more is recorded of you for it, and nothing that was is released for it.",
+    ),
+    "probe": CommandPlace(
+        "clients.wallet.commands.audit_command:probe",
+        "Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations).",
+        hidden=True,
+    ),
+    "receipts": CommandPlace(
+        "clients.wallet.commands.receipts_command:receipts",
+        "Show the receipts whose proofs this wallet keeps, each checked here. No node is asked: it works without a network.",
+    ),
+    "records": CommandPlace(
+        "clients.wallet.commands.records_command:records",
+        "List what was recorded of you, proven against the chain: all, or what fits.",
+    ),
+    "register": CommandPlace(
+        "clients.wallet.commands.notice_commands:register",
+        "Register with the CODE on your card, and consent to the purposes named, by the depth camera.",
+    ),
+    "restore": CommandPlace(
+        "clients.wallet.commands.account.new_commands:restore",
+        "Make the wallet again from its 24 words. Your visits are found again on the chain.",
+    ),
+    "restrict": CommandPlace(
+        "clients.wallet.commands.rights_commands:restrict",
+        "Keep records as they are, and let nobody but you see them, until you lift it.",
+    ),
+    "revoke": CommandPlace(
+        "clients.wallet.commands.share_commands:revoke",
+        "End what you shared (GRANT: the beginning of its name, by `blockrobot wallet shares`). At once, and for good.",
+    ),
+    "rotate": CommandPlace(
+        "clients.wallet.commands.account.rotate_commands:rotate",
+        "Get new words after a theft: whoever has the old ones sees, decides and erases nothing any more.",
+    ),
+    "serve": CommandPlace(
+        "clients.wallet.commands.serve_command:serve",
+        "Open your wallet as a page in your browser, for you alone: it is served on this machine, and keys stay here.",
+    ),
+    "share": CommandPlace(
+        "clients.wallet.commands.share_commands:share",
+        "Share records of one visit with a member of the staff or an officer, for a purpose and a time.",
+    ),
+    "shares": CommandPlace(
+        "clients.wallet.commands.share_commands:shares",
+        "Show what you share, with whom, until when, who looked and when, and who says that copies are deleted.",
+    ),
+    "transfer": CommandPlace(
+        "clients.wallet.commands.account.rotate_commands:transfer",
+        "Give visits that came late, under former words, a key of the present ones.",
+    ),
+    "verify": CommandPlace(
+        "clients.wallet.commands.view_commands:verify",
+        "Check records against the chain on this machine, trusting no node, and put the verdict on the chain.",
+    ),
+    "view": CommandPlace(
+        "clients.wallet.commands.view_commands:view",
+        "Fetch, check and decrypt records (all if none is named) and write them as pictures, labels and sounds.",
+    ),
+    "wrong-person": CommandPlace(
+        "clients.wallet.commands.rights_commands:wrong_person",
+        "Say that a visit (the beginning of its name) shows somebody else. Nobody sees it from then on, you neither.",
+    ),
+}
+
+
+@click.group(cls=SpokenGroup, places=_COMMANDS)
+@wallet_options
+@click.pass_context
+def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: Path | None) -> None:
+    """See, check, follow and erase what robots recorded of you.
+
+    Example: blockrobot wallet new; blockrobot wallet register BR1-...; blockrobot wallet records
+    """
+    ctx.obj = place_wallet(profile, wallet_dir, genesis)

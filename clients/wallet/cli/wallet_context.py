@@ -1,0 +1,179 @@
+"""How every command opens a wallet: passphrase, genesis file, one run. Must never take a passphrase as an argument.
+
+The passphrase is asked for at a terminal, or read from the file that BLOCKROBOT_PASSPHRASE_FILE names.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import sys
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from clients.sdk.terminal.terminal import (
+    EXIT_FAILED,
+    error_console,
+    load_genesis,
+)
+from clients.wallet.cli.group_options import KEYRING_KEY
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import WrongUsage, text
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.passphrase_sources import read_from_keyring
+from clients.wallet.store.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
+from clients.wallet.store.wallet_lock import claim_or_read, claim_wallet, require_wallet
+from consensus.chain.genesis import Genesis
+from consensus.errors import BlockRobotError
+
+T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+
+STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
+_READS_ONLY_MARK = "blockrobot_reads_only"
+_LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
+PASSPHRASE_TRIES_MAX_COUNT = 5
+_PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
+
+
+def reads_only(command: F) -> F:
+    """Mark what a command does, next to its function: it may go on beside another program that has the wallet.
+
+    What it notes in the wallet then is dropped; it has to be something that is found again on the chain the next time.
+    """
+    setattr(command, _READS_ONLY_MARK, True)
+    return command
+
+
+@contextlib.contextmanager
+def tell_if_stopped(ctx: click.Context, say: Callable[[], str]) -> Iterator[None]:
+    """Let a Ctrl-C, or a no, end the command with a word on what was done and what not; none: as any other ends."""
+    try:
+        yield
+    except (click.Abort, KeyboardInterrupt):
+        if not (said := say()):
+            raise
+        click.echo("\n" + said, err=True)
+        ctx.exit(EXIT_FAILED)
+
+
+def read_passphrase(*, from_keyring: bool = True) -> str:
+    """Return the passphrase from the file that is named for it, or ask at the terminal.
+
+    From the system's keyring, if the group was told so by `--keyring`, and what is to be done may be done with that.
+    """
+    context = click.get_current_context(silent=True)
+    if from_keyring and context is not None and context.meta.get(KEYRING_KEY):
+        return read_from_keyring(context.obj[0])
+    given = _passphrase_from_file()
+    return _ask_hidden("ask.passphrase") if given is None else given
+
+
+def read_new_passphrase() -> str:
+    """Return a passphrase for a new wallet file, from the file that is named for it or asked for twice at the terminal.
+
+    At the terminal it says what is wrong with one, five times at most, and what can be known of the one that it takes.
+    Raises PASSPHRASE_WEAK, PASSPHRASE_UNCONFIRMED.
+    """
+    given = _passphrase_from_file()
+    if given is not None:
+        judge_passphrase(given)
+        return given
+    click.echo(text("passphrase.wanted", count=PASSPHRASE_MIN_LETTERS), err=True)
+    refusal = BlockRobotError("PASSPHRASE_UNCONFIRMED")
+    for _ in range(PASSPHRASE_TRIES_MAX_COUNT):
+        passphrase = _ask_hidden("ask.passphrase")
+        try:
+            strength = judge_passphrase(passphrase)
+        except BlockRobotError as error:
+            count = count_letters(passphrase)
+            key = "passphrase.short" if count < PASSPHRASE_MIN_LETTERS else "passphrase.common"
+            click.echo(text(key, count=count), err=True)
+            refusal = error
+            continue
+        if _ask_hidden("ask.passphrase_again") == passphrase:
+            click.echo(text(f"passphrase.{strength.value}"), err=True)
+            return passphrase
+        click.echo(text("passphrase.different"), err=True)
+        refusal = BlockRobotError("PASSPHRASE_UNCONFIRMED")
+    raise refusal
+
+
+def _passphrase_from_file() -> str | None:
+    """Return what the file holds that is named for it, None if none is. Raises UsageError without file and terminal."""
+    path = os.environ.get(_PASSPHRASE_FILE)
+    if path:
+        return Path(path).read_text(encoding="utf-8").rstrip("\n")
+    if not sys.stdin.isatty():
+        raise WrongUsage("no_terminal_passphrase", variable=_PASSPHRASE_FILE)
+    return None
+
+
+def _ask_hidden(key: str) -> str:
+    return str(click.prompt(text(key), hide_input=True, default="", show_default=False))
+
+
+def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
+    """Open the wallet that the group's options name and do something with it. Raises what that raises.
+
+    While another program has the wallet, a command that only reads goes on beside it and notes nothing; any other is told
+    who that is. Says on standard error, loudly, if the wallet's words turned out to make nobody a member any more.
+    """
+    path, genesis_path = ctx.obj
+    require_wallet(path)
+    genesis = load_genesis(genesis_path)
+    passphrase = read_passphrase()
+    if getattr(ctx.command.callback, _READS_ONLY_MARK, False):
+        with claim_or_read(path) as busy:
+            store = Keystore.open(path, passphrase)
+            if busy is not None:
+                store.read_only()
+                click.echo(text("ask.read_beside", who=busy.detail), err=True)
+            return _run(store, genesis, action)
+    with claim_wallet(path):
+        return _run(Keystore.open(path, passphrase), genesis, action)
+
+
+def run_made(store: Keystore, genesis_path: Path, action: Callable[[Wallet], Awaitable[T]]) -> T:
+    """Do something with a wallet that was made just now. Raises what that raises, and GENESIS_INVALID."""
+    return _run(store, load_genesis(genesis_path), action)
+
+
+def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable[T]]) -> T:
+    async def main() -> T:
+        async with Wallet(store, genesis) as opened:
+            try:
+                return await action(opened)
+            finally:
+                tell_member_gone(opened)
+                tell_liars(opened.network.troubles)
+
+    return asyncio.run(main())
+
+
+def tell_liars(troubles: Mapping[str, BlockRobotError]) -> None:
+    """Name the nodes whose answers were not what their proofs say, on standard error: others were asked instead."""
+    for name, error in sorted(troubles.items()):
+        if error.code in _LIES:
+            click.echo(text("ask.lied", name=name, code=error.code), err=True)
+
+
+def tell_member_gone(opened: Wallet) -> None:
+    """Say, if so, that somebody else may be the member now, what this wallet still can do, and what to do next."""
+    for line in member_gone_line(opened):
+        error_console.print(text("former.warning", line=line), style="bold red", markup=False)
+
+
+def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:
+    """Return that warning in a sentence (`language` None: the one in use), none if there is nothing to warn of."""
+    if not opened.member_gone:
+        return []
+    told, lost = [text("former.gone", language=language)], len(opened.out_of_reach)
+    if lost:
+        told.append(text("former.lost", language=language, count=lost))
+    next_key = "former.finish" if opened.store.content.next_words else "former.to_desk"
+    return [" ".join([*told, text(next_key, language=language, page=STOLEN_PAGE)])]

@@ -1,0 +1,68 @@
+"""`blockrobot wallet keyring`: a passphrase in the system's keyring, for who wants that. Must never be used unasked.
+
+Whoever can use the person's session on this machine can then open the wallet: that is why nothing goes there by itself.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.cli.invocation import called
+from clients.wallet.cli.wallet_context import read_passphrase
+from clients.wallet.present.translations import text
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.passphrase_sources import forget_in_keyring, load_keyring, store_in_keyring
+from clients.wallet.store.wallet_lock import require_wallet
+
+
+@click.group()
+def keyring() -> None:
+    """Keep this wallet's passphrase in the system's keyring, or take it out again.
+
+    Commands take it from there only with `blockrobot wallet --keyring COMMAND`, or if BLOCKROBOT_KEYRING is set.
+
+    Example: blockrobot wallet keyring store
+    """
+
+
+@keyring.command()
+@json_option
+@click.pass_context
+@plain_errors
+def store(ctx: click.Context, as_json: bool) -> None:
+    """Ask for the passphrase, see that it opens the wallet, and keep it in the keyring.
+
+    Example: blockrobot wallet keyring store
+    """
+    path: Path = ctx.obj[0]
+    require_wallet(path)
+    load_keyring()
+    passphrase = read_passphrase()
+    Keystore.open(path, passphrase)
+    weak = store_in_keyring(path, passphrase)
+    if as_json:
+        print_json({"ok": True, "wallet": str(path), "weak_keyring": weak})
+        return
+    console.print(text("keyring.stored", command=called()))
+    if weak is not None:
+        console.print(f"  [yellow]{text('keyring.protects_little', name=weak)}[/yellow]")
+
+
+@keyring.command()
+@json_option
+@click.pass_context
+@plain_errors
+def forget(ctx: click.Context, as_json: bool) -> None:
+    """Take the passphrase out of the keyring.
+
+    Example: blockrobot wallet keyring forget
+    """
+    path: Path = ctx.obj[0]
+    forget_in_keyring(path)
+    if as_json:
+        print_json({"ok": True, "wallet": str(path)})
+    else:
+        console.print(text("keyring.forgotten"))

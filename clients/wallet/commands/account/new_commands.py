@@ -1,0 +1,160 @@
+"""`blockrobot wallet new|restore`: a wallet and its words.
+
+Must never take words as an argument, nor show them once there is a wallet.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+from nacl import pwhash
+
+from clients.sdk.passphrase import PassphraseCost
+from clients.sdk.terminal.terminal import console, is_at_terminal, json_option, plain_errors, print_json
+from clients.wallet.cli.wallet_context import read_new_passphrase, tell_if_stopped
+from clients.wallet.present.translations import WrongUsage, say_error, text
+from clients.wallet.recovery.mnemonic_handover import print_words, show_and_check, write_words
+from clients.wallet.recovery.wallet_restore import read_words, require_distinct, restore_wallet
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import derive_keys, draw_words
+from clients.wallet.store.wallet_lock import claim_place
+from consensus.errors import BlockRobotError
+
+WORDS_TRIES_MAX_COUNT = 5
+
+
+@contextlib.contextmanager
+def _place(ctx: click.Context, path: Path, words_file: Path | None = None) -> Iterator[None]:
+    """Hold the place of a wallet that is made inside. A Ctrl-C ends the command with a word on what it left behind.
+
+    `words_file` is one that is written inside: without the wallet it goes again, since its words are nobody's.
+    """
+    was_there = words_file is not None and words_file.exists()
+
+    def say() -> str:
+        if not path.exists():
+            return text("new.stopped")
+        if words_file is not None:
+            return text("new.stopped_words", path=path, words_file=words_file)
+        return text("new.stopped_made", path=path)
+
+    with claim_place(path):
+        try:
+            with tell_if_stopped(ctx, say):
+                yield
+        finally:
+            if words_file is not None and not was_there and not path.exists():
+                words_file.unlink(missing_ok=True)
+
+
+def guess_cost(fast: bool) -> PassphraseCost | None:
+    """Return what a guess of the passphrase is to cost: the usual (None), or as little as possible for tests."""
+    return PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN) if fast else None
+
+
+def _hand_over(words: str, words_file: Path | None, *, check: bool) -> None:
+    """Let the 24 words be written down: in a file, or from the terminal. Raises what `show_and_check` raises."""
+    if words_file is not None:
+        write_words(words_file, words)
+    elif check:
+        show_and_check(text("new.words"), words)
+    else:
+        print_words(text("new.words"), words)
+
+
+@click.command()
+@click.option("--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the words here, mode 0600.")
+@click.option("--check/--no-check", default=True, help="Ask for some of the words, once they are written down.")
+@click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
+@json_option
+@click.pass_context
+@plain_errors
+def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphrase: bool, as_json: bool) -> None:
+    """Make a new wallet and show its 24 words, this once. Write them down: they are the wallet.
+
+    It wipes the screen and asks for some of them before the wallet is made, to see that they were written down right.
+    Words that go to a file are not asked for, and with --no-check they stay on the screen.
+
+    Example: blockrobot wallet new
+    """
+    path, _ = ctx.obj
+    if words_file is None and not is_at_terminal():
+        raise WrongUsage("no_terminal_show")
+    if words_file is None and as_json:
+        raise WrongUsage("json_words")
+    words = draw_words()
+    with _place(ctx, path, words_file):
+        if not as_json:
+            click.echo(text("new.lost"), err=True)
+        passphrase = read_new_passphrase()
+        _hand_over(words, words_file, check=check)
+        Keystore.create(path, words, passphrase, guess_cost(fast_passphrase))
+    member = derive_keys(words).identity.public_key.hex()
+    if as_json:
+        print_json({"ok": True, "wallet": str(path), "member": member})
+        return
+    if words_file is not None:
+        console.print(text("new.words_file", path=words_file))
+    console.print("\n" + text("new.done", path=path))
+
+
+@click.command()
+@click.option("--words-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="Read the words here.")
+@click.option(
+    "--former",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    multiple=True,
+    help="Words that were replaced, in a file; oldest first if there are several.",
+)
+@click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
+@json_option
+@click.pass_context
+@plain_errors
+def restore(
+    ctx: click.Context, words_file: Path | None, former: tuple[Path, ...], fast_passphrase: bool, as_json: bool
+) -> None:
+    """Make the wallet again from its 24 words. Your visits are found again on the chain.
+
+    If you ever changed them (wallet rotate), former words are needed to open what was recorded before.
+
+    Example: blockrobot wallet restore --words-file words.txt
+    """
+    path, genesis_path = ctx.obj
+    if words_file is None and not sys.stdin.isatty():
+        raise WrongUsage("no_terminal_words")
+    with _place(ctx, path):
+        words = words_file.read_text(encoding="utf-8") if words_file else _ask_for_words()
+        keys = derive_keys(words)
+        replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
+        require_distinct(read_words(words), replaced)
+        passphrase = read_new_passphrase()
+        known = restore_wallet(path, read_words(words), replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
+    if as_json:
+        member = keys.identity.public_key.hex()
+        print_json({"ok": True, "wallet": str(path), "member": member, "words_checked": known})
+        return
+    console.print(text("restore.done", path=path))
+    if not former:
+        console.print(text("restore.former"))
+    elif not known:
+        console.print(text("restore.unchecked"))
+
+
+def _ask_for_words() -> str:
+    """Ask at the terminal until the words are right, telling each time what is not. Raises WORDS_INVALID in the end."""
+    for left in reversed(range(WORDS_TRIES_MAX_COUNT)):
+        words: str = click.prompt(text("restore.words"), hide_input=True)
+        try:
+            return read_words(words)
+        except BlockRobotError as error:
+            if not left:
+                raise
+            console.print(say_error(error), markup=False)
+    raise AssertionError("the last try returns or raises")
+
+
+COMMANDS = (new, restore)

@@ -1,0 +1,275 @@
+"""`blockrobot wallet rotate|transfer|leave`: after a theft, and when one goes. Must never take words as an argument."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.sdk.terminal.terminal import console, is_at_terminal, json_option, plain_errors, print_json
+from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.wallet_context import STOLEN_PAGE, run_opened, tell_if_stopped
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.ledger.wallet import VisitReport, Wallet
+from clients.wallet.present.linking_notice import tell_linked_moves
+from clients.wallet.present.translations import WrongUsage, text
+from clients.wallet.recovery.key_rotation import Rotating, Transferred
+from clients.wallet.recovery.mnemonic_handover import show_and_check, write_words
+from clients.wallet.store.keystore import WalletContent
+from consensus.errors import BlockRobotError
+
+CHECKED_COUNT = 1
+SPREAD_DEFAULT_MINUTES = 10
+SPREAD_MAX_MINUTES = 7 * 24 * 60
+RECEIPTS_WAIT_S = 5.0
+
+
+def _spread(command: Any) -> Any:
+    over = click.option(
+        "--over-minutes",
+        type=click.IntRange(0, SPREAD_MAX_MINUTES),
+        default=SPREAD_DEFAULT_MINUTES,
+        show_default=True,
+        help="Move the visits within this time, at moments that chance decides.",
+    )
+    now = click.option(
+        "--now",
+        is_flag=True,
+        help="All at once, without pauses: whoever reads the ledger can tell that they are one's.",
+    )
+    return over(now(command))
+
+
+def _hand_over(words: str, words_file: Path | None) -> None:
+    """Hand the words over, and go on only once they are in a file or were written down."""
+    if words_file is not None:
+        write_words(words_file, words)
+    else:
+        show_and_check(text("rotate.words"), words, CHECKED_COUNT, said="rotate")
+
+
+def _tell_progress(number: int, count: int, pause_s: float) -> None:
+    click.echo(text("rotate.progress", number=number + 1, count=count, seconds=f"{pause_s:.0f}"), err=True)
+
+
+async def _transfer(
+    rotating: Rotating, over_minutes: int, *, now: bool, with_member: bool, as_json: bool
+) -> Transferred:
+    count = len(await rotating.exposed_visits())
+    if now and not as_json:
+        tell_linked_moves(count, with_member=with_member)
+    return await rotating.transfer_all(0.0 if now else over_minutes * 60.0, _tell_progress)
+
+
+def _transferred_json(done: Transferred) -> dict[str, Any]:
+    return {
+        "transferred": [visit.owner.hex() for visit in done.done],
+        "taken_visits": [visit.owner.hex() for visit in done.taken],
+        "stuck_visits": [visit.owner.hex() for visit in done.stuck],
+    }
+
+
+def _tell_transferred(done: Transferred) -> None:
+    console.print(text("rotate.moved", count=len(done.done)))
+    print_taken(len(done.taken))
+    print_stuck(len(done.stuck))
+    if done.refusal is not None:
+        console.print(f"[red]{text('rotate.ended_early')}[/red]")
+        raise done.refusal
+
+
+def print_taken(count: int) -> None:
+    """Say, if so, that visits obey somebody else's key."""
+    for line in _taken_lines(count):
+        console.print(f"[red]{line}[/red]")
+
+
+def _taken_lines(count: int, language: str | None = None) -> list[str]:
+    return [text("former.taken", language=language, count=count, page=STOLEN_PAGE)] if count else []
+
+
+def print_stuck(count: int) -> None:
+    """Say, if so, that visits can be given no other key any more."""
+    for line in _stuck_lines(count):
+        console.print(f"[red]{line}[/red]")
+
+
+def _stuck_lines(count: int, language: str | None = None) -> list[str]:
+    return [text("former.stuck", language=language, count=count, page=STOLEN_PAGE)] if count else []
+
+
+def unreadable_words(report: VisitReport) -> str:
+    """Say what to do about records of a visit that do not open."""
+    return text("former.needed" if report.needs_former_words else "former.unreadable", count=len(report.unreadable_ids))
+
+
+def words_json(content: WalletContent) -> dict[str, Any]:
+    """Return what is to be known of visits that the present words do not decide of, for a program."""
+    return {
+        "taken_visits": [visit.owner.hex() for visit in content.visits if visit.taken],
+        "exposed_visits": [visit.owner.hex() for visit in exposed(content)],
+        "stuck_visits": [visit.owner.hex() for visit in content.visits if visit.stuck and not visit.taken],
+    }
+
+
+def exposed(content: WalletContent) -> list[Any]:
+    """Return the visits of which a key from former words still decides, and can be replaced, as far as is known."""
+    present = len(content.former)
+    return [visit for visit in content.visits if visit.era != present and not visit.taken and not visit.stuck]
+
+
+def print_words(content: WalletContent) -> None:
+    """Say what is to be known of visits that the present words do not decide of."""
+    for line in words_lines(content):
+        console.print(f"[red]{line}[/red]")
+
+
+def words_lines(content: WalletContent, language: str | None = None) -> list[str]:
+    """Return the same in sentences, in a language (None: the one in use)."""
+    count = len(exposed(content))
+    told = [text("former.exposed", language=language, count=count)] if count else []
+    told += _taken_lines(sum(visit.taken for visit in content.visits), language)
+    return told + _stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits), language)
+
+
+class _Before:
+    """What the wallet held when a change of words began, or went on: by that is told how far it came."""
+
+    def __init__(self) -> None:
+        self._content: WalletContent | None = None
+        self._former_count = 0
+        self._was_moving = False
+
+    def note(self, content: WalletContent) -> None:
+        """Remember a wallet as it is now."""
+        self._content = content
+        self._former_count, self._was_moving = len(content.former), content.transfers_due
+
+    def say_how_far(self) -> str:
+        """Return what was done since and what not, and the next step, in sentences."""
+        content = self._content
+        if content is None:  # a change that was cut off before may be in force already, and nobody has looked
+            return text("rotate.stopped_unopened")
+        if content.next_words:
+            return text("rotate.stopped_sending" if content.next_words_shown else "rotate.stopped_words")
+        if len(content.former) == self._former_count and not self._was_moving:
+            return text("rotate.stopped")
+        if content.transfers_due:
+            return text("rotate.stopped_moving", count=len(exposed(content)))
+        return text("rotate.stopped_done")
+
+
+async def _fetch_receipts(opened: Wallet) -> int:
+    """Fetch the receipts of consent that are still due, for some seconds; return how many are not to be had.
+
+    Theft is no time to wait: custodians that do not answer cost the receipts, not the visits.
+    """
+    content = opened.store.content
+    try:
+        async with asyncio.timeout(RECEIPTS_WAIT_S):
+            for txid in list(content.receipts_due):
+                with contextlib.suppress(BlockRobotError):
+                    await ConsentReceipts(opened).obtain(txid)
+    except TimeoutError:
+        pass
+    return len(content.receipts_due)
+
+
+@click.command()
+@click.option("--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the words here, mode 0600.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@_spread
+@json_option
+@click.pass_context
+@plain_errors
+def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes: int, now: bool, as_json: bool) -> None:
+    """Get new words after a theft: whoever has the old ones sees, decides and erases nothing any more.
+
+    Your membership gets its new key at once, then each visit, one by one. Cut off anywhere, run it again: it goes on.
+
+    Example: blockrobot wallet rotate
+    """
+
+    found = _Before()
+
+    async def action(opened: Wallet) -> Transferred:
+        rotating, content = Rotating(opened), opened.store.content
+        found.note(content)
+        if not content.next_words and not content.transfers_due:
+            if words_file is None and not is_at_terminal():
+                raise WrongUsage("no_terminal_show")
+            await opened.scan()
+            if opened.member_gone:
+                raise BlockRobotError("MEMBER_NO_MORE")
+            ask_or_say(text("rotate.ask"), yes=yes, as_json=as_json)
+            rotating.prepare()
+        if rotating.must_show:
+            if words_file is None and not is_at_terminal():
+                raise WrongUsage("no_terminal_show")
+            _hand_over(rotating.prepare(), words_file)
+            rotating.confirm_shown()
+        due_count = await _fetch_receipts(opened) if content.next_words else 0
+        if await rotating.rotate() and due_count:
+            click.echo(text("rotate.receipts_lost", count=due_count), err=True)
+        return await _transfer(rotating, over_minutes, now=now, with_member=True, as_json=as_json)
+
+    with tell_if_stopped(ctx, found.say_how_far):
+        done = run_opened(ctx, action)
+    if as_json:
+        if done.refusal is not None:
+            raise done.refusal
+        print_json({"ok": True, "words_file": str(words_file) if words_file else None, **_transferred_json(done)})
+        return
+    _tell_transferred(done)
+    console.print(text("rotate.done"))
+
+
+@click.command()
+@_spread
+@json_option
+@click.pass_context
+@plain_errors
+def transfer(ctx: click.Context, over_minutes: int, now: bool, as_json: bool) -> None:
+    """Give visits that came late, under former words, a key of the present ones.
+
+    Example: blockrobot wallet transfer
+    """
+
+    async def action(opened: Wallet) -> Transferred:
+        return await _transfer(Rotating(opened), over_minutes, now=now, with_member=False, as_json=as_json)
+
+    done = run_opened(ctx, action)
+    if as_json:
+        if done.refusal is not None:
+            raise done.refusal
+        print_json({"ok": True, **_transferred_json(done)})
+        return
+    _tell_transferred(done)
+
+
+@click.command()
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
+    """End your membership. Says what stays and what goes, and asks.
+
+    Example: blockrobot wallet leave
+    """
+    if not as_json:
+        console.print(text("leave.means"))
+    ask_or_say(text("leave.ask"), yes=yes, as_json=as_json)
+    height = run_opened(ctx, lambda opened: Rotating(opened).leave())
+    if as_json:
+        print_json({"ok": True, "height": height or None})
+    elif height:
+        console.print(text("leave.done", height=height))
+    else:
+        console.print(text("leave.before"))
+
+
+COMMANDS = (rotate, transfer, leave)

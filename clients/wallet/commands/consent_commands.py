@@ -1,0 +1,372 @@
+"""`blockrobot wallet consent`: a person's say in what is recorded of her. Must never make a no harder than a yes."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.bundle.checks.consent_receipts import CheckedReceipt, encode_file
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.cli.invocation import verify_command
+from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.commands.notice_commands import Receipted, require_said, take_receipt, tell_first
+from clients.wallet.consent.consent_by_mandate import FOR_ONESELF, Represented, find_represented, for_option, handle_of
+from clients.wallet.consent.consent_choices import DEPTH, Choice, Choices, Consenting, Word, choice_json, round_period
+from clients.wallet.consent.notice_reading import Notices
+from clients.wallet.consent.receipt_fetching import ConsentReceipts, Receipts
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import WrongUsage, code_text, describe_error, purposes_text, refusal, text
+from consensus.members.handles import encode_short
+from consensus.rights.consents import GIVEN
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.sensors import SENSORS
+from pages.moments import read_moment, show_moment
+
+_SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
+_SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
+_NO_BOUND = 0
+_SAID_COLUMNS = 4
+"""By this sensor a robot tells people apart: without a yes to it, it keeps nothing of any other."""
+
+
+def read_time(written: str | None, now_ms: int) -> int:
+    """Return a time in ms: `+30d`, `+12h`, `+45m`, a date or a date with a time of this machine's zone; 0 for none."""
+    if written is None:
+        return _NO_BOUND
+    span = _SPAN.fullmatch(written.strip())
+    if span:
+        return now_ms + int(span[1]) * _SPAN_MS[span[2]]
+    try:
+        return read_moment(written)
+    except ValueError:
+        raise WrongUsage("no_time_ahead", given=written) from None
+
+
+def _codes(command: Any) -> Any:
+    for option in (
+        click.option("--purpose", "purposes", multiple=True, help="A purpose's code; may be repeated."),
+        click.option("--sensor", "sensors", multiple=True, help="A sensor's code; may be repeated."),
+    ):
+        command = option(command)
+    return command
+
+
+@click.group()
+def consent() -> None:
+    """Give, refuse and withdraw consent to being recorded; see what you said.
+
+    Example: blockrobot wallet consent withdraw
+    """
+
+
+async def _tell(
+    opened: Wallet,
+    word: Word,
+    line: str,
+    next_step: str,
+    *,
+    person: Represented | None,
+    as_json: bool,
+    more: dict[str, Any],
+) -> None:
+    """Print what counts, and only then fetch the receipt and print what became of it. A program has both in one.
+
+    Of a word for another person (`person`) there is no receipt, which says whose key a person has: there is the trail.
+    """
+    if not as_json:
+        if person is not None:
+            console.print(text("mandates.said_for", name=encode_short(person.handle)))
+        console.print(f"{line}\n  {text('consent.holds_from', height=word.from_height)} {next_step}")
+    receipted = Receipted(None, None) if person is not None else await take_receipt(opened, word.txid)
+    if as_json:
+        place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height, "count": word.count}
+        spoken_for = FOR_ONESELF if person is None else person.as_json()
+        print_json({"ok": True, **place, **more, **spoken_for, **receipted.as_json()})
+    elif person is not None:
+        console.print("  " + text("mandates.in_trail"))
+    else:
+        console.print(f"  {escape(receipted.line())}")
+
+
+def _named(codes: tuple[str, ...], kind: str, known: Mapping[str, str], none: str) -> str:
+    """Return codes with what they mean: `care (Care and treatment of the person herself.)`."""
+    return ", ".join(f"{code} ({text(f'{kind}.{code}')})" if code in known else code for code in codes) or none
+
+
+@consent.command()
+@_codes
+@click.option("--from", "begins", help="Not before: +12h, 2027-01-31 or 2027-01-31T18:00.")
+@click.option("--until", "ends", help="Until when, written as for --from; until you take it back otherwise.")
+@click.option("--height", type=click.IntRange(min=0), default=0, help="From this block on (default: the next one).")
+@click.option("--yes", is_flag=True, help="Do not ask, if there is a notice that was not shown yet.")
+@for_option
+@json_option
+@click.pass_context
+@plain_errors
+def give(
+    ctx: click.Context,
+    purposes: tuple[str, ...],
+    sensors: tuple[str, ...],
+    begins: str | None,
+    ends: str | None,
+    height: int,
+    yes: bool,
+    whom: str | None,
+    as_json: bool,
+) -> None:
+    """Consent to purposes, by the depth camera unless you name other sensors.
+
+    If your organisation tells you something that this wallet never showed, it shows that first, and asks. What its
+    notice does not name is refused: a purpose, a sensor for it, or consent where it rests on another ground. The
+    receipt, signed by your organisation and by you, lands in the wallet.
+
+    For somebody else, by a mandate, it shows what that person's organisation tells, asks each time, and lasts until the
+    mandate ends unless you name an earlier end.
+
+    Example: blockrobot wallet consent give --purpose care --sensor depth --until +30d
+    """
+    if not purposes:
+        raise WrongUsage("consent_what", known=", ".join(PURPOSES))
+    chosen = sensors or (DEPTH,)
+    now_ms = round(time.time() * 1000)
+    from_ms, until_ms = round_period(read_time(begins, now_ms), read_time(ends, now_ms))
+    if ends is not None and until_ms <= max(from_ms, now_ms):
+        raise WrongUsage("until_over")
+
+    async def action(opened: Wallet) -> None:
+        notices, person = Notices(opened), await find_represented(opened, whom)
+        told = await (notices.current() if person is None else notices.of_organisation(person.organisation))
+        notice = told.as_json() if person is not None or notices.is_new(told) else None
+        told.require_named(purposes, chosen)
+        if notice is not None:
+            require_said(yes=yes)
+            question = text("consent.ask", purposes=", ".join(purposes), sensors=", ".join(chosen))
+            tell_first(notices if person is None else None, told, question, yes=yes, as_json=as_json)
+        last_ms = until_ms if person is None else until_ms or person.until_ms
+        word = await Consenting(opened, handle_of(person)).give(
+            list(purposes),
+            list(chosen),
+            from_ms=from_ms,
+            until_ms=last_ms,
+            height=height,
+            seen_height=told.height,
+        )
+        line, more = _given(purposes, chosen, from_ms, last_ms)
+        next_step = text("consent.take_back") if person is None else ""
+        more |= {"notice": notice}
+        await _tell(opened, word, line, next_step, person=person, as_json=as_json, more=more)
+        if person is None:
+            notices.note_consented(told)
+
+    run_opened(ctx, action)
+
+
+def _given(
+    purposes: tuple[str, ...], sensors: tuple[str, ...], from_ms: int, until_ms: int
+) -> tuple[str, dict[str, Any]]:
+    """Return what was consented to, in words and for a program."""
+    period = " " + text("consent.from", moment=show_moment(from_ms)) if from_ms else ""
+    period += " " + text("consent.until", moment=show_moment(until_ms)) if until_ms else text("consent.open_end")
+    named = {
+        "purposes": _named(purposes, "purpose", PURPOSES, ""),
+        "sensors": _named(sensors, "sensor", SENSORS, ""),
+    }
+    line = text("consent.given", **named) + period
+    if DEPTH not in sensors:
+        line += "\n  " + text("consent.needs_depth", purpose=" --purpose ".join(purposes))
+    more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(sensors)}
+    more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
+    return line, more
+
+
+def _say_no(
+    ctx: click.Context,
+    act: Callable[[Consenting], Callable[[list[str], list[str]], Any]],
+    status: str,
+    key: str,
+    purposes: tuple[str, ...],
+    sensors: tuple[str, ...],
+    *,
+    whom: str | None,
+    as_json: bool,
+) -> None:
+
+    more = {"status": status, "purposes": list(purposes), "sensors": list(sensors)}
+    named = _named(purposes, "purpose", PURPOSES, text("consent.everything"))
+    what = text(key, purposes=named, sensors=_named(sensors, "sensor", SENSORS, text("consent.every_sensor")))
+
+    async def action(opened: Wallet) -> None:
+        person = await find_represented(opened, whom)
+        word: Word = await act(Consenting(opened, handle_of(person)))(list(purposes), list(sensors))
+        line = what if word.count else text("consent.nothing_given")
+        next_step = text("consent.after_no") if person is None else ""
+        await _tell(opened, word, line, next_step, person=person, as_json=as_json, more=more)
+
+    run_opened(ctx, action)
+
+
+@consent.command()
+@_codes
+@for_option
+@json_option
+@click.pass_context
+@plain_errors
+def refuse(
+    ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
+) -> None:
+    """Say no to purposes, by every sensor unless you name some, whatever you said before.
+
+    Example: blockrobot wallet consent refuse --purpose research
+    """
+    if not purposes:
+        raise WrongUsage("refuse_what", known=", ".join(PURPOSES))
+    _say_no(ctx, lambda say: say.refuse, "refused", "consent.refused", purposes, sensors, whom=whom, as_json=as_json)
+
+
+@consent.command()
+@_codes
+@for_option
+@json_option
+@click.pass_context
+@plain_errors
+def withdraw(
+    ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
+) -> None:
+    """Take back what you gave: everything, unless you name purposes or sensors.
+
+    Example: blockrobot wallet consent withdraw
+    """
+    key = "consent.withdrawn"
+    _say_no(ctx, lambda say: say.withdraw, "withdrawn", key, purposes, sensors, whom=whom, as_json=as_json)
+
+
+@consent.command("list")
+@_codes
+@for_option
+@json_option
+@click.pass_context
+@plain_errors
+@reads_only
+def list_choices(
+    ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
+) -> None:
+    """Show what you said about being recorded, proven against the chain.
+
+    Example: blockrobot wallet consent list --json
+    """
+
+    async def action(opened: Wallet) -> Choices:
+        person = await find_represented(opened, whom)
+        consenting = Consenting(opened, handle_of(person))
+        consenting.require_known(list(purposes), list(sensors))
+        return await consenting.choices()
+
+    found = run_opened(ctx, action)
+    rows = [
+        row
+        for row in found.rows
+        if (not purposes or row.purpose in purposes) and (not sensors or row.sensor in sensors)
+    ]
+    if as_json:
+        print_json({"ok": True, "height": found.height, "choices": [choice_json(row) for row in rows]})
+        return
+    if not rows:
+        console.print(text("consent.none"))
+    for row in rows:
+        console.print(_line(row, found.height))
+    for line in _without_depth(found, {row.purpose for row in rows}):
+        console.print(line)
+
+
+def _without_depth(found: Choices, purposes: Collection[str]) -> list[str]:
+    """Return, for each purpose, by which sensors nothing is kept although she said yes to them: depth is missing."""
+    lines = []
+    for purpose in sorted(purposes):
+        lacking = sorted(row.sensor for row in found.lacking_depth if row.purpose == purpose)
+        if lacking:
+            lines.append(text("consent.without_depth", purpose=purpose, sensors=", ".join(lacking)))
+    return lines
+
+
+def _line(row: Choice, height: int) -> str:
+    last = row.last
+    said = f"{text('consent.yes' if row.holds else 'consent.no'):<{_SAID_COLUMNS}}"
+    mark = f"[green]{said}[/green]" if row.holds else said
+    since = show_moment(last.since_ms)
+    purpose, sensor = code_text("purpose", row.purpose), code_text("sensor", row.sensor)
+    line = text("consent.row", purpose=purpose, sensor=sensor, status=code_text("said", last.status), moment=since)
+    if last.height > height:
+        line += ", " + text("consent.from_block", height=last.height)
+    if last.from_ms:
+        line += ", " + text("consent.from", moment=show_moment(last.from_ms))
+    if last.until_ms:
+        line += ", " + text("consent.until", moment=show_moment(last.until_ms))
+    if last.mandate:
+        line += ", " + text("mandates.by", name=last.mandate.hex()[:12])
+    return f"{mark} {line}"
+
+
+@consent.command()
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write them here, for anybody to check.")
+@click.option("--search", is_flag=True, help="Look through the chain for words that this wallet does not know.")
+@json_option
+@click.pass_context
+@plain_errors
+def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) -> None:
+    """Show your consent receipts, signed by your organisation and by you, each checked anew; fetch those that are due.
+
+    A file that --out writes can be checked by anybody, offline: blockrobot verify FILE.
+
+    Example: blockrobot wallet consent receipts --out receipts.json
+    """
+    if out is not None and out.exists():
+        raise refusal("FILE_EXISTS", "file_kept", path=str(out))
+
+    async def action(opened: Wallet) -> tuple[Receipts, bytes]:
+        kept = ConsentReceipts(opened)
+        found = await kept.all(search=search)
+        return found, encode_file(opened.genesis, kept.epochs(), found.entries)
+
+    found, content = run_opened(ctx, action)
+    if out is not None and not found.entries:
+        out = None  # a file without receipts proves nothing, and is refused
+    if out is not None:
+        out.write_bytes(content)
+    if as_json:
+        rows = [json.loads(entry.document) for entry in found.entries]
+        missing = [{"txid": txid.hex(), "code": error.code} for txid, error in found.missing]
+        print_json({"ok": True, "receipts": rows, "missing": missing, "file": None if out is None else str(out)})
+        return
+    if not found.checked:
+        console.print(text("receipts.none"))
+    for receipt in found.checked:
+        console.print(escape(_receipt_line(receipt)))
+    for txid, error in found.missing:
+        detail, next_step = describe_error(error)
+        line = text("receipts.missing", name=txid.hex()[:12], detail=detail, next_step=next_step)
+        console.print(escape(line))
+    if out is not None:
+        console.print(escape(text("receipts.written", path=out, check=verify_command(out))))
+
+
+def _receipt_line(receipt: CheckedReceipt) -> str:
+    word = receipt.word
+    published = receipt.published
+    return text(
+        "receipts.line",
+        moment=show_moment(word.time_ms),
+        status=code_text("said", word.status),
+        purposes=purposes_text(word.purposes) or text("receipts.everything"),
+        sensors=", ".join(code_text("sensor", code) for code in word.sensors) or text("receipts.every_sensor"),
+        height=word.height,
+        node=receipt.node,
+        organisation=receipt.organisation,
+        notice=text("receipts.notice", version=published.row.version) if published else text("receipts.no_notice"),
+    )

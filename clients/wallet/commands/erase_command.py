@@ -1,0 +1,228 @@
+"""`blockrobot wallet erase`: what will be gone and what remains is said, asked, done. Must never erase what was not named.
+
+What erasing is: `clients.wallet.records.erasure`; what became of it: `clients.wallet.records.erasure_status`.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import click
+
+from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json, problem_json
+from clients.wallet.cli.shell_completion import complete_records
+from clients.wallet.cli.wallet_context import run_opened
+from clients.wallet.commands.share_commands import share_json, tell_copies, tell_recipients
+from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.present.translations import WrongUsage, text
+from clients.wallet.records.erasure import Erasing, ErasureReport, missing_pictures
+from clients.wallet.records.viewing import name_places
+from clients.wallet.sharing.outgoing_shares import Share, Sharing
+from consensus.errors import BlockRobotError
+from consensus.exit_codes import exit_code_of
+from pages.moments import show_moment
+
+ERASE_WAIT_S = 60.0
+_NUMBER = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wish:
+    """What the command line asks for. `record_ids` empty: all records; `frames` (indexes) empty: whole records."""
+
+    record_ids: tuple[str, ...]
+    frames: list[int]
+    wait: bool
+    yes: bool
+    as_json: bool
+
+
+@dataclass(slots=True)
+class _Done:
+    """What was asked for. `left_out` are pictures (indexes) that need no asking; `late` is why waiting was in vain."""
+
+    reports: list[ErasureReport] = field(default_factory=list)
+    recipients: list[Share] = field(default_factory=list)
+    left_out: list[int] = field(default_factory=list)
+    late: BlockRobotError | None = None
+
+
+def _read_frames(written: str | None) -> list[int]:
+    """Return the indexes of the pictures that were named by numbers from 1, in order; none if the option was not given.
+
+    Raises WrongUsage for anything else: an option that names no picture must not stand for the whole record.
+    """
+    if written is None:
+        return []
+    numbers = [part.strip(" ") for part in written.split(",")]
+    if not all(_NUMBER.fullmatch(number) for number in numbers):
+        raise WrongUsage("frames")
+    return sorted({int(number) - 1 for number in numbers})
+
+
+async def _select_pictures(erasing: Erasing, entry: RecordEntry, wish: _Wish) -> tuple[list[int], list[int], int]:
+    """Return which of the pictures that were named are left to erase, which are not, and how many the record has.
+
+    Raises WrongUsage for one that is not there.
+    """
+    count = await erasing.count_pictures(entry, wish.frames)
+    missing = missing_pictures(wish.frames, count)
+    if not count:
+        raise WrongUsage("no_picture_at_all")
+    if missing:
+        raise WrongUsage("no_picture", missing=name_places(missing), count=count)
+    left, gone = await erasing.split_erased(entry, wish.frames)
+    if gone and not wish.as_json:
+        console.print(text("erase.left_out", numbers=name_places(gone), count=len(gone)))
+    return left, gone, count
+
+
+def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipients: Sequence[Share]) -> None:
+    """Say what will be gone, of whom else, and what remains, and ask. Raises Abort for no.
+
+    `frames` are pictures of the one record, which has `of`; none: all of it. The page says the same.
+    """
+    if frames:
+        (entry,) = entries
+        times = {
+            "first": show_moment(entry.metadata.started_at_ms),
+            "last": show_moment(entry.metadata.ended_at_ms),
+        }
+        name, numbers = entry.record_id.hex()[:12], name_places(frames)
+        console.print(text("erase.frames", count=len(frames), numbers=numbers, of=of, name=name, **times))
+    else:
+        pictures = text("records.pictures", count=sum(entry.pictures_left_count for entry in entries))
+        visits = text("count.visits", count=len({entry.visit.owner for entry in entries}))
+        console.print(text("erase.records", count=len(entries), visits=visits, pictures=pictures))
+    if recipients:
+        console.print(text("page.erase.gone2Part" if frames else "page.erase.gone2"))
+        console.print(text("page.erase.recipients") + ":")
+        tell_recipients(recipients)
+    console.print(text("erase.remains"))
+    ask(text("erase.ask"))
+
+
+def _ignore(_: Sequence[ErasureReport]) -> None:
+    """Tell nobody."""
+
+
+def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
+    """Return what says on standard error how many receipts have come in, whenever that has changed."""
+    told: list[int] = []
+
+    def tell(reports: Sequence[ErasureReport]) -> None:
+        here = sum(len(report.state.receipts) for report in reports)
+        if here and told[-1:] != [here]:
+            told.append(here)
+            of_all = sum(len(report.state.custodians) for report in reports)
+            click.echo(text("erase.receipts", here=here, count=of_all), err=True)
+
+    return tell
+
+
+@click.command()
+@click.argument("record_ids", nargs=-1, shell_complete=complete_records)
+@click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
+@click.option("--frames", help="Only these pictures of one record, counted from 1: 1,4,5. Files in exports: from 0.")
+@click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def erase(
+    ctx: click.Context,
+    record_ids: tuple[str, ...],
+    everything: bool,
+    frames: str | None,
+    wait: bool,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.
+
+    Example: blockrobot wallet erase 3fa2c19b07de --frames 1,4 --wait
+    """
+    if not record_ids and not everything:
+        raise WrongUsage("erase_what")
+    frame_indexes = _read_frames(frames)
+    if frame_indexes and (everything or len(record_ids) != 1):
+        raise WrongUsage("frames_of_one")
+    if not yes and not sys.stdin.isatty():
+        raise WrongUsage("no_terminal_yes")
+    wish = _Wish(() if everything else record_ids, frame_indexes, wait, yes, as_json)
+    done = run_opened(ctx, functools.partial(_erase, wish))
+    if as_json:
+        _print_json(done)
+    else:
+        _print_done(done, is_told=not yes)
+    if done.late is None:
+        return
+    if as_json:
+        ctx.exit(exit_code_of(done.late.entry))
+    raise done.late
+
+
+async def _erase(wish: _Wish, opened: Wallet) -> _Done:
+    """Erase what is wished for, asking before. Raises Abort for no, WrongUsage for a picture that is not there."""
+    chosen = await choose_records(opened, wish.record_ids)
+    entries = [entry for entry in chosen if entry.state.status == "active"]
+    erasing, done, frames, of = Erasing(opened), _Done(), wish.frames, 0
+    if wish.frames and entries:
+        frames, done.left_out, of = await _select_pictures(erasing, entries[0], wish)
+        if not frames:
+            return done
+    tell_visits_linked(entries, as_json=wish.as_json)
+    done.recipients = await Sharing(opened).recipients(entries)
+    if entries and not wish.yes:
+        _ask_to_erase(entries, frames, of, done.recipients)
+    for visit, ids in await erasing.request_each(entries, frames):
+        try:
+            if wish.wait and done.late is None:
+                await erasing.wait_complete(visit, ids, ERASE_WAIT_S, _ignore if wish.as_json else _tell_receipts())
+        except BlockRobotError as error:
+            if error.code != "ERASURE_NOT_CONFIRMED":
+                raise
+            done.late = error  # who had received it is told all the same
+        done.reports.extend([await erasing.report(visit, erasure_id) for erasure_id in ids])
+    return done
+
+
+def _print_json(done: _Done) -> None:
+    rows = [
+        {
+            "erasure_id": report.erasure_id.hex(),
+            "status": report.state.status,
+            "custodians": [custodian.hex() for custodian in report.state.custodians],
+            "confirmed": [custodian.hex() for custodian in report.state.receipts],
+        }
+        for report in done.reports
+    ]
+    now_ms = time.time_ns() // 1_000_000
+    told = {
+        "erasures": rows,
+        "left_out_numbers": [index + 1 for index in done.left_out],
+        "recipients": [share_json(each, now_ms) for each in done.recipients],
+    }
+    if done.late is None:
+        print_json({"ok": True, **told})
+    else:
+        print_json({"ok": False, "error": problem_json(done.late), **told})
+
+
+def _print_done(done: _Done, *, is_told: bool) -> None:
+    """Say how far each erasure is, and who had received it unless that `is_told`: before she was asked."""
+    if not done.reports:
+        console.print(text("erase.nothing"))
+    for report in done.reports:
+        name, status = report.erasure_id.hex()[:16], text("erase.complete" if report.complete else "erase.requested")
+        confirmed, count = len(report.state.receipts), len(report.state.custodians)
+        console.print(text("erase.report", name=name, status=status, confirmed=confirmed, count=count))
+    if not is_told:
+        tell_recipients(done.recipients)
+    tell_copies(done.recipients)

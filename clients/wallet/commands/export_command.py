@@ -1,0 +1,201 @@
+"""`blockrobot wallet export`: all a network holds of a person, in one file. Must never write before it has warned."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.bundle.checks.bundle_check import Verdict, unproved
+from clients.bundle.checks.frame_check import count_pictures
+from clients.bundle.progress import show_progress
+from clients.bundle.proving import Heard
+from clients.bundle.writing import require_free, write_bundle
+from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
+from clients.wallet.cli.invocation import verify_command
+from clients.wallet.cli.wallet_context import run_opened, tell_if_stopped
+from clients.wallet.export.export_building import Exporting, Plan, Wanted
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import WrongUsage, describe_error, language_in_use, section, text
+from consensus.errors import CATALOGUE, BlockRobotError
+from consensus.records.envelopes import RECORD_ID_BYTES
+from consensus.rights.purposes import require_purpose
+from pages.moments import read_moment
+
+_AGO = re.compile(r"-(\d{1,6})([hd])", re.ASCII)
+_AGO_MS = {"h": 3_600_000, "d": 24 * 3_600_000}
+
+
+def read_past(written: str | None, now_ms: int) -> int:
+    """Return a time in ms: `-7d`, `-12h` (ago), a date or a date with a time of this machine's zone; 0 for none."""
+    if written is None:
+        return 0
+    ago = _AGO.fullmatch(written.strip())
+    try:
+        if ago:
+            return max(1, now_ms - int(ago[1]) * _AGO_MS[ago[2]])
+        return max(1, read_moment(written))
+    except ValueError:
+        raise WrongUsage("no_time", given=written) from None
+
+
+def _read_ids(written: tuple[str, ...]) -> tuple[bytes, ...]:
+    ids = []
+    for digits in (part.strip() for group in written for part in group.split(",")):
+        try:
+            record_id = bytes.fromhex(digits)
+        except ValueError:
+            record_id = b""
+        if len(record_id) != RECORD_ID_BYTES:
+            raise WrongUsage("no_record", given=digits)
+        ids.append(record_id)
+    return tuple(dict.fromkeys(ids))
+
+
+def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
+    """Return what the bundle would give away, in plain sentences."""
+    wanted = plan.wanted
+    visits = text("count.visits", count=len(plan.visits))
+    lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.record_count))]
+    learns = [
+        ("export.joined", bool(plan.visits)),
+        ("export.pictures", wanted.pictures and bool(plan.record_count)),
+        ("export.identity", wanted.identity),
+        ("export.no_key", True),
+    ]
+    lines += [f"  - {text(key)}" for key, is_so in learns if is_so]
+    if wanted.pictures and len(plan.visits) > 1:
+        lines.append(text("export.asks_at_once" if now else "export.asks_one_by_one"))
+    lines.append(text("export.keep"))
+    return lines
+
+
+def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
+    if yes and as_json:
+        return
+    for line in bundle_warning(plan, now=now):
+        click.echo(line, err=as_json)
+    if yes:
+        return
+    ask(text("export.ask"), err=as_json)
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--records", multiple=True, help="Only these records; may be repeated, or several with commas.")
+@click.option("--from", "begins", help="Only what was recorded from then on: -7d, 2027-01-31 or 2027-01-31T18:00.")
+@click.option("--until", "ends", help="Only what was recorded before then, written as for --from.")
+@click.option("--pictures/--no-pictures", default=True, show_default=True, help="Fetch the pictures, or leave them.")
+@click.option("--identity/--no-identity", default=True, show_default=True, help="Say which member you are; consents.")
+@click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
+@click.option("--now", is_flag=True, help="No pauses between visits: whoever reads the ledger can join them then.")
+@click.option("--force", is_flag=True, help="Replace OUT if it is there.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def export(
+    ctx: click.Context,
+    out: Path,
+    records: tuple[str, ...],
+    begins: str | None,
+    ends: str | None,
+    pictures: bool,
+    identity: bool,
+    purpose: str,
+    now: bool,
+    force: bool,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Take along what the network holds of you: a ZIP of pictures, JSON and proofs that anybody can check offline.
+
+    Example: blockrobot wallet export my-data.zip --from -30d
+    """
+    if not yes and not sys.stdin.isatty():
+        raise WrongUsage("no_terminal_yes")
+    require_purpose(purpose)
+    require_free(out, replace=force)
+    now_ms = round(time.time() * 1000)
+    from_ms, until_ms = read_past(begins, now_ms), read_past(ends, now_ms)
+    if until_ms and until_ms <= from_ms:
+        raise WrongUsage("until_order")
+    wanted = Wanted(_read_ids(records), from_ms, until_ms, pictures, identity, purpose)
+    hear = _say_progress(show_progress(quiet=as_json))
+
+    begun = False
+
+    async def action(opened: Wallet) -> Verdict:
+        nonlocal begun
+        exporting = Exporting(opened, hear, at_once=now)
+        plan = await exporting.plan(wanted)
+        _confirm(plan, now=now, yes=yes, as_json=as_json)
+        begun = True
+        return write_bundle(out, await exporting.collect(plan, now_ms), replace=force, heard=hear)
+
+    with tell_if_stopped(ctx, lambda: text("export.stopped", out=out) if begun else ""):
+        verdict = run_opened(ctx, action)
+    if as_json:
+        print_json(bundle_json(out, verdict))
+    else:
+        _print(out, verdict)
+
+
+def bundle_json(out: Path, verdict: Verdict) -> dict[str, Any]:
+    """Return what a bundle holds, and what it lacks, for a program."""
+    problems = verdict.manifest.problems
+    return {
+        "ok": True,
+        "file": str(out),
+        "bytes": out.stat().st_size,
+        "is_complete": not problems,
+        "visits": len(verdict.visits),
+        "records": len(verdict.records),
+        "pictures": count_pictures(verdict.frames),
+        "audit_entries": verdict.events,
+        "accesses": verdict.accesses,
+        "erasures": verdict.erasures,
+        "consent_receipts": len(verdict.consents.history),
+        "signed_consent_receipts": len(verdict.signed),
+        "proved_until_height": verdict.as_of_height,
+        "genesis_id": verdict.manifest.genesis_id,
+        "problems": [{"record_id": each.record_id, "code": each.code, "sentence": each.sentence} for each in problems],
+        "not_proved": unproved(verdict),
+    }
+
+
+def _say_progress(hear: Heard) -> Heard:
+    """Return what hears of a step by its name and tells it in the person's language."""
+    steps = section("export.step", language_in_use())
+    return lambda what, done, of: hear(str(steps.get(what.replace(" ", "_"), what)), done, of)
+
+
+def say_problem(code: str, sentence: str, language: str | None = None) -> str:
+    """Return what a bundle lacks and why; in another language than English what the code means stands first."""
+    return describe_error(BlockRobotError(code, sentence), language)[0] if code in CATALOGUE else sentence
+
+
+def _print(out: Path, verdict: Verdict) -> None:
+    told = bundle_json(out, verdict)
+    console.print(
+        text(
+            "export.done",
+            out=out,
+            visits=text("count.visits", count=told["visits"]),
+            records=text("count.records", count=told["records"]),
+            pictures=text("records.pictures", count=told["pictures"]),
+            events=text("count.events", count=told["audit_entries"]),
+            megabytes=f"{told['bytes'] / 1e6:.1f}",
+            height=told["proved_until_height"],
+        )
+    )
+    for problem in verdict.manifest.problems:
+        about = text("export.record", name=problem.record_id) if problem.record_id else text("export.all")
+        sentence = say_problem(problem.code, problem.sentence)
+        console.print(f"  [red]{text('export.missing')}[/red] ({about}): {sentence}")
+    console.print(escape(text("export.next", check=verify_command(out))))

@@ -1,0 +1,195 @@
+"""`blockrobot wallet notice | register`, and what they and the words of consent tell. Must never ask before it has told."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.bundle.checks.consent_receipts import CheckedReceipt
+from clients.sdk.terminal.qr_codes import read_given
+from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
+from clients.wallet.cli.wallet_context import run_opened
+from clients.wallet.consent.notice_reading import Notices, Told
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import WrongUsage, describe_error, refusal, text
+from consensus.errors import BlockRobotError
+from consensus.rights.consent_receipts import FIRST_SENSORS
+from pages.moments import show_moment
+
+
+def show_told(told: Told, *, err: bool = False) -> None:
+    """Print what people are told, word for word: it comes from the chain and may neither colour nor move anything."""
+    for line in told.lines():
+        if err:
+            click.echo(line, err=True)
+        else:
+            console.print(escape(line))
+
+
+def is_at_terminal() -> bool:
+    """Tell whether somebody is there who can be asked."""
+    return sys.stdin.isatty()
+
+
+def require_said(*, yes: bool) -> None:
+    """Raise UsageError where nobody can be asked, unless `yes` was said: no program consents for a person by itself."""
+    if not yes and not is_at_terminal():
+        raise WrongUsage("no_terminal_read")
+
+
+def tell_first(notices: Notices | None, told: Told, question: str, *, yes: bool, as_json: bool) -> None:
+    """Show a notice before anything is signed, and ask at the terminal unless `yes`.
+
+    `notices` None: it is about another person, and nothing is remembered of what was shown.
+    A program that said yes has it in its answer: it counts as shown once that is printed (`note_shown`, `note_consented`).
+    """
+    if as_json and (yes or not is_at_terminal()):
+        return
+    show_told(told, err=as_json)
+    if not yes and is_at_terminal():
+        ask(question, err=as_json)
+    if notices is not None:
+        notices.note_shown(told)
+
+
+@dataclass(frozen=True, slots=True)
+class Receipted:
+    """What became of the receipt of a word: it, or why it is not here."""
+
+    receipt: CheckedReceipt | None
+    refusal: BlockRobotError | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a program."""
+        if self.receipt is None:
+            return {"receipt": None, "receipt_error": self.refusal.code if self.refusal else None}
+        published = self.receipt.published
+        version = None if published is None else published.row.version
+        return {"receipt": {"signed_by": self.receipt.node, "notice_version": version}, "receipt_error": None}
+
+    def line(self) -> str:
+        """Return it in a sentence."""
+        if self.receipt is None:
+            why = describe_error(self.refusal)[0] if self.refusal is not None else ""
+            return text("register.receipt_late", why=why)
+        published, organisation = self.receipt.published, self.receipt.organisation
+        if published is None:
+            return text("register.receipt_unpublished", organisation=organisation)
+        return text("register.receipt", organisation=organisation, version=published.row.version)
+
+
+async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
+    """Fetch the receipt of a word that is final. A word counts without it: no refusal and no full disk is raised."""
+    try:
+        return Receipted(await ConsentReceipts(opened).obtain(txid), None)
+    except BlockRobotError as error:
+        return Receipted(None, error)
+    except OSError as error:
+        why = error.strerror or type(error).__name__
+        return Receipted(None, refusal("FILE_UNUSABLE", "wallet_unwritten", why=why))
+
+
+@click.command()
+@json_option
+@click.pass_context
+@plain_errors
+def notice(ctx: click.Context, as_json: bool) -> None:
+    """Show what your organisation tells you about your data, and what changed since you consented.
+
+    Example: blockrobot wallet notice
+    """
+
+    async def action(opened: Wallet) -> None:
+        notices = Notices(opened)
+        told = await notices.current()
+        if as_json:
+            print_json({"ok": True, **told.as_json()})
+        else:
+            _show_with_changes(told)
+        notices.note_shown(told)
+
+    run_opened(ctx, action)
+
+
+def _show_with_changes(told: Told) -> None:
+    show_told(told)
+    if told.before is None or told.published is None:
+        return
+    came = show_moment(told.published.row.time_ms)
+    console.print("\n" + text("notice.changed", before=told.before.version, version=told.version, moment=came))
+    for line in told.changes:
+        console.print(escape(line))
+    console.print(text("notice.holds"))
+
+
+def _ask_of(purposes: tuple[str, ...]) -> str:
+    if not purposes:
+        return text("register.ask_nothing")
+    return text("register.ask", purposes=", ".join(purposes))
+
+
+@click.command()
+@click.argument("code")
+@click.option("--purpose", "purposes", multiple=True, help="What you consent to. [default: nothing]")
+@click.option("--yes", is_flag=True, help="Do not ask: who registers has read the notice, and consents.")
+@json_option
+@click.pass_context
+@plain_errors
+def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool, as_json: bool) -> None:
+    """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
+
+    First it shows what the organisation that issued the card tells you about your data, and asks. Without a purpose you
+    consent to nothing, and no robot records you. A purpose that the notice does not name, or not
+    by that camera, or that rests on another ground, is refused.
+
+    Instead of the letters: @FILE, a photograph of the card or a file with its code.
+
+    Example: blockrobot wallet register BR1-... --purpose demo
+    """
+    code = read_given(code)
+
+    if purposes:
+        require_said(yes=yes)
+
+    async def action(opened: Wallet) -> None:
+        notices = Notices(opened)
+        told, shown = await notices.for_card(code), -1
+        while told.version > shown:  # a newer one may come while she reads
+            told.require_named(purposes, FIRST_SENSORS)
+            tell_first(notices, told, _ask_of(purposes), yes=yes, as_json=as_json)
+            shown, told = told.version, await notices.for_card(code)
+        done = await opened.register(code, list(purposes))
+        if not as_json:
+            console.print(_registered_line(purposes))
+        receipted = await take_receipt(opened, done.txid) if purposes and done.txid else None
+        if as_json:
+            more = {"notice": told.as_json(), **({} if receipted is None else receipted.as_json())}
+            more |= {"txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)}
+            print_json({"ok": True, **more})
+        elif receipted is not None:
+            console.print(f"  {escape(receipted.line())}{_unseen(receipted, told)}")
+        if receipted is None:
+            notices.note_shown(told)
+        else:
+            notices.note_consented(told)
+
+    run_opened(ctx, action)
+
+
+def _registered_line(purposes: tuple[str, ...]) -> str:
+    if purposes:
+        return text("register.done", purposes=", ".join(purposes))
+    return text("register.done_nothing")
+
+
+def _unseen(receipted: Receipted, told: Told) -> str:
+    """Return what is said of a version that came in the moment in which she registered: the chain holds her to it."""
+    published = None if receipted.receipt is None else receipted.receipt.published
+    if published is None or published.row.version <= told.version:
+        return ""
+    return " " + text("register.unseen")

@@ -1,0 +1,100 @@
+"""`blockrobot wallet receipts`: what the wallet proves by itself of what it asked and said. Must never ask a node."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.bundle.checks.chain_proofs import ProvedChain
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import describe_error, language_in_use, text
+from clients.wallet.records.erasure_status import custodian_names
+from clients.wallet.store.kept_proofs import CheckedProof, check_all
+from consensus.errors import BlockRobotError
+from pages.moments import show_moment
+
+_KINDS = {
+    ("erasure", "request"): "erasure",
+    ("identity", "register"): "registration",
+    ("identity", "rotate"): "rotation",
+    ("consent", "give"): "given",
+    ("consent", "refuse"): "refused",
+    ("consent", "withdraw"): "withdrawn",
+}
+
+
+def _kind(proof: CheckedProof) -> str:
+    body = proof.transaction.body
+    return _KINDS.get((body.contract, body.entry), "other")
+
+
+def _line(proof: CheckedProof, names: dict[bytes, str]) -> str:
+    line = text(
+        "kept.line",
+        moment=show_moment(proof.time_ms),
+        what=text(f"kept.{_kind(proof)}"),
+        name=proof.receipt.txid.hex()[:12],
+        height=proof.height,
+    )
+    if proof.erasure is None:
+        return line
+    told = ", ".join(names.get(key, key.hex()[:12]) for key in proof.erasure.receipts)
+    return f"{line} {text('kept.confirmed', names=told, height=proof.proved_height)}"
+
+
+def _row(proof: CheckedProof) -> dict[str, Any]:
+    receipts = {} if proof.erasure is None else proof.erasure.receipts
+    return {
+        "txid": proof.receipt.txid.hex(),
+        "kind": _kind(proof),
+        "height": proof.height,
+        "time_ms": proof.time_ms,
+        "proved_height": proof.proved_height,
+        "confirmed": [
+            {"custodian": key.hex(), "destroyed_frames": each.destroyed_frames, "time_ms": each.time}
+            for key, each in receipts.items()
+        ],
+    }
+
+
+@click.command("receipts")
+@json_option
+@click.pass_context
+@plain_errors
+@reads_only
+def receipts(ctx: click.Context, as_json: bool) -> None:
+    """Show the receipts whose proofs this wallet keeps, each checked here. No node is asked: it works without a network.
+
+    They hold when every node has dropped the old blocks. Consent receipts, signed by both sides: wallet consent receipts.
+
+    Example: blockrobot wallet receipts
+    """
+
+    async def action(opened: Wallet) -> tuple[list[CheckedProof | BlockRobotError], dict[bytes, str], int]:
+        content = opened.store.content
+        chain = ProvedChain(opened.genesis, ConsentReceipts(opened).epochs())
+        found = list(check_all(content, chain, opened.genesis.chain_id))
+        return found, custodian_names(opened, language_in_use()), content.proofs_dropped_count
+
+    found, names, dropped_count = run_opened(ctx, action)
+    proofs = [each for each in found if isinstance(each, CheckedProof)]
+    problems = [each for each in found if isinstance(each, BlockRobotError)]
+    proofs.sort(key=lambda each: (each.height, each.index))
+    if as_json:
+        told = [{"code": error.code, "detail": error.detail} for error in problems]
+        print_json(
+            {"ok": True, "receipts": [_row(each) for each in proofs], "problems": told, "dropped": dropped_count}
+        )
+        return
+    for proof in proofs:
+        console.print(escape(_line(proof, names)))
+    for error in problems:
+        console.print(escape(" ".join(describe_error(error))))
+    console.print(text("kept.source" if proofs else "kept.none", count=len(proofs)))
+    if dropped_count:
+        console.print(text("kept.dropped", count=dropped_count))

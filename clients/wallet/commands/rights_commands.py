@@ -1,0 +1,293 @@
+"""`blockrobot wallet restrict|lift|object|correct|wrong-person`. Must never take what a person writes as an argument."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import click
+
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.wallet_context import run_opened
+from clients.wallet.consent.consent_by_mandate import FOR_ONESELF, Represented, find_represented, for_option, handle_of
+from clients.wallet.consent.rights_requests import Chosen, Rights, Said, choose, write_correction
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import WrongUsage, purposes_text, text
+from consensus.errors import BlockRobotError
+from consensus.members.handles import encode_short
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.right_codes import CORRECTIONS, GROUNDS, KEEPING_GROUNDS, Correction
+from pages.moments import show_moment
+
+Spoken = tuple[list[Said], BlockRobotError | None]
+
+
+def _what(command: Any) -> Any:
+    visit = click.option(
+        "--visit", "visits", multiple=True, help="A whole visit, by the beginning of its name; may be repeated."
+    )
+    return click.argument("record_ids", nargs=-1)(visit(command))
+
+
+def _now(command: Any) -> Any:
+    return click.option(
+        "--now", is_flag=True, help="Without pauses between visits: whoever watches can tell that they are one's."
+    )(command)
+
+
+def _require_named(record_ids: tuple[str, ...], visits: tuple[str, ...]) -> None:
+    if not record_ids and not visits:
+        raise WrongUsage("name_records")
+
+
+async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str, ...]) -> list[Chosen]:
+    return choose(await opened.records(), record_ids, visits)
+
+
+def said_json(said: Said) -> dict[str, Any]:
+    """Return a word by names, for a program."""
+    return {
+        "visit": said.visit.owner.hex(),
+        "records": [record_id.hex() for record_id in said.record_ids],
+        "txid": said.txid.hex(),
+        "height": said.height,
+        "time_ms": said.time_ms,
+    }
+
+
+def _name(said: Said) -> str:
+    name = said.visit.owner.hex()[:12]
+    return text("rights.some" if said.record_ids else "rights.whole", count=len(said.record_ids), name=name)
+
+
+def _all_of(spoken: Spoken) -> list[Said]:
+    """Return what was said of all; raise the refusal that ended it, after telling of what it was said before."""
+    words, refusal = spoken
+    if refusal is None:
+        return words
+    for said in words:
+        click.echo(text("rights.before_refusal", what=_name(said)), err=True)
+    raise refusal
+
+
+@click.command()
+@_what
+@click.option("--ground", type=click.Choice(sorted(GROUNDS)), required=True, help="Why: see below.")
+@_now
+@json_option
+@click.pass_context
+@plain_errors
+def restrict(
+    ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], ground: str, now: bool, as_json: bool
+) -> None:
+    """Keep records as they are, and let nobody but you see them, until you lift it.
+
+    The ground says why: `accuracy` (it is not right, and being checked), `unlawful` (it should not have been recorded, but
+    is to be kept), `legal-claim` (you need it for a claim), `objection` (you objected, and that is being checked). For
+    `unlawful` and `legal-claim` it is also kept beyond its time, for a year; say it again to prolong that.
+
+    Example: blockrobot wallet restrict --visit 02ab34cd --ground legal-claim
+    """
+    _require_named(record_ids, visits)
+
+    async def action(opened: Wallet) -> Spoken:
+        rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
+        return await rights.say_each(chosen, lambda one: rights.restrict(one, ground), at_once=now, tell=_tell_progress)
+
+    words = _all_of(run_opened(ctx, action))
+    if as_json:
+        rows = [said_json(said) | {"kept_until_ms": said.data["until_ms"] or None} for said in words]
+        print_json({"ok": True, "ground": ground, "restricted": rows})
+        return
+    for said in words:
+        line = text("rights.restricted", what=_name(said))
+        if ground in KEEPING_GROUNDS:
+            line += " " + text("rights.kept", moment=show_moment(said.data["until_ms"]))
+        console.print(line)
+    console.print("  " + text("rights.to_lift"))
+
+
+@click.command()
+@_what
+@_now
+@json_option
+@click.pass_context
+@plain_errors
+def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], now: bool, as_json: bool) -> None:
+    """Lift a restriction. What has outlived its time under it is erased at once.
+
+    Example: blockrobot wallet lift --visit 02ab34cd
+    """
+    _require_named(record_ids, visits)
+
+    async def action(opened: Wallet) -> Spoken:
+        rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
+        return await rights.say_each(chosen, rights.lift, at_once=now, tell=_tell_progress)
+
+    words = _all_of(run_opened(ctx, action))
+    if as_json:
+        print_json({"ok": True, "lifted": [said_json(said) for said in words]})
+    for said in () if as_json else words:
+        console.print(text("rights.lifted", what=_name(said)))
+
+
+def _tell_progress(number: int, count: int) -> None:
+    click.echo(text("rights.progress", number=number + 1, count=count), err=True)
+
+
+@click.command("object")
+@click.option("--purpose", "purposes", multiple=True, help="A purpose's code; may be repeated.")
+@_now
+@click.option(
+    "--recording-only", is_flag=True, help="Object to new recordings only, and leave past visits as they are."
+)
+@for_option
+@json_option
+@click.pass_context
+@plain_errors
+def object_to(
+    ctx: click.Context, purposes: tuple[str, ...], now: bool, recording_only: bool, whom: str | None, as_json: bool
+) -> None:
+    """Object to a purpose: nothing more is recorded of you for it, and nothing that was is released for it.
+
+    For somebody else, by a mandate, it is about new recordings only: past visits are told by the person's own wallet.
+
+    Example: blockrobot wallet object --purpose research
+    """
+    if not purposes:
+        raise WrongUsage("object_what", known=", ".join(PURPOSES))
+    if now and not as_json:
+        click.echo(text("rights.linked"), err=True)
+
+    async def action(opened: Wallet) -> tuple[int, list[Said], Represented | None]:
+        rights, person = Rights(opened), await find_represented(opened, whom)
+        height = await rights.object_to_recording(list(purposes), handle_of(person))
+        if recording_only or person is not None:
+            return height, [], person
+        return height, await rights.object_to_release(list(purposes), at_once=now, tell=_tell_progress), None
+
+    height, words, person = run_opened(ctx, action)
+    if as_json:
+        rows = [said_json(said) for said in words]
+        spoken_for = FOR_ONESELF if person is None else person.as_json()
+        print_json({"ok": True, "purposes": list(purposes), "from_height": height, "visits": rows, **spoken_for})
+        return
+    if person is not None:
+        console.print(text("mandates.said_for", name=encode_short(person.handle)))
+    console.print(text("rights.objected", purposes=purposes_text(purposes), height=height, count=len(words)))
+    console.print("  " + text("rights.objected_next"))
+
+
+def _read_text(text_file: Path | None) -> str:
+    if text_file is not None:
+        return text_file.read_text(encoding="utf-8").strip()
+    if not sys.stdin.isatty():
+        raise WrongUsage("no_terminal_text")
+    return str(click.prompt(text("rights.ask_correction"))).strip()
+
+
+@contextmanager
+def _new_file(path: Path | None) -> Iterator[BinaryIO | None]:
+    """Make a file that only its owner reads, before anything is said; one that is there stays as it is.
+
+    If what is to be written does not come about it is taken away again.
+    """
+    if path is None:
+        yield None
+        return
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+
+
+@click.command()
+@_what
+@click.option("--of", "kind", type=click.Choice(sorted(CORRECTIONS)), default="attribution", show_default=True)
+@click.option("--text-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="What is right.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write it to this new file, to hand it on (mode 0600).",
+)
+@json_option
+@click.pass_context
+@plain_errors
+def correct(
+    ctx: click.Context,
+    record_ids: tuple[str, ...],
+    visits: tuple[str, ...],
+    kind: str,
+    text_file: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Say what is wrong with a visit or records. It stands beside them on the chain; nothing is changed.
+
+    The text stays in your wallet, the chain holds a seal of it. To have the hospital act on it, hand it the file that
+    --out writes: with it, everybody can check that you said it, and when.
+
+    Example: blockrobot wallet correct --visit 02ab34cd --text-file what-is-right.txt --out correction.json
+    """
+    _require_named(record_ids, visits)
+    right = _read_text(text_file)
+
+    async def action(opened: Wallet) -> tuple[Said, Correction]:
+        chosen = await _choose(opened, record_ids, visits)
+        if len(chosen) != 1:
+            raise WrongUsage("correct_one_visit")
+        return await Rights(opened).correct(chosen[0], kind, right)
+
+    with _new_file(out) as file:
+        said, correction = run_opened(ctx, action)
+        if file is not None:
+            file.write(write_correction(correction))
+    if as_json:
+        number = {"number": said.data["number"], "out": None if out is None else str(out)}
+        print_json({"ok": True, "kind": kind, **said_json(said), **number})
+        return
+    console.print(text("rights.corrected", number=said.data["number"] + 1, what=_name(said)))
+    console.print("  " + (text("rights.hand_over", path=out) if out else text("rights.not_handed")))
+
+
+@click.command("wrong-person")
+@click.argument("visit")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> None:
+    """Say that a visit (the beginning of its name) shows somebody else. Nobody sees it from then on, you neither.
+
+    Data protection officers find it among their breaches, and decide within days. You cannot take it back yourself: where
+    the robot's organisation has no officer, it stays so until one is enrolled. Ask at its desk before.
+
+    Example: blockrobot wallet wrong-person 02ab34cd
+    """
+    question = text("rights.ask_wrong_person", no_officer=text("rights.no_officer"))
+    ask_or_say(question, yes=yes, as_json=as_json)
+
+    async def action(opened: Wallet) -> Said:
+        (chosen,) = choose(await opened.records(), (), (visit,))
+        return await Rights(opened).deny(chosen.visit)
+
+    said = run_opened(ctx, action)
+    breach_id, due_ms = said.data["breach_id"].hex(), said.data["due_ms"]
+    if as_json:
+        told = {"breach_id": breach_id, "organisation": said.data["org"], "due_ms": due_ms}
+        print_json({"ok": True, **said_json(said), **told})
+        return
+    console.print(text("rights.wrong_person", organisation=said.data["org"], moment=show_moment(due_ms)))
+    console.print("  " + text("rights.no_officer"))
+    console.print("  " + text("rights.breach", name=breach_id[:12]))
+
+
+COMMANDS = (restrict, lift, object_to, correct, wrong_person)

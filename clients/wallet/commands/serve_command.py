@@ -1,0 +1,189 @@
+"""`blockrobot wallet serve`: the wallet as a page in one's own browser. Must never print or pass on what opens it.
+
+The page is opened by a file that only this user can read; what the file holds works once. The command runs until it is
+stopped, until the page is locked, or until nobody has used it for a while: then the keys leave the memory with it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from clients.sdk.terminal.terminal import (
+    EXIT_FAILED,
+    console,
+    json_option,
+    load_genesis,
+    plain_errors,
+    print_json,
+    problem_json,
+)
+from clients.wallet.cli.invocation import called
+from clients.wallet.cli.wallet_context import read_passphrase, tell_member_gone
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.page.jobs import DECISIONS
+from clients.wallet.page.page import make_page, page_folder
+from clients.wallet.page.passphrase_check import ATTEMPTS_MAX_COUNT
+from clients.wallet.page.session import PageSession
+from clients.wallet.present.translations import say_error, text
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.wallet_lock import claim_wallet, require_wallet
+from pages.local_page import LocalPage
+from pages.opening import open_in_browser
+
+IDLE_DEFAULT_MINUTES = 30
+IDLE_MAX_MINUTES = 24 * 60
+_LOOK_S = 1.0
+ENDINGS = (signal.SIGINT, signal.SIGTERM)
+
+
+@click.command()
+@click.option("--no-browser", is_flag=True, help="Do not open a browser; print which file opens the page.")
+@click.option(
+    "--idle-minutes",
+    type=click.IntRange(1, IDLE_MAX_MINUTES),
+    default=IDLE_DEFAULT_MINUTES,
+    show_default=True,
+    help="End after so long without use.",
+)
+@json_option
+@click.pass_context
+@plain_errors
+def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool) -> None:
+    """Open your wallet as a page in your browser, for you alone: it is served on this machine, and keys stay here.
+
+    It ends with Ctrl-C, with Lock on the page, or when nobody has used it for a while.
+
+    Example: blockrobot wallet serve
+    """
+    path, genesis_path = ctx.obj
+    require_wallet(path)
+    genesis = load_genesis(genesis_path)
+    command = f"{called()} serve"
+    passphrase = read_passphrase()
+    with claim_wallet(path):
+        store = Keystore.open(path, passphrase)
+        wallet = Wallet(store, genesis)
+        session = PageSession(wallet, path.stem, page_folder(path), command=command)
+        try:
+            why = asyncio.run(_serve(wallet, session, idle_minutes, no_browser=no_browser, as_json=as_json))
+            if not as_json:
+                console.print(why)
+        finally:
+            _tell_unfinished(session, as_json=as_json)
+    if session.unfinished or session.was_not_begun:
+        ctx.exit(EXIT_FAILED)
+
+
+def _tell_unfinished(session: PageSession, *, as_json: bool) -> None:
+    """Say what was asked for last on the page and came to nothing, why, and the next step: no page is left to say it."""
+    if as_json and (session.unfinished or session.was_not_begun):
+        told = [{"kind": kind, "error": error and problem_json(error)} for kind, error in session.unfinished]
+        print_json({"ok": False, "unfinished": told, "not_begun": session.was_not_begun})
+        return
+    for kind, error in session.unfinished:
+        is_left = error is None and kind in DECISIONS
+        click.echo("\n" + text(f"serve.unfinished.{kind}"), err=True)
+        if error is not None:
+            click.echo(say_error(error), err=True)
+        click.echo(text("serve.left" if is_left else "serve.again", command=session.command), err=True)
+
+
+async def _serve(wallet: Wallet, session: PageSession, idle_minutes: int, *, no_browser: bool, as_json: bool) -> str:
+    """Serve the page until it is to end; return why it ended, in a sentence."""
+    async with wallet as opened, session:
+        with_endings = _end_in_order(session)
+        page = make_page(session)
+        try:
+            where = await page.start()
+            _tell(where.url, where.redirect_file, no_browser=no_browser, as_json=as_json)
+            _offer_links(page, as_json=as_json)
+            why = await _wait_until_over(session, idle_minutes)
+            session.jobs.begin_to_end()
+            if (session.gate.is_asked or session.jobs.are_decisions_open) and not as_json:
+                console.print(text("serve.finishing"))
+            if session.gate.is_asked:
+                with_endings()
+                await _let_begin(session, as_json=as_json)
+            return why
+        finally:
+            await page.stop()
+            with_endings()
+            tell_member_gone(opened)
+
+
+async def _let_begin(session: PageSession, *, as_json: bool) -> None:
+    """Let begin what waits for its passphrase to be checked: the page stays until then. Say so if it does not begin."""
+    session.was_not_begun = True
+    try:
+        session.was_not_begun = not await session.gate.settle()
+    finally:
+        if session.was_not_begun and not as_json:
+            console.print(text("serve.not_begun", command=session.command))
+
+
+def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
+    """Say where the page is, and open it. The address alone opens nothing."""
+    opened = not no_browser and open_in_browser(file)
+    if as_json:
+        print_json({"ok": True, "url": url, "redirect_file": str(file), "browser_opened": opened})
+        sys.stdout.flush()
+        return
+    if opened:
+        console.print(text("serve.opened", url=url, file=file))
+    else:
+        console.print(text("serve.open_it", file=file))
+    console.print(text("serve.keep"))
+
+
+def _offer_links(page: LocalPage, *, as_json: bool) -> None:
+    """Write a new link whenever somebody at the terminal presses Enter."""
+    if as_json or not sys.stdin.isatty():
+        return
+    making: set[asyncio.Task[None]] = set()
+
+    async def offer() -> None:
+        console.print(text("serve.new_link", file=await page.new_link()))
+
+    def heard() -> None:
+        if not sys.stdin.readline():
+            asyncio.get_running_loop().remove_reader(sys.stdin)
+            return
+        task = asyncio.create_task(offer())
+        making.add(task)
+        task.add_done_callback(making.discard)
+
+    asyncio.get_running_loop().add_reader(sys.stdin, heard)
+
+
+def _end_in_order(session: PageSession) -> Callable[[], None]:
+    """Let Ctrl-C and a request to end close the page in order; return what undoes that."""
+    loop = asyncio.get_running_loop()
+    for number in ENDINGS:
+        loop.add_signal_handler(number, session.ended.set)
+
+    def undo() -> None:
+        for number in ENDINGS:
+            loop.remove_signal_handler(number)
+
+    return undo
+
+
+async def _wait_until_over(session: PageSession, idle_minutes: int) -> str:
+    """Wait for the end: asked for by a signal or on the page, or because nobody has used it for so long."""
+    while True:
+        try:
+            async with asyncio.timeout(_LOOK_S):
+                await session.ended.wait()
+        except TimeoutError:
+            if not session.is_idle(idle_minutes):
+                continue
+            return text("serve.idle", count=idle_minutes)
+        if session.was_given_up:
+            return text("serve.given_up", tries=ATTEMPTS_MAX_COUNT)
+        return text("serve.closed")

@@ -1,0 +1,189 @@
+"""`blockrobot wallet view|verify`: records fetched, checked and opened. Must never show what is not as it was taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import aclosing
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.cli.shell_completion import complete_records
+from clients.wallet.cli.wallet_context import reads_only, run_opened, tell_if_stopped
+from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.present.translations import describe_error, text, withheld_text
+from clients.wallet.records.album import Album
+from clients.wallet.records.leftover_files import find_earlier, find_earlier_of, tell_earlier
+from clients.wallet.records.picture_files import write_pictures
+from clients.wallet.records.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, Viewing, name_places
+from consensus.errors import BlockRobotError
+
+
+async def _view_all(
+    opened: Wallet,
+    entries: list[RecordEntry],
+    purpose: str,
+    *,
+    verdict: bool,
+    album: Album | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> list[RecordView]:
+    viewing = Viewing(opened)
+    views: list[RecordView] = []
+    tell(text("view.doing", number=1, count=len(entries)))
+    async with aclosing(viewing.view_each(entries, purpose, verdict=verdict)) as each:
+        async for view in each:
+            if album is not None:
+                album.written.update(await write_pictures(viewing, view, album.out, album.seen_by(view.entry)))
+                album.missing_rooms.update(viewing.missing_rooms)
+            views.append(view)
+            tell(text("view.doing", number=min(len(views) + 1, len(entries)), count=len(entries)))
+    return views
+
+
+def _view_json(view: RecordView) -> dict[str, Any]:
+    return {
+        "record_id": view.entry.record_id.hex(),
+        "verdict": view.verdict,
+        "frames_counted": view.frames_counted,
+        "frames_committed": len(view.frames),
+        "custodians": list(view.custodians),
+        "frames": [{"number": frame.index + 1, "status": frame.status} for frame in view.frames],
+    }
+
+
+def missing_rooms_json(missing: Mapping[bytes, BlockRobotError]) -> dict[str, Any]:
+    """Return which empty frames nobody had, ready for JSON."""
+    return {"missing_rooms": [{"sha256": digest.hex(), "code": error.code} for digest, error in missing.items()]}
+
+
+def tell_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> None:
+    """Say why pictures are shown without the room, each reason once."""
+    for reason in dict.fromkeys(describe_error(error)[0] for error in missing.values()):
+        console.print(escape(text("view.no_room", reason=reason)))
+
+
+def _print_views(views: list[RecordView]) -> None:
+    if not views:
+        console.print(text("view.nothing"))
+    for view in views:
+        name = view.entry.record_id.hex()
+        pictures = sum(frame.status != STATUS_NOTICE for frame in view.frames)
+        if not pictures:
+            withheld = withheld_text(view.entry.metadata.withheld)
+            console.print(escape(text("view.no_pictures", name=name, withheld=withheld)))
+            if view.miscounted:
+                console.print(f"  [red]{_counts(view)}[/red].")
+            continue
+        whole = sum(frame.status == STATUS_OK for frame in view.frames)
+        line = text("view.whole", name=name, whole=whole, count=pictures)
+        erased = sum(frame.status == STATUS_ERASED for frame in view.frames)
+        if erased:
+            line += "; " + text("view.erased", count=erased)
+        if view.corrupted:
+            line += f"; [red]{text('view.changed', indexes=name_places(view.corrupted))}[/red]"
+        if view.miscounted:
+            line += f"; [red]{_counts(view)}[/red]"
+        console.print(line + ".")
+
+
+def _find_earlier(album: Album, views: list[RecordView], *, of_all: bool) -> list[Path]:
+    """Return what earlier looks left: anywhere in the folder if all was looked at, else of these records.
+
+    The sheet of a whole visit shows more than these records: it is only told of where one of its pictures is gone.
+    """
+    if of_all:
+        return find_earlier(album.out, album.written)
+    gone = [view.entry for view in views if any(frame.status == STATUS_ERASED for frame in view.frames)]
+    records = [view.entry.record_id for view in views]
+    return find_earlier_of(album.out, album.written, records, dict.fromkeys(entry.visit.owner for entry in gone))
+
+
+def _counts(view: RecordView) -> str:
+    return text("view.miscounted", counted=view.frames_counted, committed=len(view.frames))
+
+
+@click.command()
+@click.argument("record_ids", nargs=-1, shell_complete=complete_records)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("pictures"), show_default=True)
+@click.option("--sheet/--no-sheet", default=True, help="Write contact sheets and animations too, or leave them.")
+@click.option("--show/--no-show", default=True, help="Show some pictures in the terminal, where it can.")
+@click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
+@json_option
+@click.pass_context
+@plain_errors
+@reads_only
+def view(
+    ctx: click.Context, record_ids: tuple[str, ...], out: Path, sheet: bool, show: bool, purpose: str, as_json: bool
+) -> None:
+    """Fetch, check and decrypt records (all if none is named) and write them as pictures, labels and sounds.
+
+    A contact sheet (PNG) and an animation (GIF) of each record, and of each visit, show many at a glance.
+
+    A file's name begins with the picture's number in its record, as `erase --frames` takes it.
+
+    Example: blockrobot wallet view 3fa2c19b07de --out pictures
+    """
+    album, sheets = Album(out), list[Path]()
+
+    async def action(opened: Wallet) -> list[RecordView]:
+        entries = tell_visits_linked(await choose_records(opened, record_ids), as_json=as_json)
+        with status_line(text("view.asking"), as_json=as_json) as tell:
+            views = await _view_all(opened, entries, purpose, verdict=False, album=album, tell=tell)
+            if sheet:
+                tell(text("view.drawing"))
+                sheets.extend(path for entry in entries for path in album.write_record(entry))
+                sheets.extend(album.write_visits())
+        return views
+
+    with tell_if_stopped(ctx, lambda: text("view.stopped", count=len(album.written), out=out)):
+        views = run_opened(ctx, action)
+    earlier = _find_earlier(album, views, of_all=not record_ids)
+    if as_json:
+        rows = [_view_json(view) for view in views]
+        files = {"sheets": [str(path) for path in sheets], "earlier": [str(path) for path in earlier]}
+        print_json({"ok": True, "records": rows, "out": str(out), **files, **missing_rooms_json(album.missing_rooms)})
+        return
+    _print_views(views)
+    if any(frame.status == STATUS_OK for view in views for frame in view.frames):
+        console.print(text("view.written", out=out))
+    tell_missing_rooms(album.missing_rooms)
+    for path in [path for path in sheets if path.parent == out] or sheets[:2]:
+        console.print(f"  {path}")
+    tell_earlier(earlier)
+    if show:
+        album.show(console)
+
+
+@click.command()
+@click.argument("record_ids", nargs=-1, shell_complete=complete_records)
+@click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
+@json_option
+@click.pass_context
+@plain_errors
+@reads_only
+def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_json: bool) -> None:
+    """Check records against the chain on this machine, trusting no node, and put the verdict on the chain.
+
+    Example: blockrobot wallet verify
+    """
+
+    async def action(opened: Wallet) -> list[RecordView]:
+        entries = tell_visits_linked(await choose_records(opened, record_ids), as_json=as_json)
+        with status_line(text("view.asking"), as_json=as_json) as tell:
+            return await _view_all(opened, entries, purpose, verdict=True, tell=tell)
+
+    views = run_opened(ctx, action)
+    if as_json:
+        print_json({"ok": True, "records": [_view_json(view) for view in views], "out": None})
+        return
+    _print_views(views)
+    if views:
+        console.print(text("view.verdicts"))
+
+
+COMMANDS = (view, verify)

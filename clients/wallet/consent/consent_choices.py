@@ -1,0 +1,167 @@
+"""A person's say in what is recorded of her: give, refuse, withdraw, and read it back. Must never show what is not proven.
+
+Whoever can give can take back, with fewer words. A word is signed with the member key, since it is about the person and
+no visit; the chain keeps it under her handle. Who acts for her by a mandate signs with the own member key.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.kept_proofs import keep_receipt
+from consensus.limits import TIME_BUCKET_MS
+from consensus.rights.consents import GIVEN, Step, find_consent, read_choices
+from consensus.rights.purposes import require_published
+from consensus.rights.sensors import SENSORS, require_sensor
+from consensus.state.consent import CHOICES
+
+DEPTH = "depth"
+"""By this sensor a robot tells people apart: without a yes to it, nothing of any other is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """What was said, final: its transaction, the block that holds it, and the height from which it holds.
+
+    `count` says how many choices it changed. One that takes back what nobody gave changes none, and still keeps a giving
+    that was said before, and is not final yet, from ever counting.
+    """
+
+    txid: bytes
+    height: int
+    from_height: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One purpose and sensor: the last word, and whether a consent holds at this moment."""
+
+    purpose: str
+    sensor: str
+    holds: bool
+    last: Step
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """All choices of a person, proven as of one block."""
+
+    height: int
+    time_ms: int
+    rows: tuple[Choice, ...]
+
+    def stands(self, row: Choice) -> bool:
+        """Whether the last word is a yes whose period is now; one that holds only from the next block on counts."""
+        last = row.last
+        return last.status == GIVEN and last.from_ms <= self.time_ms and not 0 < last.until_ms <= self.time_ms
+
+    @property
+    def lacking_depth(self) -> list[Choice]:
+        """Each yes by which nothing is kept, since no yes to depth stands for the same purpose."""
+        standing = [row for row in self.rows if self.stands(row)]
+        seen = {row.purpose for row in standing if row.sensor == DEPTH}
+        return [row for row in standing if row.purpose not in seen]
+
+
+def round_period(from_ms: int, until_ms: int) -> tuple[int, int]:
+    """Return a period on full five minutes, never longer than asked for: exact times would be a mark on the chain."""
+    return -(-from_ms // TIME_BUCKET_MS) * TIME_BUCKET_MS, until_ms - until_ms % TIME_BUCKET_MS
+
+
+class Consenting:
+    """The consents of one wallet's person, or of somebody (`represented`, a handle) for whom she acts by a mandate."""
+
+    def __init__(self, wallet: Wallet, represented: bytes | None = None) -> None:
+        self._wallet = wallet
+        self._represented = represented
+
+    @property
+    def _handle(self) -> bytes:
+        return self._represented or self._wallet.store.content.handle
+
+    async def give(
+        self,
+        purposes: list[str],
+        sensors: list[str],
+        *,
+        from_ms: int = 0,
+        until_ms: int = 0,
+        height: int = 0,
+        seen_height: int | None = None,
+    ) -> Word:
+        """Consent, in a period (0: no bound), from a height on (0: the block after the one that holds it).
+
+        It names the newest block that she knew, so that it cannot be held back until after a later word, and holds under
+        the notice of that block: whoever showed her one passes the height that proved it as `seen_height`. Otherwise it
+        is the newest block that this wallet can prove final. Raises VALUE_INVALID for unknown codes, NOT_REGISTERED,
+        CALL_REFUSED with the contract's code (WORD_OLDER if something was said on another device meanwhile).
+        """
+        self.require_known(purposes, sensors)
+        await self._wallet.require_registered()
+        seen = seen_height
+        if seen is None:
+            seen = (await self._wallet.network.newest_header(self._wallet.keys.identity)).height
+        period = round_period(from_ms, until_ms)
+        return await self._say("give", "given", purposes, sensors, *period, height, seen)
+
+    async def refuse(self, purposes: list[str], sensors: list[str]) -> Word:
+        """Say no to purposes, by these sensors or (none named) by all. Raises as `give`."""
+        return await self._say("refuse", "refused", purposes, sensors)
+
+    async def withdraw(self, purposes: list[str], sensors: list[str]) -> Word:
+        """Take back what was given for these purposes and sensors; none named: every one. Raises as `give`."""
+        return await self._say("withdraw", "withdrawn", purposes, sensors)
+
+    async def _say(self, entry: str, event: str, purposes: list[str], sensors: list[str], *more: int) -> Word:
+        self.require_known(purposes, sensors)
+        await self._wallet.require_registered()
+        receipt = await self._wallet.network.call(
+            self._wallet.keys.identity, "consent", entry, [self._handle, purposes, sensors, *more]
+        )
+        if self._represented is None:  # an export tells of kept receipts as of own words
+            keep_receipt(self._wallet.store.content, receipt)
+        (data,) = receipt.event_data("consent", event)
+        count = data.get("count", len(purposes) * len(sensors or SENSORS))
+        return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
+
+    def require_known(self, purposes: list[str], sensors: list[str]) -> None:
+        """Raise PURPOSE_UNKNOWN, SENSOR_UNKNOWN for a code that is no purpose of this network, or no sensor."""
+        require_published(purposes, self._wallet.genesis.purposes)
+        for code in sensors:
+            require_sensor(code)
+
+    async def choices(self) -> Choices:
+        """Return all choices, proven. Raises NOT_REGISTERED, PROOF_*."""
+        await self._wallet.require_registered()
+        place = CHOICES.key(self._handle)
+        state = await self._wallet.network.state_values([place], self._wallet.keys.identity)
+        rows = [
+            _choice(purpose, sensor, steps, state.height, state.timestamp_ms)
+            for (purpose, sensor), steps in sorted(read_choices(state.values[place]).items())
+        ]
+        return Choices(height=state.height, time_ms=state.timestamp_ms, rows=tuple(rows))
+
+
+def _choice(purpose: str, sensor: str, steps: tuple[Step, ...], height: int, time_ms: int) -> Choice:
+    consent = find_consent(steps, height)
+    holds = consent is not None and consent.from_ms <= time_ms and not 0 < consent.until_ms <= time_ms
+    return Choice(purpose, sensor, holds, steps[-1])
+
+
+def choice_json(choice: Choice) -> dict[str, Any]:
+    """Return a choice by names, for a program."""
+    last = choice.last
+    return {
+        "purpose": choice.purpose,
+        "sensor": choice.sensor,
+        "holds_now": choice.holds,
+        "status": last.status,
+        "from_height": last.height,
+        "since_ms": last.since_ms,
+        "period_from_ms": last.from_ms or None,
+        "period_until_ms": last.until_ms or None,
+        "mandate_id": last.mandate.hex() or None,
+    }

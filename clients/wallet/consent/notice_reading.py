@@ -1,0 +1,198 @@
+"""What a person is told before anything is recorded, and what changed since: read, remembered, compared.
+
+Must never show words that are not proved, nor count a notice as shown before it was on her screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.chain.notices import organisation_of_card, public_values
+from clients.sdk.chain.proved_rows import proved_row
+from clients.sdk.proof_checks import ProvedState
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import language_in_use, refusal, section, text
+from consensus.errors import BlockRobotError
+from consensus.members.vouchers import decode_card_code
+from consensus.rights.notices import (
+    NoticeRow,
+    PublishedNotice,
+    askable_pairs,
+    read_published,
+    read_row,
+    require_told,
+    tell_changes,
+    tell_notice,
+)
+from consensus.rights.sensors import SENSORS
+from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.identity import MEMBER
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a person is told now. `published` is None where nothing is published.
+
+    `before` is the version under which she consented last, if it is another one; `changes` what changed since then.
+    `height` is that of the block whose state proves that no later version had come.
+    """
+
+    organisation: str
+    published: PublishedNotice | None
+    height: int
+    before: NoticeRow | None = None
+    changes: tuple[str, ...] = ()
+
+    @property
+    def version(self) -> int:
+        """The version in force, 0 where there is none."""
+        return 0 if self.published is None else self.published.row.version
+
+    def askable(self, purposes: Sequence[str]) -> dict[str, list[str]]:
+        """Return of these purposes those to which she can agree, each with its sensors; all where nothing is published."""
+        if self.published is None:
+            return {code: sorted(SENSORS) for code in purposes}
+        named = askable_pairs(self.published.notice)
+        return {code: named[code] for code in purposes if code in named}
+
+    def other_grounds(self) -> dict[str, str]:
+        """Return the purposes that rest on no consent, each with its ground of Art. 6."""
+        named = [] if self.published is None else self.published.notice.purposes
+        return {purpose.code: purpose.lawful_basis for purpose in named if not purpose.rests_on_consent}
+
+    def require_named(self, purposes: Sequence[str], sensors: Sequence[str]) -> None:
+        """Raise unless it names all these sensors for all these purposes, and asks: nobody can agree to anything else.
+
+        Where nothing is published she is told that, and may go on. Raises as `require_told`.
+        """
+        if self.published is not None:
+            require_told(self.published, purposes, sensors)
+
+    def lines(self) -> list[str]:
+        """Return it for people: the words, without what changed."""
+        if self.published is None:
+            return [text("notice.none_published", organisation=self.organisation)]
+        head = text("notice.head", organisation=self.organisation, version=self.version)
+        return [head, *(f"  {line}" for line in self.words(language_in_use()))]
+
+    def words(self, language: str) -> list[str]:
+        """Return the words as they were published, with headings in a language; none where nothing is published."""
+        if self.published is None:
+            return []
+        labels = {key: str(label) for key, label in section("notice.line", language).items()}
+        whose = text("notice.own_words", language=language, organisation=self.organisation)
+        return [*tell_notice(self.published.notice, labels), whose]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a program."""
+        row = None if self.published is None else self.published.row
+        return {
+            "organisation": self.organisation,
+            "version": self.version,
+            "hash": None if row is None else row.digest.hex(),
+            "published_at_ms": None if row is None else row.time_ms,
+            "consented_version": None if self.before is None else self.before.version,
+            "changes": list(self.changes),
+            "lines": [] if self.published is None else tell_notice(self.published.notice),
+        }
+
+
+class Notices:
+    """What the organisations of one wallet's person tell her."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+
+    async def for_card(self, code: str) -> Told:
+        """Return what the organisation that issued a card tells people, before anybody is registered.
+
+        Raises VOUCHER_INVALID, NOTICE_INVALID, PROOF_*.
+        """
+        organisation = await organisation_of_card(self._wallet.network, decode_card_code(code))
+        return await self._read(organisation, registered=False)
+
+    async def current(self) -> Told:
+        """Return what the person's organisation tells her now, and what changed since she consented.
+
+        Raises NOT_REGISTERED, NOTICE_INVALID, PROOF_*.
+        """
+        organisation = await self._organisation()
+        told = await self._read(organisation, registered=True)
+        consented = self._wallet.store.content.notice_consented_version
+        if not 0 < consented < told.version or told.published is None:
+            return told
+        before = await self._version(organisation, consented, registered=True)
+        changes = tell_changes(before.notice, told.published.notice)
+        return Told(organisation, told.published, told.height, before.row, tuple(changes))
+
+    async def of_organisation(self, organisation: str) -> Told:
+        """Return what an organisation tells its people now, whoever reads it. Raises NOTICE_INVALID, PROOF_*."""
+        return await self._read(organisation, registered=True)
+
+    async def changed_since_consent(self) -> NoticeRow | None:
+        """Return the version in force if it came after the one under which she consented; None otherwise."""
+        consented = self._wallet.store.content.notice_consented_version
+        if not consented:
+            return None
+        row, _ = await self._newest(await self._organisation(), registered=True)
+        return row if row is not None and row.version > consented else None
+
+    async def due(self) -> Told | None:
+        """Return what she has to be told before she consents: a version that this wallet never showed; None if it did.
+
+        Where nothing was ever published there is nothing to show.
+        """
+        told = await self.current()
+        return told if self.is_new(told) else None
+
+    def is_new(self, told: Told) -> bool:
+        """Tell whether this wallet never showed it."""
+        return told.version > self._wallet.store.content.notice_shown_version
+
+    def note_shown(self, told: Told) -> None:
+        """Remember that this was on her screen."""
+        content = self._wallet.store.content
+        content.notice_shown_version = max(content.notice_shown_version, told.version)
+        self._wallet.store.save()
+
+    def note_consented(self, told: Told) -> None:
+        """Remember that this was on her screen, and that she consented under it: what came later is new to her."""
+        content = self._wallet.store.content
+        content.notice_consented_version = max(content.notice_consented_version, told.version)
+        self.note_shown(told)
+
+    async def _organisation(self) -> str:
+        await self._wallet.require_registered()
+        member = self._wallet.keys.identity
+        row = await proved_row(self._wallet.reading(member), MEMBER, member.public_key)
+        if row is None:
+            raise BlockRobotError("NOT_REGISTERED")
+        return row.org
+
+    async def _read(self, organisation: str, *, registered: bool) -> Told:
+        row, height = await self._newest(organisation, registered=registered)
+        if row is None:
+            return Told(organisation, None, height)
+        return Told(organisation, await self._version(organisation, row.version, registered=registered), height)
+
+    async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeRow | None, int]:
+        """Return the version in force and the height as of which that is proved."""
+        key = NOTICE.key(organisation)
+        state = await self._values([key], registered=registered)
+        return read_row(organisation, state.values[key]), state.height
+
+    async def _version(self, organisation: str, version: int, *, registered: bool) -> PublishedNotice:
+        key = NOTICE_TEXT.key(version, organisation)
+        found = read_published(organisation, (await self._values([key], registered=registered)).values[key])
+        if found is None:
+            raise refusal("NOTICE_NOT_FOUND", "notice_version", organisation=organisation, version=version)
+        return found
+
+    async def _values(self, keys: Sequence[bytes], *, registered: bool) -> ProvedState:
+        """Read in the member's session once there is one, in nobody's before."""
+        network = self._wallet.network
+        if registered:
+            return await network.state_values(keys, self._wallet.keys.identity)
+        return await public_values(network, keys)

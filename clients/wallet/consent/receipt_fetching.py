@@ -1,0 +1,226 @@
+"""The wallet's consent receipts: fetched from a node of one's own organisation, checked, signed, kept.
+
+Must never sign or keep a receipt that does not say what this wallet's own key said, as the chain holds it, nor one of a
+consent to what the notice in force did not ask for.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass
+
+import msgspec
+
+from clients.bundle.checks.chain_proofs import ProvedChain
+from clients.bundle.checks.consent_receipts import CheckedReceipt, check_entry, read_reference, state_keys
+from clients.bundle.documents import ReceiptEntry
+from clients.sdk.chain.contract_events import Place, read_events
+from clients.sdk.chain.proved_rows import proved_row
+from clients.sdk.connections import NodeAddress
+from clients.sdk.node_answers import Answer, read_answer, read_hex
+from clients.wallet.export.proof_collection import StateCollector
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.kept_proofs import receipt_proof
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode
+from consensus.rights.consent_receipts import sign_as_person
+from consensus.rights.consents import GIVEN
+from consensus.rights.notices import require_told
+from consensus.state.consent import CONSENT
+from consensus.state.identity import MEMBER
+
+ASK_PAUSE_S = 0.25
+ASK_PASSES_COUNT = 12
+ASK_MAX_S = 10.0
+ASK_NODE_MAX_S = 3.0
+_MAY_COME = frozenset({"NOT_FOUND", "NODE_UNREACHABLE"})
+
+
+class SignedReceiptAnswer(Answer, frozen=True):
+    """What a node signed."""
+
+    document: str
+    key: str
+    signature: str
+    transaction: str
+
+
+@dataclass(frozen=True, slots=True)
+class Receipts:
+    """Receipts in the order of the chain, and why others that are due are not here (by transaction)."""
+
+    checked: tuple[CheckedReceipt, ...]
+    entries: tuple[ReceiptEntry, ...]
+    missing: tuple[tuple[bytes, BlockRobotError], ...]
+
+
+class ConsentReceipts:
+    """The receipts of one wallet's person."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+
+    async def obtain(self, txid: bytes, *, said_elsewhere: bool = False) -> CheckedReceipt:
+        """Fetch, check, countersign and keep the receipt of one's own word; it is remembered as due until that worked.
+
+        Its notice counts as the one that she consented under, but for a version that this wallet never showed; of a word
+        `said_elsewhere`, with another copy of the wallet, nobody here knows what was shown.
+
+        Raises CONSENT_RECEIPT_INVALID for one that is not what was said, CONSENT_RECEIPT_ELSEWHERE if no node of the
+        own organisation signs any, as `require_told` for a consent beyond the notice, and what nodes refuse with.
+        """
+        content = self._wallet.store.content
+        if txid not in content.receipts_due:
+            content.receipts_due.append(txid)
+            self._wallet.store.save()
+        entry = await self._fetch(txid)
+        checked = self._check(entry, signed=False)
+        await self._require_own(checked, txid)
+        if checked.word.status == GIVEN and checked.published is not None:
+            require_told(checked.published, checked.word.purposes, checked.word.sensors)
+        document, signature = entry.document.encode(), bytes.fromhex(entry.controller_signature)
+        own = sign_as_person(self._wallet.keys.identity, document, signature)
+        entry = msgspec.structs.replace(entry, person_signature=own.hex())
+        self._check(entry, signed=True)
+        content.receipts.append(msgspec.json.encode(entry))
+        if txid in content.receipts_due:  # two tasks of the wallet's page may have asked for it
+            content.receipts_due.remove(txid)
+        if checked.word.status == GIVEN and checked.published is not None:
+            version = checked.published.row.version
+            if not said_elsewhere:
+                version = min(version, content.notice_shown_version)
+            content.notice_consented_version = max(content.notice_consented_version, version)
+        self._wallet.store.save()
+        return checked
+
+    def _check(self, entry: ReceiptEntry, *, signed: bool) -> CheckedReceipt:
+        genesis = self._wallet.genesis
+        return check_entry(ProvedChain(genesis, self.epochs()), genesis, entry, signed=signed)
+
+    async def _require_own(self, checked: CheckedReceipt, txid: bytes) -> None:
+        """Raise CONSENT_RECEIPT_INVALID unless it is of this word of this person, by her own organisation."""
+        word, member = checked.word, self._wallet.keys.identity
+        if word.txid != txid or word.member != member.public_key:
+            raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another word, or of another person.")
+        row = await proved_row(self._wallet.reading(member), MEMBER, member.public_key)
+        if row is None or word.handle != row.handle or checked.organisation != row.org:
+            raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is not by the organisation that registered you.")
+
+    async def _fetch(self, txid: bytes) -> ReceiptEntry:
+        wallet = self._wallet
+        answer = await self._ask(txid)
+        member, network = wallet.keys.identity, wallet.network
+        receipt = await network.wait_final(txid, lane=member.public_key)
+        if receipt.evidence is None:
+            raise BlockRobotError("PROOF_INVALID", "The node proved nothing of the word.")
+        organisation, version = read_reference(answer.document.encode())
+        collector = StateCollector(wallet, member)
+        await collector.read(state_keys(read_hex(answer.key), member.public_key, organisation, version))
+        return ReceiptEntry(
+            document=answer.document,
+            controller_key=answer.key,
+            controller_signature=answer.signature,
+            person_signature="",
+            transaction=answer.transaction,
+            proof=receipt_proof(receipt, receipt.evidence),
+            state=collector.document(),
+        )
+
+    async def _ask(self, txid: bytes) -> SignedReceiptAnswer:
+        """Ask custodians in turn, and again while the word may not have reached them, for ten seconds at most.
+
+        Who does not answer in three is passed over: a custodian that keeps silent may not keep a no waiting. Raises the
+        last refusal.
+        """
+        over_at = time.monotonic() + ASK_MAX_S
+        failure = BlockRobotError("CONSENT_RECEIPT_ELSEWHERE", "No custodian of the network could be asked.")
+        for left in reversed(range(ASK_PASSES_COUNT)):
+            may_come = False
+            for node in self._wallet.network.custody.custodians:
+                left_s = over_at - time.monotonic()
+                if left_s <= 0:
+                    raise failure
+                try:
+                    return await self._ask_node_for(node, txid, min(ASK_NODE_MAX_S, left_s))
+                except BlockRobotError as error:
+                    if error.code != "CONSENT_RECEIPT_ELSEWHERE" or failure.code == error.code:
+                        failure = error
+                    may_come = may_come or error.entry.retryable or error.code in _MAY_COME
+            if not may_come or not left:
+                break
+            await asyncio.sleep(ASK_PAUSE_S)
+        raise failure
+
+    async def _ask_node_for(self, node: NodeAddress, txid: bytes, longest_s: float) -> SignedReceiptAnswer:
+        try:
+            async with asyncio.timeout(longest_s):
+                return await self._ask_node(node, txid)
+        except TimeoutError:
+            detail = f"The custodian {node.name} did not answer in time."
+            raise BlockRobotError("NODE_UNREACHABLE", detail) from None
+
+    async def _ask_node(self, node: NodeAddress, txid: bytes) -> SignedReceiptAnswer:
+        body = msgspec.json.encode({"txid": txid.hex()})
+        key = self._wallet.keys.identity
+        content = await self._wallet.network.ask_node(node, "POST", "/v1/consent-receipts", key=key, body=body)
+        return read_answer(content, SignedReceiptAnswer)
+
+    def epochs(self) -> list[str]:
+        """Return the steps through the epochs that receipts are proved along."""
+        return [encode(proof).hex() for proof in self._wallet.network.light_client.epochs]
+
+    async def all(self, *, search: bool = False) -> Receipts:
+        """Return every receipt, checked anew; fetch those that are due, and with `search` all that the chain knows of.
+
+        Raises CONSENT_RECEIPT_INVALID if a kept one is damaged, NOT_REGISTERED.
+        """
+        await self._wallet.require_registered()
+        content = self._wallet.store.content
+        elsewhere = set()
+        if search:
+            known = {self._check(each, signed=True).word.txid for each in self._kept()}
+            for txid in await self.find_words():
+                if txid not in known and txid not in content.receipts_due:
+                    content.receipts_due.append(txid)
+                    elsewhere.add(txid)
+        missing = []
+        for txid in list(content.receipts_due):
+            try:
+                await self.obtain(txid, said_elsewhere=txid in elsewhere)
+            except BlockRobotError as error:
+                if error.code == "CONSENT_WORD_MISSING":
+                    content.receipts_due.remove(txid)
+                    continue
+                missing.append((txid, error))
+        kept = [(self._check(entry, signed=True), entry) for entry in self._kept()]
+        pairs = list({pair[0].word.txid: pair for pair in kept}.values())  # a file with one twice is refused
+        pairs.sort(key=lambda pair: (pair[0].word.height, pair[0].word.index))
+        checked, entries = tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
+        return Receipts(checked, entries, tuple(missing))
+
+    def _kept(self) -> list[ReceiptEntry]:
+        try:
+            return [msgspec.json.decode(each, type=ReceiptEntry) for each in self._wallet.store.content.receipts]
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            raise BlockRobotError("CONSENT_RECEIPT_INVALID", "A kept receipt was written by another version.") from None
+
+    async def find_words(self) -> list[bytes]:
+        """Return the transactions in which this wallet's member key registered or spoke of her consent, oldest first.
+
+        Who registered without consenting said nothing of it: the node tells, and it is no longer due.
+        """
+        member = self._wallet.keys.identity
+        found: dict[bytes, int] = {}
+        for contract, names in (("identity", ("registered",)), (CONSENT, ("given", "refused", "withdrawn"))):
+            place: Place | None = None
+            while True:
+                page = await read_events(self._wallet.network, member, place, contract=contract)
+                for event in page.events:
+                    own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
+                    if own and event.name in names and not event.data.get("mandate"):
+                        found[event.txid] = event.place.height
+                if not page.events:
+                    break
+                place = page.next
+        return sorted(found, key=lambda txid: found[txid])

@@ -1,0 +1,245 @@
+"""A person's rights over what was recorded: restrict, object, correct, deny. Must never let one word join her to a visit.
+
+What is about a visit is signed with that visit's owner key; only an objection to being recorded at all with her member
+key. Where one word goes to many visits, they are spoken to one by one, in an order and at moments that chance decides.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+
+from clients.wallet.ledger.id_prefix import VISIT, find_named
+from clients.wallet.ledger.visit_scan import find_record
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.present.translations import DEFAULT_LANGUAGE, code_text, load, purposes_text, refusal, text
+from clients.wallet.store.keystore import KnownVisit
+from consensus.errors import BlockRobotError
+from consensus.rights.purposes import require_published
+from consensus.rights.right_codes import (
+    CORRECTION_MAX_BYTES,
+    CORRECTION_SALT_BYTES,
+    CORRECTIONS,
+    GROUNDS,
+    OWN_PURPOSES,
+    Correction,
+    commit_correction,
+)
+from consensus.state.rights import OBJECTION, QUARANTINE
+
+SPREAD_MAX_MS = 4_000
+Tell = Callable[[int, int], None]
+Sleep = Callable[[float], Awaitable[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What of one visit is meant: these records, or (none) the whole visit."""
+
+    visit: KnownVisit
+    records: tuple[RecordEntry, ...] = ()
+
+    @property
+    def record_ids(self) -> list[bytes]:
+        """The ids, as the contract takes them."""
+        return [entry.record_id for entry in self.records]
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A final word about one visit."""
+
+    visit: KnownVisit
+    record_ids: tuple[bytes, ...]
+    txid: bytes
+    height: int
+    time_ms: int
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Sequence[str]) -> list[Chosen]:
+    """Return what is meant by record ids and by beginnings of visits' names (hexadecimal).
+
+    Raises RECORD_NOT_FOUND and VISIT_NOT_FOUND for what is not this person's, NAME_TOO_SHORT, NAME_AMBIGUOUS.
+    """
+    chosen = [Chosen(_find_visit(reports, start).visit) for start in visits]
+    entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
+    by_visit: dict[bytes, list[RecordEntry]] = {}
+    for record_id in dict.fromkeys(find_record(list(entries), start) for start in record_ids):
+        by_visit.setdefault(entries[record_id].visit.owner, []).append(entries[record_id])
+    whole = {one.visit.owner for one in chosen}
+    chosen += [Chosen(part[0].visit, tuple(part)) for owner, part in by_visit.items() if owner not in whole]
+    return chosen
+
+
+def _find_visit(reports: Sequence[VisitReport], start: str) -> VisitReport:
+    return reports[find_named(VISIT, [report.visit.owner.hex() for report in reports], start)]
+
+
+class Rights:
+    """The rights of one wallet's person."""
+
+    def __init__(self, wallet: Wallet, *, sleep: Sleep = asyncio.sleep) -> None:
+        self._wallet = wallet
+        self._sleep = sleep
+
+    async def _say(self, chosen: Chosen, entry: str, arguments: list[Any], event: str) -> Said:
+        key = self._wallet.owner_key(chosen.visit)
+        receipt = await self._wallet.network.call(key, "rights", entry, arguments)
+        (data,) = receipt.event_data("rights", event)
+        named = tuple(chosen.record_ids)
+        return Said(chosen.visit, named, receipt.txid, receipt.height, receipt.timestamp_ms, data)
+
+    async def restrict(self, chosen: Chosen, ground: str) -> Said:
+        """Let nobody but her see records any more. Raises VALUE_INVALID, CALL_REFUSED with the contract's code."""
+        if ground not in GROUNDS:
+            raise refusal("VALUE_INVALID", "right_ground", given=ground, known=", ".join(GROUNDS))
+        return await self._say(chosen, "restrict", [chosen.record_ids, ground], "restricted")
+
+    async def lift(self, chosen: Chosen) -> Said:
+        """Lift a restriction. Raises CALL_REFUSED with the contract's code."""
+        return await self._say(chosen, "lift", [chosen.record_ids], "lifted")
+
+    async def deny(self, visit: KnownVisit) -> Said:
+        """Say that a visit shows somebody else. Raises CALL_REFUSED with the contract's code."""
+        return await self._say(Chosen(visit), "wrong_person", [], "quarantined")
+
+    async def correct(self, chosen: Chosen, kind: str, text: str) -> tuple[Said, Correction]:
+        """Append a correction; its text stays in this wallet. Raises VALUE_INVALID, CALL_REFUSED.
+
+        It is kept before it is said: if the chain took it and the answer was lost, text and salt are still there.
+        """
+        if kind not in CORRECTIONS:
+            raise refusal("VALUE_INVALID", "right_correction", given=kind, known=", ".join(CORRECTIONS))
+        if not 0 < len(text.encode()) <= CORRECTION_MAX_BYTES:
+            raise refusal("VALUE_INVALID", "right_bytes", most=CORRECTION_MAX_BYTES)
+        correction = Correction(
+            kind=kind,
+            text=text,
+            salt=secrets.token_bytes(CORRECTION_SALT_BYTES).hex(),
+            visit=chosen.visit.owner.hex(),
+            record_ids=[record_id.hex() for record_id in chosen.record_ids],
+        )
+        store = self._wallet.store
+        store.content.corrections.append(correction)
+        store.save()
+        arguments = [chosen.record_ids, kind, commit_correction(correction)]
+        try:
+            return await self._say(chosen, "rectify", arguments, "corrected"), correction
+        except BlockRobotError as error:
+            if error.code == "CALL_REFUSED":
+                store.content.corrections.remove(correction)
+                store.save()
+            raise
+
+    async def object_to_recording(self, purposes: list[str], represented: bytes | None = None) -> int:
+        """Object to being recorded for purposes; return the height from which it counts. Raises VALUE_INVALID.
+
+        `represented` is the handle of somebody for whom she acts by a mandate.
+        """
+        self._check(purposes)
+        await self._wallet.require_registered()
+        arguments = [represented or self._wallet.store.content.handle, purposes]
+        receipt = await self._wallet.network.call(self._wallet.keys.identity, "rights", "object_to", arguments)
+        (data,) = receipt.event_data("consent", "objected")
+        height: int = data["height"]
+        return height
+
+    async def object_to_release(self, purposes: list[str], *, at_once: bool, tell: Tell) -> list[Said]:
+        """Object, visit by visit, to any release for purposes; visits that said so, or were denied, are passed over.
+
+        Between two visits lies up to four seconds, unless `at_once`: close together, they could be told to be one's.
+        """
+        self._check(purposes)
+        visits = [visit for visit in await self._wallet.scan() if await self._is_to_be_told(visit, purposes)]
+        secrets.SystemRandom().shuffle(visits)
+        said = []
+        for number, visit in enumerate(visits):
+            tell(number, len(visits))
+            if not at_once:
+                await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
+            said.append(await self._say(Chosen(visit), "object_to_release", [purposes], "objected"))
+        return said
+
+    async def say_each(
+        self, chosen: Sequence[Chosen], say: Callable[[Chosen], Awaitable[Said]], *, at_once: bool, tell: Tell
+    ) -> tuple[list[Said], BlockRobotError | None]:
+        """Say something of one visit, or of several as `object_to_release` does; the first refusal ends it.
+
+        Returns what is said, and that refusal: what is final already stays so.
+        """
+        order = list(chosen)
+        secrets.SystemRandom().shuffle(order)
+        said: list[Said] = []
+        for number, one in enumerate(order):
+            if len(order) > 1:
+                tell(number, len(order))
+                if not at_once:
+                    await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
+            try:
+                said.append(await say(one))
+            except BlockRobotError as error:
+                return said, error
+        return said, None
+
+    async def _is_to_be_told(self, visit: KnownVisit, purposes: list[str]) -> bool:
+        keys = [OBJECTION.key(visit.owner), QUARANTINE.key(visit.owner)]
+        found = await self._wallet.values(keys, self._wallet.owner_key(visit))
+        known = OBJECTION.among(found, visit.owner) or {}
+        return QUARANTINE.among(found, visit.owner) is None and not all(code in known for code in purposes)
+
+    def _check(self, purposes: list[str]) -> None:
+        require_published(purposes, self._wallet.genesis.purposes)
+        for code in purposes:
+            if code in OWN_PURPOSES:
+                raise refusal("VALUE_INVALID", "right_own", given=code)
+
+
+def write_correction(correction: Correction) -> bytes:
+    """Return a correction as JSON, for who is to act on it: with it anybody can check the commitment on the chain."""
+    return msgspec.json.format(msgspec.json.encode(correction), indent=2) + b"\n"
+
+
+def read_correction(data: bytes) -> Correction:
+    """Read a correction that was handed on. Raises FILE_UNUSABLE."""
+    try:
+        correction = msgspec.json.decode(data, type=Correction)
+        commit_correction(correction)
+        return correction
+    except (msgspec.MsgspecError, ValueError):
+        raise refusal("FILE_UNUSABLE", "right_file") from None
+
+
+def describe_event(kind: str, data: dict[str, Any], language: str | None = None) -> str:
+    """Return what an entry of the audit says beyond its kind, in a few words; empty if that is all.
+
+    `language`: the one in use, if none is named. What a program gets is the English one.
+    """
+    key = f"audit.said.{kind}"
+    if key not in load(DEFAULT_LANGUAGE) or (kind == "access_requested" and "grant" not in data):
+        return ""
+    words = text(key, language=language, **_values_of(kind, data, language))
+    more = {"restricted": ("until_ms", "kept"), "breach_notified": ("late", "late")}.get(kind)
+    return words + text(f"audit.said.{more[1]}", language=language) if more and data[more[0]] else words
+
+
+def _values_of(kind: str, data: dict[str, Any], language: str | None) -> dict[str, object]:
+    """Return what is put into the words for an entry."""
+    values: dict[str, object] = dict(data)
+    for name in ("ground", "purpose", "reason", "risk", "recipient", "outcome"):
+        if name in data:
+            values[name] = code_text(name, data[name], language=language)
+    for name in ("breach_id", "grant_id", "grant"):
+        if name in data:
+            values["name"] = data[name].hex()[:12]
+    if kind == "objected":
+        values["purposes"] = purposes_text(data["purposes"], language=language)
+    if kind == "corrected":
+        values |= {"number": data["number"] + 1, "kind": code_text("correction", data["kind"], language=language)}
+    records = data.get("records")
+    return values | {"count": len(records) if isinstance(records, list) else records}

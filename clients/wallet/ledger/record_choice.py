@@ -1,0 +1,27 @@
+"""Which records a command is about. Must never take in a visit that its owner denied, unless it is named."""
+
+from __future__ import annotations
+
+from clients.wallet.ledger.visit_scan import find_record
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.present.linking_notice import tell_linked
+
+
+async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
+    """Return the named records; if none is named all, but for visits that she denied.
+
+    Raises NOT_FOUND for one that is not this person's.
+    """
+    reports = await opened.records()
+    reports = [report for report in reports if record_ids or not report.standing.breach_id]
+    entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
+    if not record_ids:
+        return list(entries.values())
+    return [entries[find_record(list(entries), record_id)] for record_id in record_ids]
+
+
+def tell_visits_linked(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
+    """Say what acting on these records of several visits gives away; return them."""
+    if not as_json:
+        tell_linked(len({entry.visit.owner for entry in entries}))
+    return entries

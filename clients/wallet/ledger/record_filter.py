@@ -1,0 +1,145 @@
+"""Which of one's records are meant: by day, time, robot, sensor; a page at a time. Must never hide what is missing."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport
+from clients.wallet.present.translations import WrongUsage
+from consensus.records.metadata import NOTICE_SENSOR
+from consensus.rights.sensors import require_sensor
+from pages.moments import local_time
+
+PARTS_OF_DAY = {"night": (0, 6), "morning": (6, 12), "afternoon": (12, 18), "evening": (18, 24)}
+"""Hours of this machine's time zone: from the first on, up to the second."""
+_DAY_MINUTES = 24 * 60
+_TIMES = re.compile(r"(\d{1,2}):(\d\d)-(\d{1,2}):(\d\d)")
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """What is asked for. Days and minutes of the day are those of this machine's time zone; empty means all.
+
+    `minutes` is from the first on and up to the second, over midnight if the second is smaller.
+    """
+
+    days: tuple[datetime.date, datetime.date] | None = None
+    minutes: tuple[int, int] | None = None
+    robots: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+
+    @property
+    def narrows(self) -> bool:
+        """Whether anything is left out."""
+        return bool(self.days or self.minutes or self.robots or self.sensors)
+
+    def takes(self, entry: RecordEntry) -> bool:
+        """Tell whether a record is asked for, by when it began."""
+        began = local_time(entry.metadata.started_at_ms)
+        if self.days is not None and not self.days[0] <= began.date() <= self.days[1]:
+            return False
+        if self.minutes is not None:
+            first, end = self.minutes
+            minute = began.hour * 60 + began.minute
+            if not (first <= minute < end if first < end else minute >= first or minute < end):
+                return False
+        if self.robots and not entry.visit.robot.hex().startswith(self.robots):
+            return False
+        return not self.sensors or entry.metadata.sensor in self.sensors
+
+
+def read_days(written: str | None, today: datetime.date) -> tuple[datetime.date, datetime.date] | None:
+    """Return the first and the last day of `today`, `yesterday`, `2027-01-31` or `2027-01-01..2027-01-31`."""
+    if written is None:
+        return None
+
+    def day(name: str) -> datetime.date:
+        named = {"today": today, "yesterday": today - datetime.timedelta(days=1)}
+        return named.get(name.strip()) or datetime.date.fromisoformat(name.strip())
+
+    try:
+        first, _, last = written.partition("..")
+        days = (day(first), day(last or first))
+    except ValueError:
+        raise WrongUsage("no_day", given=written) from None
+    if days[0] > days[1]:
+        raise WrongUsage("day_order")
+    return days
+
+
+def read_minutes(written: str | None) -> tuple[int, int] | None:
+    """Return the minutes of the day of `morning` and the like, or of `09:00-12:30`."""
+    if written is None:
+        return None
+    if written in PARTS_OF_DAY:
+        first, end = PARTS_OF_DAY[written]
+        return first * 60, end * 60
+    found = _TIMES.fullmatch(written.strip())
+    if found:
+        begin_hour, begin_minute, end_hour, end_minute = map(int, found.groups())
+        first, end = begin_hour * 60 + begin_minute, end_hour * 60 + end_minute
+        if first < _DAY_MINUTES and end <= _DAY_MINUTES and first != end and begin_minute < 60 and end_minute < 60:
+            return first, end
+    raise WrongUsage("no_time_of_day", given=written, known=", ".join(PARTS_OF_DAY))
+
+
+def read_filter(
+    day: str | None, time_of_day: str | None, robots: Sequence[str], sensors: Sequence[str], today: datetime.date
+) -> Filter:
+    """Return what a command line asks for. Raises UsageError, SENSOR_UNKNOWN."""
+    for sensor in sensors:
+        if sensor != NOTICE_SENSOR:
+            require_sensor(sensor)
+    named = tuple(robot.lower() for robot in robots)
+    return Filter(read_days(day, today), read_minutes(time_of_day), named, tuple(sensors))
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A visit with its number among all, and those of its records that are shown."""
+
+    number: int
+    report: VisitReport
+    records: tuple[RecordEntry, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """One page of what was found: of `matching_count` records out of `records_count`."""
+
+    visits: tuple[Shown, ...]
+    number: int
+    pages_count: int
+    matching_count: int
+    records_count: int
+
+    @property
+    def shown_count(self) -> int:
+        """How many records this page shows."""
+        return sum(len(each.records) for each in self.visits)
+
+
+def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_page: int = 0) -> Page:
+    """Return one page of the records that are asked for (all if `per_page` is 0), by visit.
+
+    A visit of which something is missing or does not open is always shown, and without a filter one without records too.
+    """
+    rows: list[tuple[int, RecordEntry | None]] = []
+    for place, report in enumerate(reports):
+        taken = [entry for entry in report.records if wanted.takes(entry)]
+        if not taken and (not wanted.narrows or report.missing_count or report.unreadable_ids):
+            rows.append((place, None))
+        rows += [(place, entry) for entry in taken]
+    pages_count = max(1, -(-len(rows) // per_page)) if per_page else 1
+    if page > pages_count:
+        raise WrongUsage("no_page", page=page, count=pages_count)
+    part = rows[(page - 1) * per_page : page * per_page] if per_page else rows
+    visits = tuple(
+        Shown(place + 1, reports[place], tuple(entry for at, entry in part if at == place and entry is not None))
+        for place in dict.fromkeys(at for at, _ in part)
+    )
+    matching = sum(entry is not None for _, entry in rows)
+    return Page(visits, page, pages_count, matching, sum(len(report.records) for report in reports))

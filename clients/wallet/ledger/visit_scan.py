@@ -1,0 +1,81 @@
+"""Finds a person's visits on the chain, with her view key, without telling anyone which they are.
+
+Every wallet reads every announcement, so a node learns nothing from the reading. Must never ask a node about one visit in
+the session of the person's member key: that would join the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from clients.sdk.chain.announcements import Announcement
+from clients.wallet.ledger.id_prefix import RECORD, find_named
+from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.store.member_keys import WalletKeys
+from consensus.primitives.keys import PrivateKey
+from consensus.records.owner_keys import derive_owner_key, scan_announcement
+
+
+def find_own_visits(
+    announcements: Sequence[Announcement], keys: WalletKeys, chain_id: bytes, era: int = 0
+) -> list[KnownVisit]:
+    """Return the visits among `announcements` that belong to these keys. The view tag spares most of the work.
+
+    `era` says in the result which of the wallet's words the keys are of.
+    """
+    found = []
+    for item in announcements:
+        owner = scan_announcement(
+            keys.view, keys.spend.public_key, item.ephemeral, item.view_tag, chain_id=chain_id, robot=item.robot
+        )
+        if owner == item.owner:
+            found.append(
+                KnownVisit(
+                    owner=item.root or item.owner,
+                    ephemeral=item.ephemeral,
+                    robot=item.robot,
+                    sequence=item.number,
+                    bucket_ms=item.bucket_ms,
+                    current=item.owner if item.root else b"",
+                    era=era,
+                )
+            )
+    return found
+
+
+def follow_announcements(
+    visits: list[KnownVisit], announcements: Sequence[Announcement], eras: Sequence[WalletKeys], chain_id: bytes
+) -> None:
+    """Take announcements, in their order, into the list of a wallet's visits. Doing it again changes nothing.
+
+    A visit that was transferred keeps its place under its new key; one whose new key none of `eras` (all keys that the
+    wallet ever had, oldest first) leads to is marked as taken.
+    """
+    own = {
+        found.current or found.owner: found
+        for era, keys in enumerate(eras)
+        for found in find_own_visits(announcements, keys, chain_id, era)
+    }
+    places = {visit.owner: place for place, visit in enumerate(visits)}
+    for item in announcements:
+        name = item.root or item.owner
+        found, place = own.get(item.owner), places.get(name)
+        if found is None:
+            if item.root and place is not None:
+                visits[place].taken = True
+        elif place is None:
+            places[name] = len(visits)
+            visits.append(found)
+        elif item.root:
+            found.sequence = visits[place].sequence
+            visits[place] = found
+
+
+def owner_key(visit: KnownVisit, keys: WalletKeys, chain_id: bytes) -> PrivateKey:
+    """Derive the visit's private owner key o. It is never stored and never leaves this process."""
+    return derive_owner_key(keys.spend, keys.view, visit.ephemeral, chain_id=chain_id, robot=visit.robot)
+
+
+def find_record(known: list[str], wanted: str) -> str:
+    """Return the one record whose id begins so. Raises RECORD_NOT_FOUND, NAME_AMBIGUOUS, NAME_TOO_SHORT."""
+    return known[find_named(RECORD, known, wanted)]

@@ -1,0 +1,81 @@
+"""What stands of a visit by words: its owner's, and officers'. Must never tell of a breach that is over as if it went on.
+
+All of it is read from the visit's proven state and audit, so that no node can leave a word out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from clients.wallet.ledger.visit_audit import AuditEntry
+from consensus.state.keys import Values
+from consensus.state.rights import CORRECTION_COUNT, OBJECTION, QUARANTINE, RESTRICTION, RestrictionRow
+
+OFFICERS_KIND = "erased_by_officers"
+
+
+@dataclass(frozen=True, slots=True)
+class BreachEnd:
+    """How an officer ended the breach that the denial of a visit had opened."""
+
+    breach_id: bytes
+    outcome: str
+    reason: str
+    time_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class OfficersErasure:
+    """What two officers together had erased of a visit, and why."""
+
+    proposal_id: bytes
+    reason: str
+    records: int
+    time_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class VisitRights:
+    """What stands of a visit: `restriction` is the contract's row, `objections` are purposes.
+
+    `breach_id` is there while the visit is in quarantine: until its breach is decided, and for ever if it ended as erased.
+    """
+
+    restriction: RestrictionRow | None = None
+    objections: tuple[str, ...] = ()
+    corrections_count: int = 0
+    breach_id: bytes = b""
+    breach_end: BreachEnd | None = None
+    officers: tuple[OfficersErasure, ...] = ()
+
+    def restricts(self, record_id: bytes) -> bool:
+        """Whether a record is restricted."""
+        return self.restriction is not None and self.restriction.covers(record_id)
+
+
+def read_standing(values: Values, owner: bytes, audit: Sequence[AuditEntry]) -> VisitRights:
+    """Return what stands of a visit by its first key, from proved values and its audit."""
+    return VisitRights(
+        RESTRICTION.among(values, owner),
+        tuple(sorted(OBJECTION.among(values, owner) or {})),
+        CORRECTION_COUNT.among(values, owner) or 0,
+        QUARANTINE.among(values, owner) or b"",
+        _read_end(audit),
+        tuple(
+            OfficersErasure(entry.data["proposal_id"], entry.data["reason"], entry.data["records"], entry.time_ms)
+            for entry in audit
+            if entry.kind == OFFICERS_KIND
+        ),
+    )
+
+
+def _read_end(audit: Sequence[AuditEntry]) -> BreachEnd | None:
+    """Return the end of the last breach; None if there was none, or the visit was denied again since."""
+    end = None
+    for entry in audit:
+        if entry.kind == "denied":
+            end = None
+        elif entry.kind == "breach_closed":
+            end = BreachEnd(entry.data["breach_id"], entry.data["outcome"], entry.data["reason"], entry.time_ms)
+    return end

@@ -1,0 +1,201 @@
+"""Records that are open in the page: frames in memory, checked before they got here. Must never write one to a disk.
+
+They are kept until the page forgets them, or until others need the room.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from clients.sdk.pictures.depth_colours import Depth
+from clients.sdk.pictures.rendition_files import own_depth, own_pixels, sense_file
+from clients.sdk.pictures.rendition_picture import colourise, compose_on, decode_depth_png
+from clients.wallet.page.record_days import kind_of
+from clients.wallet.page.record_seals import Seal, seal_json
+from clients.wallet.present.translations import describe_error
+from clients.wallet.records.viewing import FrameView, RecordView
+from consensus.errors import BlockRobotError
+from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16, ENCODING_WAV, Rendition
+
+HELD_MAX_BYTES = 256 << 20
+CLIP_MAX_BYTES = 64 << 20
+"""Records are added to a clip until it holds so much: it never holds more than that and one record."""
+RECORDS_MAX_COUNT = 80
+_TYPES = {"rgb.png": "image/png", "rgb.jpg": "image/jpeg", "wav": "audio/wav", "label.json": "application/json"}
+
+
+@dataclass
+class OpenClip:
+    """Records of one visit, one after the other. `rooms` are empty frames as PNG, by hash.
+
+    `missing_rooms` says why others are not there.
+    """
+
+    name: str
+    seals: tuple[Seal, ...]
+    rooms: dict[bytes, bytes]
+    missing_rooms: dict[bytes, BlockRobotError]
+    views: tuple[RecordView, ...] = field(init=False)
+    frames: list[tuple[RecordView, FrameView]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.views = tuple(seal.view for seal in self.seals)
+        self.frames = [(view, frame) for view in self.views for frame in view.frames]
+
+    def note_verdicts(self, heights: Mapping[bytes, int]) -> None:
+        """Remember by record in which block what was found of it stands."""
+        self.seals = tuple(replace(seal, verdict_height=heights.get(seal.view.entry.record_id)) for seal in self.seals)
+
+    @property
+    def record_ids(self) -> set[bytes]:
+        """The records that it holds."""
+        return {view.entry.record_id for view in self.views}
+
+    @property
+    def size(self) -> int:
+        """About how many bytes it takes."""
+        return sum(map(size_of, self.views)) + sum(map(len, self.rooms.values()))
+
+    def rendition(self, number: int) -> Rendition:
+        """Return what there is to see at a place. Raises NOT_FOUND."""
+        if not 0 <= number < len(self.frames):
+            raise BlockRobotError("NOT_FOUND", f"The clip has {len(self.frames)} frames.")
+        rendition = self.frames[number][1].rendition
+        if rendition is None or not rendition.pixels:
+            raise BlockRobotError("NOT_FOUND", f"There is nothing to show at {number}.")
+        return rendition
+
+    def depth(self, number: int, *, own: bool) -> Depth:
+        """Return a depth picture in millimetres: with the empty room behind, or (`own`) one's own pixels alone."""
+        rendition = self.rendition(number)
+        if rendition.encoding != ENCODING_PNG16:
+            raise BlockRobotError("NOT_FOUND", "This is no depth picture.")
+        room = self.rooms.get(rendition.background_id)
+        if own or room is None:
+            return own_depth(rendition)
+        box = (rendition.x, rendition.y, rendition.box_width, rendition.box_height)
+        return compose_on(decode_depth_png(room), *box, rendition.pixels)
+
+    def file(self, number: int) -> tuple[str, bytes]:
+        """Return a frame as a file (its media type and bytes): a picture with colours and legend, a sound, a label."""
+        rendition = self.rendition(number)
+        if rendition.encoding == ENCODING_PNG16:
+            return "image/png", colourise(self.depth(number, own=False))
+        suffix, data = sense_file(rendition)
+        return _TYPES[suffix], data
+
+    def own_png(self, number: int) -> bytes:
+        """Return one's own pixels of a depth picture as they were measured."""
+        return own_pixels(self.rendition(number))
+
+    def as_json(self, language: str | None = None) -> dict[str, Any]:
+        """Return it for the page; sentences in `language` (None: the one in use)."""
+        return {
+            "clip": self.name,
+            "visit": self.views[0].entry.visit.owner.hex(),
+            "records": [view.entry.record_id.hex() for view in self.views],
+            "seals": [seal_json(seal, language) for seal in self.seals],
+            "missing_rooms": _reasons(self.missing_rooms, language),
+            "frames": [_frame_json(number, view, frame) for number, (view, frame) in enumerate(self.frames)],
+        }
+
+
+def _reasons(missing: Mapping[bytes, BlockRobotError], language: str | None) -> list[dict[str, str]]:
+    """Tell why empty rooms are missing, each reason once."""
+    told = {error.code: describe_error(error, language)[0] for error in missing.values()}
+    return [{"code": code, "sentence": sentence} for code, sentence in told.items()]
+
+
+def _frame_json(number: int, view: RecordView, frame: FrameView) -> dict[str, Any]:
+    rendition, meta = frame.rendition, view.entry.metadata
+    is_shown = rendition is not None and bool(rendition.pixels)
+    return {
+        "number": number,
+        "record_id": view.entry.record_id.hex(),
+        "index": frame.index,
+        "sequence": None if rendition is None else rendition.sequence,
+        "captured_at_ms": None if rendition is None else rendition.captured_at_ms,
+        "status": frame.status,
+        "kind": _kind(rendition) if rendition is not None and is_shown else None,
+        "holds": kind_of(view.entry),
+        "width": meta.width if rendition is None else rendition.width,
+        "height": meta.height if rendition is None else rendition.height,
+        "own": [rendition.x, rendition.y, rendition.box_width, rendition.box_height]
+        if rendition is not None and rendition.box_width
+        else None,
+    }
+
+
+def size_of(view: RecordView) -> int:
+    """Return about how many bytes an opened record takes, without its empty room."""
+    return sum(len(frame.rendition.pixels) for frame in view.frames if frame.rendition is not None)
+
+
+def _kind(rendition: Rendition) -> str:
+    return {ENCODING_PNG16: "depth", ENCODING_WAV: "sound", ENCODING_LABEL: "label"}.get(rendition.encoding, "picture")
+
+
+def little_endian(depth: Depth) -> bytes:
+    """Return a depth picture's pixels, row by row, 16 bits each, the low byte first."""
+    return np.ascontiguousarray(depth, dtype="<u2").tobytes()
+
+
+class Clips:
+    """The open clips of one page; the one that was used longest ago is forgotten first."""
+
+    def __init__(self, held_max_bytes: int = HELD_MAX_BYTES) -> None:
+        self._held_max_bytes = held_max_bytes
+        self._clips: dict[str, OpenClip] = {}
+
+    def add(
+        self, seals: list[Seal], rooms: dict[bytes, bytes], missing_rooms: dict[bytes, BlockRobotError]
+    ) -> OpenClip:
+        """Keep a clip, and forget others if there is no room."""
+        clip = OpenClip(secrets.token_hex(8), tuple(seals), rooms, missing_rooms)
+        self._clips[clip.name] = clip
+        while len(self._clips) > 1 and sum(each.size for each in self._clips.values()) > self._held_max_bytes:
+            del self._clips[next(iter(self._clips))]
+        return clip
+
+    def find(self, name: str) -> OpenClip:
+        """Return an open clip. Raises CLIP_NOT_OPEN."""
+        clip = self._clips.pop(name, None)
+        if clip is None:
+            raise BlockRobotError("CLIP_NOT_OPEN")
+        self._clips[name] = clip
+        return clip
+
+    def with_record(self, record_id: bytes) -> str | None:
+        """Return the newest clip that holds a record."""
+        for name, clip in reversed(self._clips.items()):
+            if record_id in clip.record_ids:
+                return name
+        return None
+
+    def count_committed(self, record_id: bytes) -> int | None:
+        """Return how many pictures the robot committed to in a record, None unless a clip that is open holds it."""
+        views = [view for clip in self._clips.values() for view in clip.views if view.entry.record_id == record_id]
+        return len(views[-1].frames) if views else None
+
+    def forget(self, name: str) -> None:
+        """Forget a clip, if it is there."""
+        self._clips.pop(name, None)
+
+    def forget_records(self, record_ids: Collection[bytes]) -> None:
+        """Forget every clip that holds one of these records."""
+        for name in [name for name, clip in self._clips.items() if not clip.record_ids.isdisjoint(record_ids)]:
+            del self._clips[name]
+
+    def keep_only(self, record_ids: Collection[bytes]) -> None:
+        """Forget every clip that holds another record than these."""
+        for name in [name for name, clip in self._clips.items() if not clip.record_ids.issubset(record_ids)]:
+            del self._clips[name]
+
+    def forget_all(self) -> None:
+        """Forget every clip."""
+        self._clips.clear()

@@ -1,0 +1,111 @@
+"""How a page is answered: in its reader's language, jobs by their names. Must never answer with anything that is secret."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+from aiohttp import web
+
+from clients.wallet.page.jobs import Job
+from clients.wallet.page.record_seals import verified_block
+from clients.wallet.page.request_fields import Asked
+from clients.wallet.page.session import PageSession
+from clients.wallet.present.translations import LANGUAGES, describe_error, language_in_use
+from consensus.errors import BlockRobotError
+from pages.local_page import PROBLEM_TYPE, Handler, LocalRoute, read_object
+
+QUIET_HEADER = "X-BlockRobot-Quiet-Ms"
+"""How long ago somebody touched the page that asks: it asks by itself too, whenever there are news."""
+VERIFIED_HEADER = "X-BlockRobot-Verified"
+"""The height and the time, in ms, of the block against which the wallet checks when it answers."""
+Answer = Callable[[PageSession, web.Request], Awaitable[web.StreamResponse]]
+
+
+def language_of(request: web.Request) -> str:
+    """Return the language that the page asks for, else that of the command."""
+    wanted = request.headers.get("Accept-Language", "")[:2].lower()
+    return wanted if wanted in LANGUAGES else language_in_use()
+
+
+def problem_json(error: BlockRobotError, language: str) -> dict[str, Any]:
+    """Return a refusal as a problem document (RFC 9457), in a language as far as the catalogue has it."""
+    detail, next_step = describe_error(error, language)
+    return {
+        "type": f"urn:blockrobot:error:{error.code}",
+        "title": error.entry.meaning,
+        "status": error.entry.status,
+        "code": error.code,
+        "detail": detail,
+        "next_step": next_step,
+        "retryable": error.entry.retryable,
+    }
+
+
+def _note_use(session: PageSession, request: web.Request, *, is_use: bool) -> None:
+    """Keep the page open as long as somebody is at it: as long ago as its question says, else now if it is a use."""
+    quiet = request.headers.get(QUIET_HEADER, "")
+    if quiet.isascii() and quiet.isdigit() and len(quiet) <= 12:
+        session.note_use(int(quiet))
+    elif is_use:
+        session.note_use()
+
+
+def route(session: PageSession, method: str, path: str, answer: Answer, *, is_use: bool = True) -> LocalRoute:
+    """Return a route of the page. `is_use`: a request for it that does not say how long nobody was there is a use."""
+    return LocalRoute(method, path, _handler(session, answer, is_use=is_use))
+
+
+def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
+    async def handle(request: web.Request) -> web.StreamResponse:
+        _note_use(session, request, is_use=is_use)
+        try:
+            response = await answer(session, request)
+        except BlockRobotError as error:
+            body = json.dumps(problem_json(error, language_of(request)), ensure_ascii=False).encode()
+            return web.Response(status=error.entry.status, body=body, content_type=PROBLEM_TYPE)
+        if not response.prepared:
+            block = verified_block(session.wallet)
+            response.headers[VERIFIED_HEADER] = f"{block.height} {block.time_ms}"
+        return response
+
+    return handle
+
+
+def answer_json(value: Mapping[str, Any], status: int = 200) -> web.Response:
+    """Return a JSON object."""
+    body = json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode()
+    return web.Response(status=status, body=body, content_type="application/json")
+
+
+def accepted(job: Job) -> web.Response:
+    """Say by which name a job is followed."""
+    return answer_json({"job": job.name}, status=202)
+
+
+async def body_of(request: web.Request) -> Asked:
+    """Return the fields of a request's JSON object; none if it has no body."""
+    return Asked(await read_object(request) if request.can_read_body else {})
+
+
+def query_of(request: web.Request) -> Asked:
+    """Return the fields of a request's query."""
+    return Asked(request.query)
+
+
+def job_json(job: Job, language: str) -> dict[str, Any]:
+    """Return how far a job is."""
+    told: dict[str, Any] = {
+        "job": job.name,
+        "kind": job.kind,
+        "revision": job.revision,
+        "state": job.state,
+        "step": job.step,
+        "done": job.done,
+        "of": job.of,
+        "stoppable": job.is_stoppable and not job.is_over,
+        "result": job.result,
+        "error": None if job.error is None else problem_json(job.error, language),
+    }
+    return told if job.receipts is None else told | {"receipts": job.receipts}

@@ -1,0 +1,193 @@
+"""Records by day, robot, sensor and time of day, from what the wallet knows. Must never ask the network.
+
+A day is one of the reader's time zone, by the robot's clock.
+"""
+
+from __future__ import annotations
+
+import collections
+import datetime
+import re
+import zoneinfo
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.wallet.ledger.robot_names import RobotNames, tell_robot
+from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.page.wallet_snapshot import Snapshot, VisitPart
+from clients.wallet.present.visit_status_text import standing_json, standing_lines
+from consensus.errors import BlockRobotError
+from consensus.records.metadata import NOTICE_SENSOR
+
+_ZONE = re.compile(r"[A-Za-z0-9_+\-]{1,40}(/[A-Za-z0-9_+\-]{1,40}){0,2}", re.ASCII)
+KINDS = {"depth": "depth", "rgb": "picture", "audio": "sound", "emotion": "label", NOTICE_SENSOR: "notice"}
+
+
+def read_zone(name: str) -> datetime.tzinfo | None:
+    """Return a time zone by its name, None for this machine's. Raises REQUEST_INVALID.
+
+    The browser runs on this machine: a zone of which it has no table (a system without tzdata) is this machine's own.
+    """
+    if not name:
+        return None
+    if not _ZONE.fullmatch(name):
+        raise BlockRobotError("REQUEST_INVALID", f"{name[:40]!r} is no name of a time zone.")
+    try:
+        return zoneinfo.ZoneInfo(name)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Which records somebody wants to see; what is empty or 0 does not matter. Minutes are those of the day."""
+
+    day: str = ""
+    robot: str = ""
+    sensor: str = ""
+    visit: str = ""
+    from_ms: int = 0
+    until_ms: int = 0
+    from_minute: int = 0
+    until_minute: int = 24 * 60
+    zone: datetime.tzinfo | None = None
+
+    def moment(self, entry: RecordEntry) -> datetime.datetime:
+        """Return when a record begins, in the zone."""
+        return datetime.datetime.fromtimestamp(entry.metadata.started_at_ms / 1000, self.zone)
+
+    def takes(self, entry: RecordEntry) -> bool:
+        """Tell whether a record is wanted."""
+        start_ms = entry.metadata.started_at_ms
+        if (
+            (self.robot and entry.visit.robot.hex() != self.robot)
+            or (self.sensor and entry.metadata.sensor != self.sensor)
+            or (self.visit and entry.visit.owner.hex() != self.visit)
+            or start_ms < self.from_ms
+            or (self.until_ms and start_ms >= self.until_ms)
+        ):
+            return False
+        if not self.day and self.from_minute == 0 and self.until_minute >= 24 * 60:
+            return True
+        moment = self.moment(entry)
+        if self.day and moment.date().isoformat() != self.day:
+            return False
+        return self.from_minute <= moment.hour * 60 + moment.minute < self.until_minute
+
+
+def recordings(entries: Iterable[RecordEntry]) -> list[RecordEntry]:
+    """Return the records that hold something to see or hear: a note of what was not kept is none."""
+    return [entry for entry in entries if entry.metadata.sensor != NOTICE_SENSOR]
+
+
+def kinds_json(entries: Iterable[RecordEntry]) -> dict[str, int]:
+    """Return how much records still hold of each kind (`depth`, `picture`, `sound`, `label`), the most first."""
+    counts: collections.Counter[str] = collections.Counter()
+    for entry in recordings(entries):
+        counts[kind_of(entry)] += entry.pictures_left_count
+    return {kind: count for kind, count in counts.most_common() if count}
+
+
+def kind_of(entry: RecordEntry) -> str:
+    """Return what a record holds."""
+    return KINDS.get(entry.metadata.sensor, "picture")
+
+
+def select(snapshot: Snapshot, wanted: Wanted) -> list[tuple[VisitPart, RecordEntry]]:
+    """Return the wanted records in order of time."""
+    found = [(part, entry) for part in snapshot.visits for entry in part.report.records if wanted.takes(entry)]
+    return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
+
+
+def row_json(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNames) -> dict[str, Any]:
+    """Return one record as a list shows it."""
+    meta, state = entry.metadata, entry.state
+    verdict = part.verdicts.get(entry.record_id)
+    return {
+        "record_id": entry.record_id.hex(),
+        "visit": entry.visit.owner.hex(),
+        "robot": entry.visit.robot.hex(),
+        "robot_called": tell_robot(entry.visit.robot, names),
+        "status": state.status,
+        "sensor": meta.sensor,
+        "kind": kind_of(entry),
+        "started_at_ms": meta.started_at_ms,
+        "ended_at_ms": meta.ended_at_ms,
+        "frames": entry.pictures_count,
+        "erased_frames": list(state.erased_frames),
+        "index_in_visit": meta.index_in_visit,
+        "expires_at_ms": state.expires_at_ms,
+        "withheld": dict(meta.withheld),
+        "restricted": part.report.standing.restricts(entry.record_id),
+        "denied": bool(part.report.standing.breach_id),
+        "shared": sum(share.shows(entry.record_id, now_ms) for share in part.shares),
+        "verdict": None if verdict is None else verdict.verdict,
+        "verdict_at_ms": None if verdict is None else verdict.time_ms,
+        "height": state.height,
+    }
+
+
+def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str, language: str | None = None) -> dict[str, Any]:
+    """Return a calendar: the days that have records, newest first, and the visits with what is wrong with them.
+
+    Sentences are in `language` (None: the one in use).
+    """
+    days: dict[str, list[tuple[VisitPart, RecordEntry]]] = {}
+    for part, entry in select(snapshot, wanted):
+        days.setdefault(wanted.moment(entry).date().isoformat(), []).append((part, entry))
+    everything = [entry for part in snapshot.visits for entry in part.report.records]
+    return {
+        "zone": zone_name,
+        "days": [_day_json(day, found) for day, found in sorted(days.items(), reverse=True)],
+        "robots": [
+            {"robot": robot.hex(), "called": tell_robot(robot, snapshot.robot_names)}
+            for robot in sorted(snapshot.robots_asked)
+        ],
+        "sensors": sorted({entry.metadata.sensor for entry in recordings(everything)}),
+        "visits": [visit_json(part, language) for part in snapshot.visits],
+    }
+
+
+def _day_json(day: str, found: Sequence[tuple[VisitPart, RecordEntry]]) -> dict[str, Any]:
+    entries = [entry for _, entry in found]
+    verdicts = [part.verdicts.get(entry.record_id) for part, entry in found]
+    return {
+        "day": day,
+        "records": len(recordings(entries)),
+        "notices": len(entries) - len(recordings(entries)),
+        "pictures": sum(entry.pictures_left_count for entry in entries),
+        "withheld": withheld_count(entries),
+        "erased": sum(len(entry.state.erased_frames) for entry in entries),
+        "unsure": sum(verdict is None for verdict in verdicts),
+        "corrupted": sum(verdict is not None and verdict.verdict == "corrupted" for verdict in verdicts),
+        "first_ms": min(entry.metadata.started_at_ms for entry in entries),
+        "last_ms": max(entry.metadata.ended_at_ms for entry in entries),
+        "robots": sorted({entry.visit.robot.hex() for entry in entries}),
+        "sensors": sorted({entry.metadata.sensor for entry in entries}),
+    }
+
+
+def withheld_count(entries: Iterable[RecordEntry]) -> int:
+    """Return how many frames were kept back before these records."""
+    return sum(count for entry in entries for _, count in entry.metadata.withheld)
+
+
+def visit_json(part: VisitPart, language: str | None = None) -> dict[str, Any]:
+    """Return a visit, and what is missing of it; sentences in `language` (None: the one in use)."""
+    report = part.report
+    times = [entry.metadata.started_at_ms for entry in report.records]
+    return {
+        "visit": report.visit.owner.hex(),
+        "robot": report.visit.robot.hex(),
+        "closed": report.closed,
+        "first_ms": min(times, default=report.visit.bucket_ms),
+        "records": len(recordings(report.records)),
+        "pictures": sum(entry.pictures_left_count for entry in report.records),
+        "missing_records": report.missing_count,
+        "erased_records": len(report.erased_ids),
+        "unreadable_records": len(report.unreadable_ids),
+        "needs_former_words": report.needs_former_words,
+        "standing": standing_json(report.standing),
+        "standing_lines": standing_lines(report.standing, language),
+    }

@@ -1,0 +1,114 @@
+"""The seal of a record: what was checked against which block, and what came of it. Must never be good by anybody's word,
+nor while any check of it failed.
+
+It adds no check: it tells those that the wallet made when it fetched and opened the record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import describe_error, text
+from clients.wallet.records.viewing import CHECKS, STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, name_places
+from consensus.errors import BlockRobotError
+from consensus.primitives.hashing import sha256
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedBlock:
+    """The newest block that this wallet itself has verified to be final."""
+
+    height: int
+    time_ms: int
+    block_id: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """A record as it was found, the block that it was checked against, and when, by this machine's clock.
+
+    `verdict_height` is the block in which the verdict stands that was put on the chain.
+    """
+
+    view: RecordView
+    block: VerifiedBlock
+    checked_at_ms: int
+    verdict_height: int | None = None
+
+
+def verified_block(wallet: Wallet) -> VerifiedBlock:
+    """Return the block against whose state the wallet checks now."""
+    client = wallet.network.light_client
+    return VerifiedBlock(client.header.height, client.header.timestamp_ms, sha256(client.pinned_header_bytes))
+
+
+def seal_json(seal: Seal, language: str | None = None) -> dict[str, Any]:
+    """Return a seal for the page; sentences in `language` (None: the one in use)."""
+    view = seal.view
+    state = view.entry.state
+    shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
+    good = sum(frame.status == STATUS_OK for frame in shown)
+    return {
+        "record_id": view.entry.record_id.hex(),
+        "state": "good" if view.verdict == "verified" else "bad",
+        "sentence": _sentence(view, good, len(shown), language),
+        "checks": _checks(view, language),
+        "frames_ok": good,
+        "frames_shown": len(shown),
+        "frames_counted": view.frames_counted,
+        "frames_committed": len(view.frames),
+        "corrupted": view.corrupted,
+        "damaged": view.damaged,
+        "erased": [frame.index for frame in view.frames if frame.status == STATUS_ERASED],
+        "custodians": list(view.custodians),
+        "refused": [
+            {"name": name, "code": code, "sentence": describe_error(BlockRobotError(code), language)[0]}
+            for name, code in view.refused
+        ],
+        "record_height": state.height,
+        "record_txid": state.txid.hex(),
+        "proved_height": seal.block.height,
+        "proved_block_id": seal.block.block_id.hex(),
+        "proved_time_ms": seal.block.time_ms,
+        "checked_at_ms": seal.checked_at_ms,
+        "verdict_height": seal.verdict_height,
+    }
+
+
+def _sentence(view: RecordView, good: int, shown: int, language: str | None) -> str:
+    told = [text("seal.whole", language=language, whole=good, count=shown)]
+    if view.corrupted:
+        told.append(text("seal.changed", language=language, places=name_places(view.corrupted)))
+    if view.miscounted:
+        told.append(text("seal.wrong.complete", language=language, **_counts(view)) + ".")
+    return " ".join(told)
+
+
+def _checks(view: RecordView, language: str | None) -> list[dict[str, Any]]:
+    """Tell what was checked. The first two hold for all that got so far: else there would be nothing to show.
+
+    A check of frames is told where a frame failed it, or all passed it; not if one failed before, and it is not known.
+    """
+    rows = [("header_votes", ""), ("record_on_chain", "")]
+    is_known = True
+    for check in CHECKS:
+        places = name_places([frame.index for frame in view.frames if frame.failed == check])
+        if places or is_known:
+            rows.append((check, places))
+        is_known = is_known and not places
+    found: list[tuple[str, bool, dict[str, Any]]] = [(code, not places, {"places": places}) for code, places in rows]
+    found.append(("complete", not view.miscounted, _counts(view)))
+    return [
+        {
+            "code": code,
+            "ok": ok,
+            "sentence": text(f"seal.{'check' if ok else 'wrong'}.{code}", language=language, **values),
+        }
+        for code, ok, values in found
+    ]
+
+
+def _counts(view: RecordView) -> dict[str, int]:
+    return {"counted": view.frames_counted, "committed": len(view.frames)}

@@ -1,0 +1,176 @@
+"""A person's say, in the page: read, give, refuse, take back. Must never let her give before she was told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from aiohttp import web
+
+from clients.wallet.commands.notice_commands import take_receipt
+from clients.wallet.consent.consent_choices import Consenting, Word, choice_json, round_period
+from clients.wallet.consent.notice_reading import Notices, Told
+from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.page.jobs import Job
+from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
+from clients.wallet.page.session import PageSession
+from clients.wallet.present.translations import refusal
+from consensus.errors import BlockRobotError
+from consensus.rights.consents import GIVEN
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.right_codes import OWN_PURPOSES
+from consensus.rights.sensors import SENSORS
+from pages.local_page import LocalRoute
+
+
+def routes(session: PageSession) -> list[LocalRoute]:
+    """Return the routes of this part."""
+    return [
+        route(session, "GET", "/api/consents", _consents),
+        route(session, "POST", "/api/consents/give", _give),
+        route(session, "POST", "/api/consents/refuse", _refuse),
+        route(session, "POST", "/api/consents/withdraw", _withdraw),
+        route(session, "GET", "/api/consents/receipts", _receipts),
+        route(session, "GET", "/api/notice", _notice),
+        route(session, "POST", "/api/notice/shown", _shown),
+    ]
+
+
+def _told(notices: Notices, told: Told, request: web.Request) -> dict[str, Any]:
+    return told.as_json() | {"must_show": notices.is_new(told), "lines": told.words(language_of(request))}
+
+
+async def _consents(session: PageSession, request: web.Request) -> web.Response:
+    async with session.hold() as wallet:
+        notices = Notices(wallet)
+        found, told = await Consenting(wallet).choices(), await notices.current()
+    known = [code for code in wallet.genesis.purposes if code not in OWN_PURPOSES]
+    askable = told.askable(known)
+    grounds = {code: ground for code, ground in told.other_grounds().items() if code in known}
+    spoken = {row["purpose"] for row in map(choice_json, found.rows)}
+    lacking = found.lacking_depth
+    shown = [code for code in known if code in askable or code in grounds or code in spoken]
+    return answer_json(
+        {
+            "height": found.height,
+            "choices": [choice_json(row) | {"lacks_depth": row in lacking} for row in found.rows],
+            "purposes": {code: PURPOSES.get(code, code) for code in shown},
+            "askable": askable,
+            "grounds": grounds,
+            "sensors": SENSORS,
+            "notice": _told(notices, told, request),
+        }
+    )
+
+
+async def _notice(session: PageSession, request: web.Request) -> web.Response:
+    async with session.hold() as wallet:
+        notices = Notices(wallet)
+        return answer_json(_told(notices, await notices.current(), request))
+
+
+async def _shown(session: PageSession, request: web.Request) -> web.Response:
+    """Note that a notice was on the screen: the one in force, and no other."""
+    asked = await body_of(request)
+    version = asked.number("version")
+    asked.end()
+    async with session.hold() as wallet:
+        notices = Notices(wallet)
+        told = await notices.current()
+        if told.version == version:
+            notices.note_shown(told)
+    session.look_again()
+    return answer_json(_told(notices, told, request))
+
+
+async def _give(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
+    from_ms, until_ms = asked.number("from_ms", 0), asked.number("until_ms", 0)
+    period = round_period(from_ms, until_ms)
+    version = asked.number("notice_version")
+    asked.end()
+    if not purposes or not sensors:
+        raise refusal("REQUEST_INVALID", "consent_choose")
+    if until_ms and period[1] <= max(period[0], session.now_ms()):
+        raise refusal("REQUEST_INVALID", "consent_over")
+
+    async def work(job: Job) -> dict[str, Any]:
+        wallet = session.wallet
+        notices = Notices(wallet)
+        job.tell("reading what you are told")
+        told = await notices.current()
+        if told.version != version:
+            raise BlockRobotError("NOTICE_NOT_SHOWN")
+        told.require_named(purposes, sensors)
+        notices.note_shown(told)
+        job.tell("writing it into the ledger")
+        word = await Consenting(wallet).give(
+            purposes, sensors, from_ms=period[0], until_ms=period[1], seen_height=told.height
+        )
+        answer = await _said(session, job, word, GIVEN)
+        notices.note_consented(told)
+        return answer
+
+    return accepted(session.jobs.start("consent", work))
+
+
+async def _refuse(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
+    asked.end()
+    if not purposes:
+        raise refusal("REQUEST_INVALID", "consent_refuse")
+
+    async def work(job: Job) -> dict[str, Any]:
+        job.tell("writing it into the ledger")
+        return await _said(session, job, await Consenting(session.wallet).refuse(purposes, sensors), "refused")
+
+    return accepted(session.jobs.start("consent", work))
+
+
+async def _withdraw(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
+    asked.end()
+
+    async def work(job: Job) -> dict[str, Any]:
+        job.tell("writing it into the ledger")
+        return await _said(session, job, await Consenting(session.wallet).withdraw(purposes, sensors), "withdrawn")
+
+    return accepted(session.jobs.start("consent", work))
+
+
+async def _said(session: PageSession, job: Job, word: Word, status: str) -> dict[str, Any]:
+    """Fetch the receipt of a word that is final; without one it counts all the same."""
+    job.tell("fetching the receipt")
+    receipted = await take_receipt(session.wallet, word.txid)
+    return {
+        "txid": word.txid.hex(),
+        "height": word.height,
+        "from_height": word.from_height,
+        "count": word.count,
+        "status": status,
+        "sentence": f"It holds from block {word.from_height} on.",
+        **receipted.as_json(),
+        "receipt_sentence": receipted.line(),
+    }
+
+
+async def _receipts(session: PageSession, _request: web.Request) -> web.Response:
+    async with session.hold() as wallet:
+        found = await ConsentReceipts(wallet).all()
+    rows = [
+        {
+            "time_ms": receipt.word.time_ms,
+            "height": receipt.word.height,
+            "status": receipt.word.status,
+            "purposes": list(receipt.word.purposes),
+            "sensors": list(receipt.word.sensors),
+            "signed_by": receipt.node,
+            "organisation": receipt.organisation,
+            "notice_version": None if receipt.published is None else receipt.published.row.version,
+            "sentence": f"Block {receipt.word.height}, signed by {receipt.node} of {receipt.organisation} and by you.",
+        }
+        for receipt in found.checked
+    ]
+    return answer_json({"receipts": rows, "missing": len(found.missing)})

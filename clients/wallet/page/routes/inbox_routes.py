@@ -1,0 +1,70 @@
+"""What a person is to know: who looked, what is missing or changed, what was shared with her. Must never leave any out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from aiohttp import web
+
+from clients.wallet.commands.inbox_commands import read_inbox, receipt_json, receipt_lines, unread_json, unread_line
+from clients.wallet.page.page_answers import answer_json, language_of, route
+from clients.wallet.page.routes.reading_routes import told_erasure
+from clients.wallet.page.session import PageSession
+from clients.wallet.page.wallet_snapshot import VisitPart
+from clients.wallet.present.translations import DEFAULT_LANGUAGE
+from pages.local_page import LocalRoute
+
+
+def routes(session: PageSession) -> list[LocalRoute]:
+    """Return the routes of this part."""
+    return [route(session, "GET", "/api/inbox", _inbox)]
+
+
+async def _inbox(session: PageSession, request: web.Request) -> web.Response:
+    language = language_of(request)
+    async with session.hold() as wallet:
+        found = await read_inbox(wallet)
+    snapshot = session.snapshot
+    looks = [
+        {
+            "time_ms": look.time_ms,
+            "who": share.name_in(language),
+            "records": look.records_count,
+            "visit": share.visit.owner.hex(),
+            "grant_id": share.grant.grant_id.hex(),
+            "sentence": f"{share.name_in(DEFAULT_LANGUAGE)} asked for {look.records_count} records that you share.",
+        }
+        for share in snapshot.shares()
+        for look in share.looks
+    ]
+    alarms = [_alarm(part) for part in snapshot.visits if part.is_alarming]
+    erasures = snapshot.erasures(wallet, session.now_ms())
+    return answer_json(
+        {
+            "reads_new": found.reads_new,
+            "looks": sorted(looks, key=lambda look: look["time_ms"], reverse=True),
+            "alarms": alarms,
+            "received": [receipt_json(each) | {"lines": receipt_lines(each, language)} for each in found.receipts],
+            "unread": [unread_json(each) | {"line": unread_line(each, language)} for each in found.unread],
+            "overdue": [told_erasure(each) for each in erasures if any(word.overdue for word in each.custodians)],
+        }
+    )
+
+
+def _alarm(part: VisitPart) -> dict[str, Any]:
+    """Return what is wrong with a visit."""
+    report, corrupted = part.report, [record_id.hex() for record_id in part.corrupted_ids]
+    told = []
+    if report.missing_count:
+        told.append(f"{report.missing_count} records are missing. Ask the hospital why.")
+    if report.unreadable_ids:
+        told.append(f"{len(report.unreadable_ids)} records do not open with your keys. Ask the hospital why.")
+    if corrupted:
+        told.append(f"{len(corrupted)} records are not as the robot took them, as you found. Ask the hospital why.")
+    return {
+        "visit": report.visit.owner.hex(),
+        "missing_records": report.missing_count,
+        "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
+        "corrupted_records": corrupted,
+        "sentence": " ".join(told),
+    }

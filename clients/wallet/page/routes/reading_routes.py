@@ -1,0 +1,359 @@
+"""What the page shows without asking the network: from what the wallet knows and has proven. Must never change anything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from aiohttp import web
+
+from clients.sdk.pictures.depth_colours import scale_json
+from clients.wallet.cli.wallet_context import member_gone_line
+from clients.wallet.commands.account.rotate_commands import words_lines
+from clients.wallet.commands.share_commands import share_json, share_lines
+from clients.wallet.ledger.visit_audit import AuditEntry, findings_of, records_of
+from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.page.audit_story import event_json
+from clients.wallet.page.jobs import WAIT_MAX_MS
+from clients.wallet.page.page_answers import answer_json, job_json, language_of, problem_json, query_of, route
+from clients.wallet.page.record_days import (
+    Wanted,
+    days_json,
+    kinds_json,
+    read_zone,
+    recordings,
+    row_json,
+    select,
+    visit_json,
+    withheld_count,
+)
+from clients.wallet.page.record_seals import verified_block
+from clients.wallet.page.request_fields import Asked, read_id
+from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
+from clients.wallet.page.wallet_snapshot import VisitPart
+from clients.wallet.present.translations import LANGUAGES, language_in_use, section
+from clients.wallet.records.erasure_status import AskedErasure, custodian_names, erasure_json, erasure_lines
+from clients.wallet.recovery.guardian_lines import guardian_lines
+from clients.wallet.sharing.outgoing_shares import Share
+from consensus.errors import BlockRobotError
+from consensus.rights.purposes import PURPOSES
+from consensus.rights.sensors import SENSORS
+from pages.local_page import LocalRoute
+
+PAGE_RECORDS_COUNT, RECORDS_MAX_COUNT = 200, 2_000
+PAGE_EVENTS_COUNT, EVENTS_MAX_COUNT = 100, 1_000
+NEW_RECORDS_MAX_COUNT = 100
+_DAY_MINUTES = 24 * 60
+
+
+def routes(session: PageSession) -> list[LocalRoute]:
+    """Return the routes of this part."""
+    return [
+        route(session, "GET", "/api/overview", _overview),
+        route(session, "GET", "/api/texts", _texts),
+        route(session, "GET", "/api/changes", _changes, is_use=False),
+        route(session, "POST", "/api/refresh", _refresh),
+        route(session, "POST", "/api/end", _end),
+        route(session, "GET", "/api/jobs/{job}", _job, is_use=False),
+        route(session, "POST", "/api/jobs/{job}/cancel", _cancel),
+        route(session, "GET", "/api/days", _days),
+        route(session, "GET", "/api/records", _records),
+        route(session, "GET", "/api/records/{record}", _record),
+        route(session, "GET", "/api/story", _story),
+        route(session, "GET", "/api/shares", _shares),
+        route(session, "GET", "/api/erasures", _erasures),
+    ]
+
+
+# The page as a whole
+
+
+async def _overview(session: PageSession, request: web.Request) -> web.Response:
+    wallet, language = session.wallet, language_of(request)
+    content, snapshot, genesis = wallet.store.content, session.snapshot, wallet.genesis
+    block = verified_block(wallet)
+    notice = snapshot.notice
+    return answer_json(
+        {
+            "person": {
+                "profile": session.profile,
+                "command": session.command,
+                "registered": bool(content.handle),
+                "handle": content.handle.hex() or None,
+                "role": content.role,
+                "member_gone": wallet.member_gone,
+                "left": content.left,
+            },
+            "network": {
+                "name": genesis.network,
+                "chain_id": genesis.chain_id.hex(),
+                "purposes": {code: PURPOSES.get(code, code) for code in genesis.purposes},
+                "sensors": SENSORS,
+                "custodians": [node.name for node in wallet.network.custody.custodians],
+                "nodes": _nodes_json(session, language),
+            },
+            "verified": {"height": block.height, "time_ms": block.time_ms, "block_id": block.block_id.hex()},
+            "state": session.state,
+            "problem": None if session.problem is None else problem_json(session.problem, language),
+            "refreshed_at_ms": snapshot.read_at_ms or None,
+            "warnings": [*member_gone_line(wallet, language), *words_lines(content, language)],
+            "counts": _counts(session),
+            "guardians": [line._asdict() for line in guardian_lines(content, language)],
+            "notice": None
+            if notice is None
+            else {
+                "organisation": notice.organisation,
+                "version": notice.version,
+                "changed": 0 < content.notice_consented_version < notice.version,
+                "never_shown": notice.version > content.notice_shown_version,
+            },
+            "depth_scale": scale_json(),
+            "news": session.news,
+        }
+    )
+
+
+def _node_state(error: BlockRobotError) -> str:
+    if error.code in LIES:
+        return "lied"
+    return {"NODE_UNREACHABLE": "unreachable", UNKNOWN_YET: "behind"}.get(error.code, "refused")
+
+
+def _nodes_json(session: PageSession, language: str) -> list[dict[str, Any]]:
+    troubles, rows = session.node_troubles(), []
+    for node in session.wallet.network.nodes:
+        error = troubles.get(node.name)
+        state = "fine" if error is None else _node_state(error)
+        sentence = None if error is None or state == "behind" else problem_json(error, language)["detail"]
+        rows.append(
+            {"name": node.name, "state": state, "code": None if error is None else error.code, "sentence": sentence}
+        )
+    return rows
+
+
+def _counts(session: PageSession) -> dict[str, Any]:
+    snapshot, now_ms = session.snapshot, session.now_ms()
+    entries = list(snapshot.entries.values())
+    return {
+        "visits": len(snapshot.visits),
+        "records": len(recordings(entries)),
+        "notices": len(entries) - len(recordings(entries)),
+        "kinds": kinds_json(entries),
+        "withheld": withheld_count(entries),
+        "shares_open": sum(share.grant.row.is_open(now_ms) for share in snapshot.shares()),
+        "erasures_open": sum(not erasure.report.complete for erasure in snapshot.erasures(session.wallet, now_ms)),
+        "alarms": sum(part.is_alarming for part in snapshot.visits),
+        "inbox_news": sum(len(share.looks) for share in snapshot.shares()),
+    }
+
+
+async def _texts(_session: PageSession, request: web.Request) -> web.Response:
+    asked = query_of(request)
+    language = asked.text("language", "") or language_in_use()
+    asked.end()
+    if language not in LANGUAGES:
+        raise BlockRobotError("REQUEST_INVALID", f"The wallet speaks {', '.join(LANGUAGES)}.")
+    texts = section("page", language)
+    response = answer_json({"language": language, "languages": list(LANGUAGES), "texts": texts})
+    response.enable_compression()
+    return response
+
+
+async def _changes(session: PageSession, request: web.Request) -> web.Response:
+    asked = query_of(request)
+    after, wait_ms = asked.number("after", 0), asked.number("wait_ms", 0, most=WAIT_MAX_MS)
+    asked.end()
+    new = await session.wait_news(after, wait_ms)
+    return answer_json(
+        {
+            "news": session.news,
+            "state": session.state,
+            "refreshed_at_ms": session.snapshot.read_at_ms or None,
+            "new_records": [record_id.hex() for record_id in new[-NEW_RECORDS_MAX_COUNT:]],
+            "problem": None if session.problem is None else problem_json(session.problem, language_of(request)),
+        }
+    )
+
+
+async def _refresh(session: PageSession, _request: web.Request) -> web.Response:
+    session.look_again()
+    return answer_json({}, status=202)
+
+
+async def _end(session: PageSession, _request: web.Request) -> web.Response:
+    session.ended.set()
+    return answer_json({})
+
+
+async def _job(session: PageSession, request: web.Request) -> web.Response:
+    asked = query_of(request)
+    after, wait_ms = asked.number("after", 0), asked.number("wait_ms", 0, most=WAIT_MAX_MS)
+    asked.end()
+    job = await session.jobs.wait(request.match_info["job"], after, wait_ms)
+    return answer_json(job_json(job, language_of(request)))
+
+
+async def _cancel(session: PageSession, request: web.Request) -> web.Response:
+    return answer_json({"state": session.jobs.cancel(request.match_info["job"]).state})
+
+
+# Records
+
+
+def read_wanted(asked: Asked) -> tuple[Wanted, str]:
+    """Return which records a query wants, and its time zone's name."""
+    zone = asked.text("zone", "")
+    wanted = Wanted(
+        day=asked.text("day", "", max_chars=10),
+        robot=asked.text("robot", "", max_chars=66).lower(),
+        sensor=asked.text("sensor", "", max_chars=64),
+        visit=asked.text("visit", "", max_chars=66).lower(),
+        from_ms=asked.number("from_ms", 0),
+        until_ms=asked.number("until_ms", 0),
+        from_minute=asked.number("from_minute", 0, most=_DAY_MINUTES),
+        until_minute=asked.number("until_minute", _DAY_MINUTES, most=_DAY_MINUTES),
+        zone=read_zone(zone),
+    )
+    return wanted, zone
+
+
+async def _days(session: PageSession, request: web.Request) -> web.Response:
+    asked = query_of(request)
+    wanted, zone = read_wanted(asked)
+    asked.end()
+    return answer_json(days_json(session.snapshot, wanted, zone, language_of(request)))
+
+
+async def _records(session: PageSession, request: web.Request) -> web.Response:
+    asked = query_of(request)
+    wanted, _ = read_wanted(asked)
+    limit = asked.number("limit", PAGE_RECORDS_COUNT, least=1, most=RECORDS_MAX_COUNT)
+    start = asked.number("cursor", 0)
+    asked.end()
+    found, now_ms = select(session.snapshot, wanted), session.now_ms()
+    rows = [row_json(part, entry, now_ms, session.snapshot.robot_names) for part, entry in found[start : start + limit]]
+    end = start + limit
+    return answer_json({"total": len(found), "next": str(end) if end < len(found) else None, "records": rows})
+
+
+async def _record(session: PageSession, request: web.Request) -> web.Response:
+    snapshot, now_ms = session.snapshot, session.now_ms()
+    entry = snapshot.entry(read_id(request.match_info["record"]))
+    part = snapshot.part_of(entry.visit.owner)
+    meta, visit = entry.metadata, visit_json(part, language_of(request))
+    shares = [share for share in part.shares if entry.record_id in share.left]
+    trail = [_only_of(entry.record_id, each) for each in part.trail if _is_about(part, entry, each)]
+    return answer_json(
+        row_json(part, entry, now_ms, snapshot.robot_names)
+        | {
+            "txid": plain_hex(entry.state.txid),
+            "commitment_root": plain_hex(entry.state.commitment_root),
+            "ciphertext_root": plain_hex(entry.state.ciphertext_root),
+            "width": meta.width,
+            "height_px": meta.height,
+            "withheld_reasons": [
+                {"reason": reason, "count": count, "sentence": reason} for reason, count in meta.withheld
+            ],
+            "standing": visit["standing"],
+            "standing_lines": visit["standing_lines"],
+            **_neighbours(part, entry),
+            "shares": [told_share(share, now_ms, language_of(request)) for share in shares],
+            "events": _events(session, trail, language_of(request)),
+            "clip": session.clips.with_record(entry.record_id),
+        }
+    )
+
+
+def _only_of(record_id: bytes, event: AuditEntry) -> AuditEntry:
+    """Return of a verdict on several records what it says of this one; any other event as it is."""
+    own = [list(finding) for finding in findings_of(event) if finding[0] == record_id]
+    return replace(event, record_id=record_id, data={"verdict": own[0][1], "findings": own}) if own else event
+
+
+def _is_about(part: VisitPart, entry: RecordEntry, event: AuditEntry) -> bool:
+    """Tell whether an event is about a record: alone, among others that it names, or with all of its visit.
+
+    Of a look by a grant the trail has only how many records it was at. So one at several is told of each record of the
+    grant, with their number, though it may have been at others of them only.
+    """
+    record_id, named = entry.record_id, records_of(event)
+    if named:
+        return record_id in named
+    if "erasure_id" in event.data:  # of several records, which the request names and the trail counts
+        asked = (report for report, _ in part.erasures if report.erasure_id == event.data["erasure_id"])
+        return any(record_id in report.state.records for report in asked)
+    if event.kind == "access_requested" and event.data["records"] == 0:
+        return event.height >= entry.state.height
+    grant_id = event.data.get("grant_id", event.data.get("grant"))
+    return any(share.grant.grant_id == grant_id and record_id in share.grant.row.records for share in part.shares)
+
+
+def plain_hex(value: bytes | None) -> str | None:
+    """Return bytes in hexadecimal digits."""
+    return None if value is None else value.hex()
+
+
+def _neighbours(part: VisitPart, entry: RecordEntry) -> dict[str, str | None]:
+    ids = [each.record_id.hex() for each in part.report.records]
+    place = ids.index(entry.record_id.hex())
+    return {
+        "previous": ids[place - 1] if place else None,
+        "next": ids[place + 1] if place + 1 < len(ids) else None,
+    }
+
+
+# What happened
+
+
+def _events(session: PageSession, trail: Sequence[AuditEntry], language: str) -> list[dict[str, Any]]:
+    names = custodian_names(session.wallet, language)
+    ordered = sorted(trail, key=lambda entry: (entry.height, entry.index), reverse=True)
+    return [event_json(entry, names, language) for entry in ordered]
+
+
+async def _story(session: PageSession, request: web.Request) -> web.Response:
+    asked = query_of(request)
+    record, visit = asked.text("record", "", max_chars=64), asked.text("visit", "", max_chars=66)
+    limit = asked.number("limit", PAGE_EVENTS_COUNT, least=1, most=EVENTS_MAX_COUNT)
+    start = asked.number("cursor", 0)
+    asked.end()
+    trail = [
+        entry
+        for part in session.snapshot.visits
+        if not visit or part.report.visit.owner.hex() == visit.lower()
+        for entry in part.trail
+        if not record or entry.record_id.hex() == record.lower()
+    ]
+    trail.sort(key=lambda entry: (entry.height, entry.index), reverse=True)
+    end = start + limit
+    events = _events(session, trail[start:end], language_of(request))
+    return answer_json({"total": len(trail), "next": str(end) if end < len(trail) else None, "events": events})
+
+
+def told_share(share: Share, now_ms: int, language: str) -> dict[str, Any]:
+    """Return one grant for the page."""
+    grant = share.grant
+    more = {"who": share.name_in(language), "purpose_sentence": PURPOSES.get(grant.row.purpose, grant.row.purpose)}
+    return share_json(share, now_ms) | more | {"lines": share_lines(share, now_ms)}
+
+
+async def _shares(session: PageSession, request: web.Request) -> web.Response:
+    now_ms, language = session.now_ms(), language_of(request)
+    people = {given.handle: given.label for given in session.wallet.store.content.given_grants}
+    return answer_json(
+        {
+            "shares": [told_share(share, now_ms, language) for share in session.snapshot.shares()],
+            "people": [{"handle": handle.hex(), "name": label} for handle, label in people.items()],
+        }
+    )
+
+
+def told_erasure(erasure: AskedErasure) -> dict[str, Any]:
+    """Return one erasure for the page."""
+    return erasure_json(erasure) | {"lines": erasure_lines(erasure)}
+
+
+async def _erasures(session: PageSession, _request: web.Request) -> web.Response:
+    found = session.snapshot.erasures(session.wallet, session.now_ms())
+    return answer_json({"erasures": [told_erasure(each) for each in found]})

@@ -1,0 +1,216 @@
+"""What the wallet says, in the language of who uses it: one catalogue of texts, `texts/en.toml` and `texts/pt.toml`.
+
+The command line and the wallet's page read the same files. Must never take a text from anywhere else, and never leave
+someone without one: what a language lacks is said in English, and a test fails.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import IO, Any
+
+import click
+
+from clients.wallet.cli.invocation import as_called
+from consensus.contract_refusals import refusal_code
+from consensus.errors import BlockRobotError
+
+LANGUAGES = ("en", "pt")
+DEFAULT_LANGUAGE = "en"
+LANGUAGE_VARIABLE = "BLOCKROBOT_LANGUAGE"
+ONE, OTHER = "one", "other"
+_META_KEY = "blockrobot.language"
+_BECAUSE = "because"
+_FOLDER = Path(__file__).with_name("texts")
+
+Form = str | Mapping[str, str]
+"""A text, or its plural forms: `one` and `other`, chosen by the value that is called `count`."""
+
+
+def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, Form]:
+    flat: dict[str, Form] = {}
+    for name, value in table.items():
+        key = f"{prefix}{name}"
+        if isinstance(value, str):
+            flat[key] = value
+        elif isinstance(value, Mapping) and set(value) == {ONE, OTHER}:
+            flat[key] = MappingProxyType({form: str(text) for form, text in value.items()})
+        elif isinstance(value, Mapping):
+            flat.update(_flatten(value, f"{key}."))
+        else:
+            raise AssertionError(f"{key} is no text")
+    return flat
+
+
+@functools.cache
+def load(language: str) -> Mapping[str, Form]:
+    """Return a language's texts by their dotted keys (`records.none`)."""
+    return MappingProxyType(_flatten(tomllib.loads((_FOLDER / f"{language}.toml").read_text(encoding="utf-8"))))
+
+
+def _known(wanted: str) -> str | None:
+    """Return the language that a locale or a language's name means (`pt_PT.UTF-8`, `pt-BR`), or None."""
+    name = wanted.replace("-", "_").split(".")[0].split("@")[0].split("_")[0].lower()
+    if name in LANGUAGES:
+        return name
+    return DEFAULT_LANGUAGE if name in {"c", "posix"} else None
+
+
+def find_language(environment: Mapping[str, str] | None = None) -> str:
+    """Return the language that BLOCKROBOT_LANGUAGE names, else the locale (LC_ALL, LC_MESSAGES, LANG), else English."""
+    environment = os.environ if environment is None else environment
+    for variable in (LANGUAGE_VARIABLE, "LC_ALL", "LC_MESSAGES", "LANG"):
+        wanted = environment.get(variable, "")
+        if wanted:
+            return _known(wanted) or DEFAULT_LANGUAGE
+    return DEFAULT_LANGUAGE
+
+
+def language_in_use() -> str:
+    """Return the language of the command that runs: what `--language` said, else what the environment says."""
+    context = click.get_current_context(silent=True)
+    chosen = None if context is None else context.meta.get(_META_KEY)
+    return chosen or find_language()
+
+
+def choose_language(context: click.Context, language: str | None) -> None:
+    """Let the running command speak that language (None: as the environment says), in its errors too."""
+    if language is not None:
+        context.meta[_META_KEY] = language
+
+
+def text(key: str, /, *, language: str | None = None, **values: object) -> str:
+    """Return a text with its values put in; `count` also chooses its plural form. Raises KeyError for no such text.
+
+    Commands of the wallet in it (not those in a value) are called as this very wallet is.
+    """
+    language = language or language_in_use()
+    form = load(language).get(key)
+    if form is None:
+        form = load(DEFAULT_LANGUAGE)[key]
+    if not isinstance(form, str):
+        form = form[ONE if values["count"] == 1 else OTHER]
+    return as_called(form, has_fields=True).format(**values) if values else as_called(form)
+
+
+def refusal(code: str, key: str, /, **values: str | int) -> BlockRobotError:
+    """Return a refusal whose sentence is in the catalogue (`because.KEY`): English for programs, told in each language."""
+    return BlockRobotError(code, _say_because(key, DEFAULT_LANGUAGE, values), **{_BECAUSE: key}, **values)
+
+
+def _say_because(key: str, language: str, values: Mapping[str, Any]) -> str:
+    role = f"role.{values.get('role')}"
+    if role in load(DEFAULT_LANGUAGE):
+        values = {**values, "role": text(role, language=language)}
+    return text(f"{_BECAUSE}.{key}", language=language, **values)
+
+
+class WrongUsage(click.UsageError):
+    """A command line that asks for what cannot be: `usage.KEY`, in the person's language, English in JSON."""
+
+    def __init__(self, key: str, /, **values: Any) -> None:
+        super().__init__(text(f"usage.{key}", language=DEFAULT_LANGUAGE, **values))
+        self.told = text(f"usage.{key}", **values)
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Tell it to a person, as click tells wrong usage."""
+        click.UsageError(self.told, self.ctx).show(file)
+
+
+def code_text(table: str, code: str, *, language: str | None = None) -> str:
+    """Return how a code of the chain is shown (`code.TABLE.CODE`); one that no text is for is shown as it is."""
+    key = f"code.{table}.{code}"
+    return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
+
+
+def reason_text(code: str, *, language: str | None = None) -> str:
+    """Return why frames were withheld, as the wallet's page says it; a reason that no text is for is shown as it is."""
+    key = f"page.reason.{code}"
+    return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
+
+
+def withheld_text(withheld: Sequence[tuple[str, int]], *, language: str | None = None) -> str:
+    """Return how many frames were withheld and why; several reasons each with its count, the most frequent first."""
+    ordered = sorted(withheld, key=lambda one: -one[1])
+    if len(ordered) == 1:
+        reasons = reason_text(ordered[0][0], language=language)
+    else:
+        reasons = "; ".join(
+            text("records.withheld_part", language=language, count=count, reason=reason_text(code, language=language))
+            for code, count in ordered
+        )
+    return text("records.withheld", language=language, count=sum(count for _, count in ordered), reasons=reasons)
+
+
+def purposes_text(purposes: Sequence[str], *, language: str | None = None) -> str:
+    """Return how purposes are shown, one after the other."""
+    return ", ".join(code_text("purpose", code, language=language) for code in purposes)
+
+
+def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
+    """Return all texts below a prefix (`page`), keys without it; plural forms stay {"one", "other"}.
+
+    Values are not put in: whoever shows them replaces `{name}`.
+    """
+    start = f"{prefix}."
+    texts = {**load(DEFAULT_LANGUAGE), **load(language)}
+    return {
+        key.removeprefix(start): as_called(form)
+        if isinstance(form, str)
+        else {name: as_called(one) for name, one in form.items()}
+        for key, form in texts.items()
+        if key.startswith(start)
+    }
+
+
+def describe_error(error: BlockRobotError, language: str | None = None) -> tuple[str, str]:
+    """Return what happened and the next step in the language, as far as the catalogue has them, else in English.
+
+    A sentence that is in the catalogue (`refusal`) stands for itself. Any other that was made for this one case is kept
+    beside the translated meaning, in English: it has the particulars.
+    """
+    language = language or language_in_use()
+    texts = load(language)
+    meaning, next_step = texts.get(f"errors.{error.code}.meaning"), texts.get(f"errors.{error.code}.next_step")
+    # The particulars stay as they are: paths and names in them may look like a command.
+    detail = error.detail
+    told = _because(error, language)
+    if told:
+        detail = told
+    elif isinstance(meaning, str):
+        meaning = as_called(meaning)
+        detail = meaning if error.detail == error.entry.meaning else _with_particulars(meaning, error.detail, language)
+    elif error.detail == error.entry.meaning:
+        detail = as_called(error.detail)
+    if error.next_step != error.entry.next_step:  # that of a contract's own code says more
+        refused = refusal_code(str(error.context.get("contract_code", "")), error.detail)
+        next_step = texts.get(f"refusals.{refused}")
+    return detail, as_called(next_step if isinstance(next_step, str) else error.next_step)
+
+
+def _with_particulars(meaning: str, detail: str, language: str) -> str:
+    """Return a meaning with the particulars of the case, which are in English: elsewhere they are said to be."""
+    return text("ask.particulars", language=language, meaning=meaning, detail=detail)
+
+
+def _because(error: BlockRobotError, language: str) -> str:
+    """Return a refusal's own sentence in the language, behind what was put before it (a file's name); "" if it has none."""
+    values = dict(error.context)
+    key = values.pop(_BECAUSE, None)
+    if key is None:
+        return ""
+    english = _say_because(str(key), DEFAULT_LANGUAGE, values)
+    if not error.detail.endswith(english):
+        return ""
+    return error.detail.removesuffix(english) + _say_because(str(key), language, values)
+
+
+def say_error(error: BlockRobotError) -> str:
+    """Return an error as the command line tells it: what happened, its code, the next step."""
+    detail, next_step = describe_error(error)
+    return text("ask.error", detail=detail, code=error.code, next_step=next_step)

@@ -1,0 +1,117 @@
+"""The pictures that were viewed, gathered: contact sheets and animations as files, a strip of them on the terminal.
+
+Must never hold a picture that its viewer did not ask for, nor write one that others can read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from PIL import Image
+from rich.console import Console
+
+from clients.sdk.terminal.terminal_pictures import Way, find_way, show_picture
+from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.present.translations import text
+from clients.wallet.records.contact_sheet import (
+    FRAMES_MAX_COUNT,
+    TILES_MAX_COUNT,
+    Collection,
+    Tile,
+    draw_animation,
+    draw_sheet,
+    draw_strip,
+)
+from clients.wallet.records.picture_files import Seen, write_private
+from consensus.errors import BlockRobotError
+from pages.moments import show_clock, show_moment
+
+SHEET_NAME = "contact-sheet.png"
+ANIMATION_NAME = "animation.gif"
+SHOWN_RECORDS_MAX = 3
+_NAME_CHARS = 12
+_STRIP_COLUMNS = 36
+_STRIP_TILES_MAX = 4
+
+
+def visit_prefix(owner: bytes) -> str:
+    """Return what the files of a whole visit begin with."""
+    return f"visit-{owner.hex()[:_NAME_CHARS]}-"
+
+
+def _caption(tile: Tile) -> str:
+    return f"{tile.label}  {show_clock(tile.captured_at_ms)}"
+
+
+@dataclass
+class Album:
+    """Gathers pictures of records and of whole visits while they are written below `out`."""
+
+    out: Path
+    records: dict[bytes, Collection] = field(default_factory=dict)
+    visits: dict[bytes, Collection] = field(default_factory=dict)
+    visit_records: dict[bytes, int] = field(default_factory=dict)
+    missing_rooms: dict[bytes, BlockRobotError] = field(default_factory=dict)
+    """Empty frames that nobody had, by their hash, and why."""
+    written: set[Path] = field(default_factory=set)
+    """All files of this look: its sheets and animations, and the pictures that its user says here."""
+
+    def seen_by(self, entry: RecordEntry) -> Seen:
+        """Return what is to be told of each picture of a record."""
+        own = self.records.setdefault(entry.record_id, Collection())
+        whole = self.visits.setdefault(entry.visit.owner, Collection())
+        self.visit_records[entry.visit.owner] = self.visit_records.get(entry.visit.owner, 0) + 1
+
+        def seen(number: int, captured_at_ms: int, make: Callable[[], Image.Image], is_depth: bool) -> None:
+            own.take(str(number), captured_at_ms, make, is_depth=is_depth)
+            whole.take(f"{number} ({entry.record_id.hex()[:_NAME_CHARS]})", captured_at_ms, make, is_depth=is_depth)
+
+        return seen
+
+    def write_record(self, entry: RecordEntry) -> list[Path]:
+        """Write a record's contact sheet, and its animation if it has more than one picture, into its folder."""
+        name = entry.record_id.hex()
+        title = text("view.sheet_record", name=name[:_NAME_CHARS], moment=show_moment(entry.metadata.started_at_ms))
+        files = _write(self.out / name, "", self.records[entry.record_id], title)
+        self.written.update(files)
+        return files
+
+    def write_visits(self) -> list[Path]:
+        """Write a sheet and an animation of each visit of which more than one record was viewed."""
+        written = []
+        for owner, collection in self.visits.items():
+            if self.visit_records[owner] > 1 and collection.count:
+                name = owner.hex()[:_NAME_CHARS]
+                first = collection.some(1)[0].captured_at_ms
+                title = text("view.sheet_visit", name=name, moment=show_moment(first))
+                written += _write(self.out, visit_prefix(owner), collection, title)
+        self.written.update(written)
+        return written
+
+    def show(self, console: Console) -> None:
+        """Show some pictures of the first records on a terminal that can; nothing elsewhere."""
+        way = find_way(console)
+        if way is Way.NONE:
+            return
+        wide = max(1, min(_STRIP_TILES_MAX, console.width // _STRIP_COLUMNS))
+        shown = [(name, kept) for name, kept in self.records.items() if kept.count]
+        for name, collection in shown[:SHOWN_RECORDS_MAX]:
+            tiles = collection.some(wide)
+            console.print(f"{name.hex()[:_NAME_CHARS]}  " + "  ".join(map(_caption, tiles)))
+            show_picture(console, draw_strip(tiles), way)
+
+
+def _write(folder: Path, prefix: str, collection: Collection, title: str) -> list[Path]:
+    tiles: list[Tile] = collection.some(TILES_MAX_COUNT)
+    if not tiles:
+        return []
+    counted = text("view.sheet_count", shown=len(tiles), count=collection.count)
+    sheet = folder / f"{prefix}{SHEET_NAME}"
+    write_private(sheet, draw_sheet(tiles, f"{title}  {counted}", [_caption(tile) for tile in tiles]))
+    if collection.count < 2:
+        return [sheet]
+    animation = folder / f"{prefix}{ANIMATION_NAME}"
+    write_private(animation, draw_animation(collection.some(FRAMES_MAX_COUNT)))
+    return [sheet, animation]

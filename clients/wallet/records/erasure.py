@@ -1,0 +1,138 @@
+"""Erases records or frames of them, and shows the custodians' receipts. Must never call erased what is only asked for."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from clients.sdk.terminal.plurals import counted
+from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.present.translations import refusal
+from clients.wallet.records.viewing import Viewing
+from clients.wallet.store.kept_proofs import keep_erasure
+from clients.wallet.store.keystore import KnownVisit
+from consensus.errors import BlockRobotError
+from consensus.limits import CLIP_FRAMES_MAX_COUNT
+from consensus.records.metadata import NOTICE_SENSOR
+from consensus.state.erasure import REQUEST, ErasureRow
+
+RECORDS_A_REQUEST_MAX_COUNT = 64
+_POLL_S = 0.1
+_LOOK_PURPOSE = "own-access"
+
+
+@dataclass(frozen=True, slots=True)
+class ErasureReport:
+    """One erasure request, proven, with its receipts so far."""
+
+    erasure_id: bytes
+    visit: KnownVisit
+    state: ErasureRow
+
+    @property
+    def complete(self) -> bool:
+        """Whether every custodian has confirmed."""
+        return self.state.status == "complete"
+
+
+def missing_pictures(frames: Sequence[int], count: int) -> list[int]:
+    """Return those of some pictures (indexes) that a record of so many pictures does not have."""
+    return [index for index in frames if index >= count]
+
+
+def split_erased(entry: RecordEntry, frames: Sequence[int], trail: Sequence[AuditEntry]) -> tuple[list[int], list[int]]:
+    """Return which pictures (indexes) of a record are left to erase, and which are erased or being erased already.
+
+    The record names a picture only once every custodian has confirmed; that it was asked for stands in the visit's trail.
+    """
+    gone = set(entry.state.erased_frames)
+    for each in trail:
+        if each.kind == "erasure_requested" and each.record_id == entry.record_id:
+            gone.update(each.data.get("frames", ()))
+    return [index for index in frames if index not in gone], [index for index in frames if index in gone]
+
+
+class Erasing:
+    """Erasure of one person's records."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+
+    async def count_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> int:
+        """Return how many pictures a record has, as far as these of them (indexes) may be erased.
+
+        The robot's own count is no bound where it committed to more. So only if a picture is named beyond it, the record
+        is asked for, which stands in its trail as any look does. Raises as `Viewing.view` then.
+        """
+        if entry.metadata.sensor == NOTICE_SENSOR:
+            return 0
+        count = entry.metadata.frame_count
+        if frames and count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
+            viewing = Viewing(self._wallet)
+            view = await viewing.view(entry, await viewing.request_access([entry], _LOOK_PURPOSE))
+            count = len(view.frames)
+        return count
+
+    async def split_erased(self, entry: RecordEntry, frames: Sequence[int]) -> tuple[list[int], list[int]]:
+        """Return which pictures of a record are left to erase and which are not, as the function of this name does."""
+        return split_erased(entry, frames, await audit_visit(self._wallet, entry.visit))
+
+    async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
+        """Ask for erasure: frames of one record, or whole records, in requests of at most 64. Returns erasure ids."""
+        if frames and len(records) != 1:
+            raise refusal("REQUEST_INVALID", "erase_frames")
+        ids = []
+        for start in range(0, len(records), RECORDS_A_REQUEST_MAX_COUNT):
+            part = records[start : start + RECORDS_A_REQUEST_MAX_COUNT]
+            erasure_id = await self._wallet.sign_and_wait(visit, "erasure", "request", [part, frames])
+            ids.append(erasure_id)
+            self._wallet.store.content.asked_erasures.append(erasure_id)
+        self._wallet.store.save()
+        return ids
+
+    async def request_each(
+        self, entries: Sequence[RecordEntry], frames: list[int]
+    ) -> list[tuple[KnownVisit, list[bytes]]]:
+        """Ask for the erasure of records of any visits, visit by visit; return each visit's erasure ids."""
+        asked = []
+        for owner in dict.fromkeys(entry.visit.owner for entry in entries):
+            part = [entry for entry in entries if entry.visit.owner == owner]
+            ids = await self.request(part[0].visit, [entry.record_id for entry in part], frames)
+            asked.append((part[0].visit, ids))
+        return asked
+
+    async def report(self, visit: KnownVisit, erasure_id: bytes) -> ErasureReport:
+        """Return one request's state, proven against a finalized header. Once it is complete the proof is kept."""
+        proved = await self._wallet.network.state_values([REQUEST.key(erasure_id)], self._wallet.owner_key(visit))
+        state = REQUEST.among(proved.values, erasure_id)
+        if state is None:
+            raise refusal("NOT_FOUND", "erase_unknown")
+        if state.status == "complete":
+            keep_erasure(self._wallet.store.content, erasure_id, proved)
+        return ErasureReport(erasure_id, visit, state)
+
+    async def wait_complete(
+        self,
+        visit: KnownVisit,
+        erasure_ids: list[bytes],
+        timeout_s: float,
+        tell: Callable[[Sequence[ErasureReport]], None] = lambda _: None,
+    ) -> list[ErasureReport]:
+        """Wait until all requests are complete; `tell` hears how far they are at each look.
+
+        Raises ERASURE_NOT_CONFIRMED, saying how many receipts are missing.
+        """
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + timeout_s
+        while True:
+            reports = [await self.report(visit, erasure_id) for erasure_id in erasure_ids]
+            tell(reports)
+            if all(report.complete for report in reports):
+                return reports
+            if loop.time() > deadline:
+                waiting = sum(len(report.state.custodians) - len(report.state.receipts) for report in reports)
+                missing = counted(waiting, "receipt of a custodian is", "receipts of custodians are")
+                raise BlockRobotError("ERASURE_NOT_CONFIRMED", f"{missing} still missing.")
+            await asyncio.sleep(_POLL_S)

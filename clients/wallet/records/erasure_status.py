@@ -1,0 +1,185 @@
+"""What became of every erasure that a person asked for: who confirmed it, who has not, who is late.
+
+Must never call erased what a custodian has not confirmed. All of it is proved from the chain, so it is the same on every
+device that holds the words.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import DEFAULT_LANGUAGE, language_in_use, text
+from clients.wallet.records.erasure import Erasing, ErasureReport
+from clients.wallet.store.keystore import KnownVisit
+from consensus.limits import ERASURE_OVERDUE_AFTER_MS
+from pages.moments import show_moment
+
+REMAINS_NOTHING = "nothing"
+_REMAINS = {"commitment-leaves": "erasures.leaves"}
+"""What custodians say of what remains, as the ledger has it, and the text for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CustodianWord:
+    """One custodian about one erasure: `confirmed_at_ms` is None as long as it has said nothing."""
+
+    key: bytes
+    name: str
+    confirmed_at_ms: int | None
+    destroyed_frames: int
+    remains: str
+    remains_until_ms: int
+    overdue: bool
+
+
+@dataclass(frozen=True, slots=True)
+class AskedErasure:
+    """One request: how many records (or which pictures of one), when, and what each custodian said."""
+
+    report: ErasureReport
+    asked_at_ms: int
+    records_count: int
+    frames: tuple[int, ...]
+    custodians: tuple[CustodianWord, ...]
+
+
+async def find_erasures(wallet: Wallet, now_ms: int) -> list[AskedErasure]:
+    """Return every erasure that was asked for in this person's name, the oldest first."""
+    found = [each for visit in await wallet.scan() for each in await find_erasures_of(wallet, visit, now_ms)]
+    return sorted(found, key=lambda each: each.asked_at_ms)
+
+
+async def find_erasures_of(wallet: Wallet, visit: KnownVisit, now_ms: int) -> list[AskedErasure]:
+    """Return every erasure that was asked for of one visit, the oldest first."""
+    names = custodian_names(wallet)
+    return [describe_erasure(report, asked, names, now_ms) for report, asked in await read_erasures(wallet, visit)]
+
+
+def custodian_names(wallet: Wallet, language: str = DEFAULT_LANGUAGE) -> dict[bytes, str]:
+    """Return what custodians are called, by their keys; programs are told it in English."""
+    say = functools.partial(text, "custodian.named", language=language)
+    return {
+        node.custodian_key: say(name=node.name, organisation=node.organisation) for node in wallet.genesis.custodians
+    }
+
+
+async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[tuple[ErasureReport, AuditEntry]]:
+    """Return the erasures that were asked for of one visit, proven, with the entry of its audit that asks."""
+    erasing = Erasing(wallet)
+    return [
+        (await erasing.report(visit, entry.data["erasure_id"]), entry)
+        for entry in await audit_visit(wallet, visit)
+        if entry.kind == "erasure_requested"
+    ]
+
+
+def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes, str], now_ms: int) -> AskedErasure:
+    """Put a request and its receipts together. `names` are those of custodians, by key."""
+    is_late = now_ms - asked.time_ms > ERASURE_OVERDUE_AFTER_MS
+    words = []
+    for key in report.state.custodians:
+        told = report.state.receipts.get(key)
+        words.append(
+            CustodianWord(
+                key=key,
+                name=names.get(key) or text("custodian.unnamed", language=DEFAULT_LANGUAGE, key=key.hex()[:12]),
+                confirmed_at_ms=None if told is None else told.time,
+                destroyed_frames=0 if told is None else told.destroyed_frames,
+                remains="" if told is None else told.remains,
+                remains_until_ms=0 if told is None else told.remains_until_ms,
+                overdue=told is None and is_late,
+            )
+        )
+    records = asked.data.get("records", 0)
+    return AskedErasure(report, asked.time_ms, records, tuple(asked.data.get("frames", ())), tuple(words))
+
+
+def erasure_json(erasure: AskedErasure) -> dict[str, Any]:
+    """Return one erasure by names, for a program."""
+    return {
+        "erasure_id": erasure.report.erasure_id.hex(),
+        "visit": erasure.report.visit.owner.hex(),
+        "asked_at_ms": erasure.asked_at_ms,
+        "records": erasure.records_count,
+        "frames": list(erasure.frames),
+        "status": erasure.report.state.status,
+        "custodians": [
+            {
+                "name": word.name,
+                "confirmed_at_ms": word.confirmed_at_ms,
+                "destroyed_frames": word.destroyed_frames,
+                "remains": word.remains,
+                "remains_until_ms": word.remains_until_ms,
+                "overdue": word.overdue,
+            }
+            for word in erasure.custodians
+        ],
+    }
+
+
+def erasure_lines(
+    erasure: AskedErasure, names: Mapping[bytes, str] | None = None, language: str | None = None
+) -> list[str]:
+    """Say one erasure in plain sentences, in a language (None: that of the command that runs).
+
+    `names` are those of the custodians in it, by key; without them they are called as programs call them.
+    """
+    say = functools.partial(text, language=language)
+    what = say("count.records", count=erasure.records_count)
+    if erasure.frames:
+        what = say("erasures.pictures", count=len(erasure.frames))
+    state = say("erasures.complete" if erasure.report.complete else "erasures.waiting")
+    lines = [say("erasures.line", moment=show_moment(erasure.asked_at_ms), what=what, state=state)]
+    for word in erasure.custodians:
+        name = word.name if names is None else names.get(word.key) or say("custodian.unnamed", key=word.key.hex()[:12])
+        if word.confirmed_at_ms is not None:
+            told: dict[str, Any] = {
+                "name": name,
+                "moment": show_moment(word.confirmed_at_ms),
+                "count": word.destroyed_frames,
+            }
+            if word.remains and word.remains != REMAINS_NOTHING:
+                remains = say(_REMAINS[word.remains]) if word.remains in _REMAINS else word.remains
+                line = say("erasures.confirmed_but", **told, remains=remains, until=show_moment(word.remains_until_ms))
+            else:
+                line = say("erasures.confirmed", **told)
+        else:
+            line = say("erasures.overdue" if word.overdue else "erasures.not_yet", name=name)
+        lines.append(f"  {line}")
+    return lines
+
+
+@click.command()
+@json_option
+@click.pass_context
+@plain_errors
+@reads_only
+def erasures(ctx: click.Context, as_json: bool) -> None:
+    """Show what you asked to erase, which custodians have confirmed it, and which are overdue.
+
+    Example: blockrobot wallet erasures
+    """
+
+    async def action(opened: Wallet) -> tuple[list[AskedErasure], dict[bytes, str]]:
+        found = await find_erasures(opened, time.time_ns() // 1_000_000)
+        return found, custodian_names(opened, language_in_use())
+
+    found, names = run_opened(ctx, action)
+    if as_json:
+        print_json({"ok": True, "erasures": [erasure_json(each) for each in found]})
+        return
+    if not found:
+        console.print(text("erasures.none"))
+    for each in found:
+        for line in erasure_lines(each, names):
+            console.print(line)

@@ -1,0 +1,116 @@
+"""Writes opened renditions as files that one can look at or hear. Must never write more than the owner asked to see."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from clients.sdk.pictures.depth_colours import Depth, colour_pixels
+from clients.sdk.pictures.picture_names import is_picture_name, name_picture
+from clients.sdk.pictures.rendition_files import own_depth, own_pixels, sense_file
+from clients.sdk.pictures.rendition_picture import colourise, compose
+from clients.wallet.records.viewing import FrameView, RecordView, Viewing
+from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG16, ENCODING_PNG_RGBA, Rendition
+
+_PRIVATE_FILE, _PRIVATE_FOLDER = 0o600, 0o700
+FindBackground = Callable[[Rendition], Awaitable[bytes | None]]
+Seen = Callable[[int, int, Callable[[], Image.Image], bool], None]
+
+
+async def write_pictures(viewing: Viewing, view: RecordView, out: Path, seen: Seen | None = None) -> list[Path]:
+    """Write every whole frame of a record as `picture-0005.frame-00000009.png` into `out`/<record id>/.
+
+    The number is its place in the record from 1, as commands take it, the frame the robot's own count. That file is in
+    colours with a legend; beside it stands `.depth.png`, the owner's own pixels as measured. Other senses become
+    `.rgb.png` or `.rgb.jpg`, `.label.json` and `.wav`. Returns the paths of all files.
+    """
+    return await write_frames(
+        lambda rendition: viewing.background(rendition, view.entry), view.entry.record_id, view.frames, out, seen
+    )
+
+
+async def write_frames(
+    background: FindBackground,
+    record_id: bytes,
+    frames: Sequence[FrameView],
+    out: Path,
+    seen: Seen | None = None,
+) -> list[Path]:
+    """Write the whole frames of any record, as `write_pictures` does; `background` fetches an empty frame.
+    Where there is none, the owner's pixels are shown without it.
+
+    `seen` is told of each picture: its number from 1, when it was taken (ms), how to make it, whether its colours are
+    distances.
+
+    Only the user of this machine reads them: they are pictures of a person.
+    """
+    folder = out / record_id.hex()
+    folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
+    written = []
+    backgrounds: dict[bytes, bytes | None] = {}
+    for frame in frames:
+        rendition = frame.rendition
+        if rendition is None or not rendition.pixels:
+            continue
+        if rendition.encoding != ENCODING_PNG16:
+            suffix, data = sense_file(rendition)
+            other = folder / name_picture(frame.index, rendition.sequence, suffix)
+            write_private(other, data)
+            written.append(other)
+            if seen is not None and rendition.encoding in {ENCODING_JPEG, ENCODING_PNG_RGBA}:
+                seen(frame.index + 1, rendition.captured_at_ms, partial(_open, data), False)
+            continue
+        if rendition.background_id not in backgrounds:
+            backgrounds[rendition.background_id] = await background(rendition)
+        depth = _compose(backgrounds[rendition.background_id], rendition)
+        for suffix, data in (("png", colourise(depth)), ("depth.png", own_pixels(rendition))):
+            written.append(folder / name_picture(frame.index, rendition.sequence, suffix))
+            write_private(written[-1], data)
+        if seen is not None:
+            seen(frame.index + 1, rendition.captured_at_ms, partial(_paint, depth), True)
+    return written
+
+
+def _compose(background: bytes | None, rendition: Rendition) -> Depth:
+    if background is None:
+        return own_depth(rendition)
+    box = (rendition.x, rendition.y, rendition.box_width, rendition.box_height)
+    return compose(background, *box, rendition.pixels)
+
+
+def _open(data: bytes) -> Image.Image:
+    return Image.open(BytesIO(data)).convert("RGB")
+
+
+def _paint(depth: Depth) -> Image.Image:
+    return Image.fromarray(np.ascontiguousarray(colour_pixels(depth)[..., ::-1]))
+
+
+def delete_frames(folder: Path) -> list[Path]:
+    """Delete what `write_frames` wrote into a record's folder, and the folder unless it holds anything else.
+
+    Returns what else it holds: files of the user's own are not ours to delete.
+    """
+    others = []
+    for path in sorted(folder.iterdir()):
+        if is_picture_name(path.name) and not path.is_dir():
+            path.unlink()
+        else:
+            others.append(path)
+    if not others:
+        folder.rmdir()
+    return others
+
+
+def write_private(path: Path, data: bytes) -> None:
+    """Write a file that only the user of this machine reads."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _PRIVATE_FILE)
+    with os.fdopen(descriptor, "wb") as file:
+        os.fchmod(descriptor, _PRIVATE_FILE)  # one of an earlier look may be open to others
+        file.write(data)

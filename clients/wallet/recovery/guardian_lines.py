@@ -1,0 +1,44 @@
+"""What is told of guardians, at a terminal and on the wallet's page. Must never tell a word of a share: it knows none."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+from clients.wallet.present.translations import text
+from clients.wallet.recovery.slip39_shares import show_identifier
+from clients.wallet.store.guardian_set import GuardianSet
+from clients.wallet.store.keystore import WalletContent
+
+
+class GuardianLine(NamedTuple):
+    """A sentence, and the moment that stands before it (None: none): a page shows it as it does all moments."""
+
+    sentence: str
+    at_ms: int | None = None
+
+
+def guardian_lines(content: WalletContent, language: str | None = None) -> list[GuardianLine]:
+    """Return who holds words of this wallet and what to do next, in sentences (`language` None: the one in use)."""
+    say = functools.partial(text, language=language)
+    era, told = len(content.former), []
+    if not any(one.era == era for one in content.guardian_sets):
+        told += [GuardianLine(line) for line in say("guardians.none").split("\n")]
+    for one in content.guardian_sets:
+        told.append(_line(one, language))
+        if not one.is_whole:
+            count = len(one.guardians)
+            told.append(GuardianLine(say("guardians.cut_short", handed=one.handed_count, count=count)))
+        if one.era != era:
+            told.append(GuardianLine(say("guardians.former")))
+    if content.guardian_sets:
+        told.append(GuardianLine(say("guardians.stay")))
+    return told
+
+
+def _line(one: GuardianSet, language: str | None) -> GuardianLine:
+    values: dict[str, Any] = {"identifier": show_identifier(one.identifier), "threshold": one.threshold}
+    if not one.guardians:
+        return GuardianLine(text("guardians.line_unknown", language=language, **values))
+    values |= {"count": len(one.guardians), "names": ", ".join(one.guardians)}
+    return GuardianLine(text("guardians.line", language=language, **values), one.made_at_ms)

@@ -1,0 +1,151 @@
+"""A sheet of paper for each guardian: one HTML file, in the design of all pages, to be printed and then deleted.
+
+Nothing runs in it and nothing is loaded. Must never say whose wallet it is, nor who the other guardians are: who finds one
+sheet should not learn where the others lie.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hashlib
+import html
+import os
+from collections.abc import Sequence
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+from clients.wallet.cli.invocation import WALLET_COMMAND
+from clients.wallet.present.translations import language_in_use, refusal, text
+from clients.wallet.recovery.slip39_shares import show_identifier
+from clients.wallet.store.guardian_set import GuardianSet
+from pages.moments import show_day
+from pages.serving import PAGES_ASSETS
+
+SHEET_MAX_BYTES = 256 * 1024
+_WORDS_ID = "words"
+_SUFFIXES = frozenset({".html", ".htm"})
+_STYLE_FILE = Path(__file__).with_name("guardian_sheet.css")
+_TO_DO = ("keep", "reach", "check", "help")
+_NEVER = ("photo", "type", "tell", "together")
+
+
+def build_sheet(one: GuardianSet, place: int, share: str) -> str:
+    """Return the sheet of the guardian at a place (from 0) of a set, in the language in use."""
+    style = (PAGES_ASSETS / "design.css").read_text(encoding="utf-8") + _STYLE_FILE.read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
+    policy = f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+    made = show_day(one.made_at_ms)
+    values: dict[str, Any] = {"count": len(one.guardians), "threshold": one.threshold, "name": one.guardians[place]}
+    # A guardian is told no profile and no folder: these are the owner's.
+    values |= {
+        "command": WALLET_COMMAND,
+        "number": place + 1,
+        "identifier": show_identifier(one.identifier),
+        "made": made,
+    }
+
+    def told(key: str) -> str:
+        return html.escape(text(f"sheet.{key}", **values))
+
+    def listed(keys: Sequence[str]) -> str:
+        return "<ul>" + "".join(f"<li>{told(key)}</li>" for key in keys) + "</ul>"
+
+    words = "".join(f"<li>{html.escape(word)}</li>" for word in share.split())
+    return (
+        f'<!doctype html>\n<html lang="{language_in_use()}"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><meta name="robots" content="noindex">'
+        f"<title>{told('title')}</title><style>{style}</style></head>"
+        f'<body><main class="page sheet"><h1>{told("title")}</h1>'
+        f'<div class="seal"><div><p>{told("lead")}</p><p><strong>{told("alone")}</strong></p></div></div>'
+        f'<section class="card" aria-label="{told("words")}"><ol id="{_WORDS_ID}" translate="no" lang="en">{words}</ol>'
+        f"</section><p>{told('which')}</p>"
+        f"<h2>{told('to_do')}</h2>{listed(_TO_DO)}<h2>{told('never')}</h2>{listed(_NEVER)}"
+        f'<h2>{told("whose")}</h2><p class="quiet">{told("by_hand")}</p><div class="by-hand"></div></main></body></html>\n'
+    )
+
+
+def require_no_sheets(folder: Path) -> None:
+    """Raise SHEETS_FOLDER_USED if a sheet lies in the folder, whatever its file is called, OSError if none can be read."""
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if path.suffix.lower() in _SUFFIXES and path.is_file() and _has_words(path):
+            raise refusal("SHEETS_FOLDER_USED", "guardian_sheet", folder=str(folder), name=path.name)
+
+
+def _has_words(path: Path) -> bool:
+    with path.open("rb") as file:
+        return f'<ol id="{_WORDS_ID}"'.encode() in file.read(SHEET_MAX_BYTES)
+
+
+def write_sheets(folder: Path, one: GuardianSet, shares: Sequence[str]) -> list[Path]:
+    """Write a sheet for each guardian into a folder, mode 0600; all or none.
+
+    Raises SHEETS_FOLDER_USED if a file of that name is there, OSError.
+
+    Their files are numbered and not named: in a folder that was there, others may list what is in it.
+    """
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    written: list[Path] = []
+    try:
+        for place, share in enumerate(shares):
+            path = folder / f"{place + 1}.html"
+            descriptor = _create(path)
+            written.append(path)
+            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+                file.write(build_sheet(one, place, share))
+                file.flush()
+                os.fsync(file.fileno())
+    except BaseException:
+        for path in written:
+            with contextlib.suppress(OSError):
+                path.unlink()
+        raise
+    return written
+
+
+def _create(path: Path) -> int:
+    try:
+        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        raise refusal("SHEETS_FOLDER_USED", "file_there", path=str(path)) from None
+
+
+class _Words(HTMLParser):
+    """Takes the words out of a sheet."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self._inside = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "ol":
+            self._inside = ("id", _WORDS_ID) in attrs
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "ol":
+            self._inside = False
+
+    def handle_data(self, data: str) -> None:
+        if self._inside:
+            self.words.append(data)
+
+
+def read_written(path: Path) -> str:
+    """Return the words in a file: a sheet as `write_sheets` writes it, or plain text. Raises SHARE_INVALID, OSError."""
+    with path.open("rb") as file:
+        data = file.read(SHEET_MAX_BYTES + 1)
+    if len(data) > SHEET_MAX_BYTES:
+        raise refusal("SHARE_INVALID", "guardian_large", name=path.name)
+    return take_written(data.decode("utf-8-sig"))
+
+
+def take_written(written: str) -> str:
+    """Return the words of a sheet's HTML, and any other text as it is."""
+    if not written.lstrip().lower().startswith("<!doctype html"):
+        return written
+    parser = _Words()
+    parser.feed(written)
+    return " ".join(parser.words)

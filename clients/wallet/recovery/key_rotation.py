@@ -1,0 +1,231 @@
+"""Puts new words in place of stolen ones: the member key first, then the key of each visit. Must never sign with new words
+that are not saved yet, nor join visits that the ledger keeps apart by moving them side by side unasked.
+
+Every step can be cut off and done again. What is final stays; what is not known to be is looked up on the chain.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.translations import refusal
+from clients.wallet.store.kept_proofs import keep_receipt
+from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.store.member_keys import WalletKeys, derive_keys, draw_words
+from consensus.errors import BlockRobotError
+from consensus.members.vouchers import sign_rotation
+from consensus.records.owner_keys import VisitKeys, derive_owner_key, open_visit_keys, sign_transfer
+
+Tell = Callable[[int, int, float], None]
+Sleep = Callable[[float], Awaitable[None]]
+_EPHEMERAL_BYTES = 32
+_MOVED_TOO_OFTEN = "TRANSFERS_TOO_MANY"
+_KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_WITHOUT_STANDING"})
+
+
+@dataclass(frozen=True, slots=True)
+class Transferred:
+    """What became of the visits: those with a new key, those that somebody else has, and what ended it early.
+
+    `stuck` obey former words still, and the contract lets nobody transfer them any more.
+    """
+
+    done: tuple[KnownVisit, ...]
+    taken: tuple[KnownVisit, ...]
+    stuck: tuple[KnownVisit, ...]
+    refusal: BlockRobotError | None = None
+
+
+class Rotating:
+    """The change of one wallet's words."""
+
+    def __init__(self, wallet: Wallet, *, sleep: Sleep = asyncio.sleep) -> None:
+        self._wallet = wallet
+        self._sleep = sleep
+
+    def prepare(self) -> str:
+        """Return the words that are to come, saved in the wallet before anybody sees them; the same ones until then."""
+        store = self._wallet.store
+        if not store.content.next_words:
+            store.content.next_words, store.content.next_words_shown = draw_words(), False
+            store.save()
+        return store.content.next_words
+
+    @property
+    def must_show(self) -> bool:
+        """Whether words wait that nobody has confirmed to have."""
+        content = self._wallet.store.content
+        return bool(content.next_words) and not content.next_words_shown
+
+    def confirm_shown(self) -> None:
+        """Note that the person has the new words: from then on they are signed with, and not shown again."""
+        store = self._wallet.store
+        store.content.next_words_shown = True
+        store.save()
+
+    async def rotate(self) -> bool:
+        """Put the new words' member key in place of the present one; tell whether anything was left to do.
+
+        Raises VALUE_INVALID before `confirm_shown`, MEMBER_NO_MORE if neither is a member's (a thief was faster, or the
+        membership ended), CALL_REFUSED with the contract's code.
+        """
+        wallet, content = self._wallet, self._wallet.store.content
+        if not content.next_words:
+            return False
+        if self.must_show:
+            raise refusal("VALUE_INVALID", "words_hidden")
+        new = derive_keys(content.next_words)
+        if await wallet.find_registration(new) is None:
+            member = await wallet.find_registration(wallet.keys)
+            if member is None:
+                raise BlockRobotError("MEMBER_NO_MORE")
+            try:
+                await self._say_rotation(member.handle, new)
+            except BlockRobotError as error:
+                # What was sent before a cut may have become final in between.
+                if error.code not in _KEY_REPLACED or await wallet.find_registration(new) is None:
+                    raise
+        content.former.append(content.words)
+        content.words, content.next_words, content.next_words_shown = content.next_words, "", False
+        content.transfers_due = True
+        # No custodian signs a receipt for a key that was replaced: what was not fetched before never comes.
+        content.receipts_due = []
+        wallet.store.save()
+        wallet.load_keys()
+        return True
+
+    async def _say_rotation(self, handle: bytes, new: WalletKeys) -> None:
+        wallet = self._wallet
+        identity = wallet.keys.identity
+        keys = [new.spend.public_key, new.view.public_key, new.sealing_public]
+        signature = sign_rotation(
+            new.identity,
+            chain_id=wallet.genesis.chain_id,
+            handle=handle,
+            member=identity.public_key,
+            spend=keys[0],
+            view=keys[1],
+            sealing=keys[2],
+        )
+        arguments = [handle, new.identity.public_key, *keys, signature]
+        keep_receipt(wallet.store.content, await wallet.network.call(identity, "identity", "rotate", arguments))
+
+    async def exposed_visits(self) -> list[KnownVisit]:
+        """Return the visits of which a key from former words still decides. Raises MEMBER_NO_MORE and the like."""
+        wallet = self._wallet
+        newest = len(wallet.eras) - 1
+        return [visit for visit in await wallet.scan() if visit.era != newest]
+
+    async def transfer(self, visit: KnownVisit) -> None:
+        """Put a key of the present words in place of a visit's. Raises CALL_REFUSED with the contract's code."""
+        keys = self._draw_keys(visit)
+        wallet = self._wallet
+        arguments = [keys.owner, keys.ephemeral, keys.view_tag, self._sign_transfer(visit, keys)]
+        await wallet.network.call(wallet.owner_key(visit), "records", "transfer", arguments)
+        for known in wallet.store.content.visits:
+            if known.owner == visit.owner:
+                known.current, known.ephemeral, known.era = keys.owner, keys.ephemeral, len(wallet.eras) - 1
+                known.stuck = False
+        wallet.store.save()
+
+    def _draw_keys(self, visit: KnownVisit) -> VisitKeys:
+        """Make the next owner key as robots make the first. The secret behind it is forgotten at once."""
+        keys = self._wallet.keys
+        return open_visit_keys(
+            secrets.token_bytes(_EPHEMERAL_BYTES),
+            keys.view.public_key,
+            keys.spend.public_key,
+            chain_id=self._wallet.genesis.chain_id,
+            robot=visit.robot,
+        )
+
+    def _sign_transfer(self, visit: KnownVisit, new: VisitKeys) -> bytes:
+        keys, chain_id = self._wallet.keys, self._wallet.genesis.chain_id
+        key = derive_owner_key(keys.spend, keys.view, new.ephemeral, chain_id=chain_id, robot=visit.robot)
+        return sign_transfer(key, chain_id=chain_id, root=visit.owner)
+
+    async def transfer_all(self, over_s: float, tell: Tell) -> Transferred:
+        """Transfer every visit that former words still decide of, in an order and at moments that chance decides.
+
+        The moments lie within `over_s` seconds: the longer, the less the ledger tells that the visits are one person's.
+        A key that was replaced already, by this wallet before a cut or by somebody else, ends nothing, nor does a visit
+        that the contract lets nobody transfer any more. What it refuses otherwise is told once the others are done;
+        any other failure ends it at once.
+        """
+        order = await self.exposed_visits()
+        chance = secrets.SystemRandom()
+        chance.shuffle(order)
+        moments = sorted(chance.random() * over_s for _ in order)
+        refusal: BlockRobotError | None = None
+        for number, visit in enumerate(order):
+            pause_s = moments[number] - (moments[number - 1] if number else 0.0)
+            tell(number, len(order), pause_s)
+            if over_s:
+                await self._sleep(pause_s)
+            try:
+                await self._move(visit)
+            except BlockRobotError as error:
+                refusal = refusal or error
+                if error.code != "CALL_REFUSED":
+                    break
+        if refusal is None:
+            self._wallet.store.content.transfers_due = False
+            self._wallet.store.save()
+        known, newest = self._wallet.store.content.visits, len(self._wallet.eras) - 1
+        tried = {visit.owner for visit in order}
+        return Transferred(
+            done=tuple(visit for visit in known if visit.owner in tried and visit.era == newest and not visit.taken),
+            taken=tuple(visit for visit in known if visit.taken),
+            stuck=tuple(visit for visit in known if visit.stuck and not visit.taken),
+            refusal=refusal,
+        )
+
+    async def _move(self, visit: KnownVisit) -> None:
+        """Transfer one visit, whoever moves it to and fro under former words meanwhile, or note that nobody can."""
+        while True:
+            try:
+                await self.transfer(visit)
+            except BlockRobotError as error:
+                if error.code not in _KEY_REPLACED:
+                    raise
+                again = next((each for each in await self.exposed_visits() if each.owner == visit.owner), None)
+                if again is None:
+                    return
+                if again.current == visit.current:
+                    if error.context.get("contract_code") != _MOVED_TOO_OFTEN:
+                        raise
+                    again.stuck = True
+                    self._wallet.store.save()
+                    return
+                # It was moved under former words. That ends: the contract counts how often.
+                visit = again
+            else:
+                return
+
+    async def leave(self) -> int:
+        """End the membership; return the height from which it counts, or 0 if it had ended before, as this wallet wanted.
+
+        What was recorded stays, under its owner keys. Which transaction is to end it is saved before it is sent, so that a
+        wallet that was cut off can prove by its receipt why it is let in no more.
+
+        Raises WALLET_ROTATION_OPEN while new words wait, MEMBER_NO_MORE, CALL_REFUSED.
+        """
+        wallet, content = self._wallet, self._wallet.store.content
+        if content.next_words:
+            raise BlockRobotError("WALLET_ROTATION_OPEN")
+        await wallet.scan()
+        if await wallet.find_registration(wallet.keys) is None:
+            if not await wallet.has_left():
+                raise BlockRobotError("MEMBER_NO_MORE")
+            return 0
+        transaction = wallet.network.transactions.build(wallet.keys.identity, "identity", "leave", [content.handle])
+        content.leaving.append(transaction.txid)
+        wallet.store.save()
+        receipt = (await wallet.network.submit_and_wait(transaction)).require_ok()
+        content.left, content.leaving = True, []
+        wallet.store.save()
+        return receipt.height

@@ -1,0 +1,134 @@
+"""Grants as the chain has them: read, proved complete, and found by the grantee. Must never trust a node with the list.
+
+Every grantee reads every grant in her member session, so that a node learns nothing of which are hers; what concerns
+one grant is asked in the session of that grant's key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from clients.sdk.chain.proved_rows import proved_rows, put_query
+from clients.sdk.connections import NodeAddress
+from clients.sdk.sessions import GrantKey
+from clients.wallet.ledger import id_prefix
+from clients.wallet.ledger.id_prefix import find_named
+from clients.wallet.ledger.visit_audit import AuditEntry
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.member_keys import WalletKeys
+from clients.wallet.store.sharing_memory import ReceivedGrant
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.grant_keys import derive_grant_salt
+from consensus.records.sharing import derive_grantee_key, scan_grant
+from consensus.state.access import GRANT, GRANT_COUNT, GRANT_NUMBER, GrantRow
+from consensus.state.identity import CUSTODIAN, custodians
+
+PAGE_COUNT = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """One grant, proven."""
+
+    grant_id: bytes
+    row: GrantRow
+
+
+async def read_grants(wallet: Wallet, ids: Sequence[bytes], session: PrivateKey) -> list[Grant]:
+    """Return grants by their ids, proven, in one session; an id that the chain does not know is left out."""
+    values = await wallet.values([GRANT.key(grant_id) for grant_id in ids], session)
+    rows = [(grant_id, GRANT.among(values, grant_id)) for grant_id in ids]
+    return [Grant(grant_id, row) for grant_id, row in rows if row is not None]
+
+
+async def read_custodians(wallet: Wallet, session: PrivateKey) -> dict[bytes, NodeAddress | None]:
+    """Return the custodians by key, as the chain proves them; None for one whose address this wallet lacks."""
+    read = wallet.reading(session)
+    keys = await put_query(read, custodians)
+    rows = await proved_rows(read, CUSTODIAN, keys)
+    addresses = {node.name: node for node in wallet.network.custody.custodians}
+    return {key: addresses.get(row.name) for key, row in zip(keys, rows, strict=True)}
+
+
+async def _read_page(wallet: Wallet, first: int) -> tuple[int, list[Grant]]:
+    """Return how many grants there are in all, and those from number `first` on, at most a page, none left out."""
+    session = wallet.keys.identity
+    numbers = range(first, first + PAGE_COUNT)
+    values = await wallet.values([GRANT_COUNT.flat, *map(GRANT_NUMBER.key, numbers)], session)
+    count = GRANT_COUNT.among(values) or 0
+    ids = [values[GRANT_NUMBER.key(number)] for number in numbers if number < count]
+    grants = [] if None in ids else await read_grants(wallet, ids, session)
+    if len(grants) != len(ids):
+        raise BlockRobotError("PROOF_INVALID", "The page leaves grants out.")
+    return count, grants
+
+
+async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
+    """Read the grants that are new since last time; return all that are for this wallet, and whether new ones were read.
+
+    Who has left, or whose membership was ended, reads no more grants and has what she knew: copies may have to go after
+    that too. Raises PROOF_INVALID if one is left out, NOT_REGISTERED.
+    """
+    await wallet.require_registered()
+    content, known_count = wallet.store.content, wallet.store.content.scanned_grants_count
+    while True:
+        try:
+            count, grants = await _read_page(wallet, content.scanned_grants_count)
+        except BlockRobotError as error:
+            if error.code != "SESSION_REFUSED":
+                raise
+            return list(content.received_grants), False
+        for grant in grants:
+            for era, keys in enumerate(wallet.eras):
+                if is_for(grant, keys, wallet.genesis.chain_id):
+                    content.received_grants.append(
+                        ReceivedGrant(grant.grant_id, grant.row.owner, grant.row.ephemeral, era)
+                    )
+        content.scanned_grants_count += len(grants)
+        if content.scanned_grants_count >= count:
+            break
+    if content.scanned_grants_count != known_count:
+        wallet.store.save()
+    return list(content.received_grants), True
+
+
+def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
+    """Tell whether a grant is for these keys. The view tag spares most of the work."""
+    row = grant.row
+    found = scan_grant(
+        keys.view, keys.spend.public_key, row.ephemeral, row.view_tag, chain_id=chain_id, owner=row.owner
+    )
+    return found == row.grantee
+
+
+def grantee_key(received: ReceivedGrant, wallet: Wallet) -> GrantKey:
+    """Derive the private key of a grant, to be used as its. It is never stored and never leaves this process."""
+    keys = wallet.eras[received.era]
+    key = derive_grantee_key(
+        keys.spend, keys.view, received.ephemeral, chain_id=wallet.genesis.chain_id, owner=received.owner
+    )
+    return GrantKey(key, received.grant_id)
+
+
+def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
+    """Derive the salt that shows custodians for whose handle a grant is."""
+    chain_id = wallet.genesis.chain_id
+    return derive_grant_salt(
+        wallet.eras[received.era].view, received.ephemeral, chain_id=chain_id, owner=received.owner
+    )
+
+
+def find_by_prefix(ids: Sequence[bytes], start: str) -> bytes:
+    """Return the one grant id that begins so (hexadecimal). Raises GRANT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+    return ids[find_named(id_prefix.GRANT, [grant_id.hex() for grant_id in ids], start)]
+
+
+def cut_since(grant: Grant, trail: Sequence[AuditEntry]) -> set[bytes]:
+    """Return the records of which single pictures were asked to be erased after the grant, by the visit's trail.
+
+    The record itself tells it only once every custodian has confirmed; those that work destroy their parts at once.
+    """
+    asked = (entry for entry in trail if entry.kind == "erasure_requested" and entry.data["frames"])
+    return {entry.record_id for entry in asked if entry.time_ms >= grant.row.time}

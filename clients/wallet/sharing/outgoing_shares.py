@@ -1,0 +1,475 @@
+"""Shares records with one member of the staff or an officer, and ends that. Must never hand a key to one custodian alone.
+
+The owner's wallet opens the data keys, seals them to the grantee, closes that package under a key of its own and gives
+every custodian its part of that key, each by itself. Then it signs the grant with the visit's owner key; the chain learns
+neither who the owner is nor with whom she shares.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from clients.sdk.chain.proved_rows import proved_row, put_query
+from clients.sdk.connections import NodeAddress
+from clients.sdk.failover import SURE_REFUSALS
+from clients.sdk.quorum import require_quorum
+from clients.wallet.consent.rights_requests import Chosen
+from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.present.translations import refusal, text
+from clients.wallet.records.viewing import Viewing
+from clients.wallet.sharing.chain_grants import Grant, cut_since, read_custodians, read_grants
+from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.store.sharing_memory import GivenGrant
+from consensus.errors import BlockRobotError
+from consensus.members.handles import decode_short, encode_short, is_short
+from consensus.primitives.keys import PrivateKey
+from consensus.records.grant_keys import derive_grant_salt
+from consensus.records.sharing import (
+    GRANT_MAX_MS,
+    GRANT_RECORDS_MAX_COUNT,
+    GRANT_STEP_MS,
+    GRANTEE_ROLES,
+    SHARE_KEY_BYTES,
+    GrantUpload,
+    count_masks,
+    hash_grant_member,
+    open_grant_keys,
+    seal_package,
+    split_share_key,
+)
+from consensus.state.access import REQUEST, AccessRow
+from consensus.state.identity import REMOVED, MemberRow, handle_from, member_with, role_now
+from consensus.state.records import RECORD
+
+HANDLE_BYTES = 32
+OWN_ACCESS = "own-access"
+GRANT_LIFETIME_MS = 5 * 60_000
+"""How long the grant's transaction may take, with the uploads before it."""
+UPLOADED_MIN_COUNT = 2
+UPLOAD_ATTEMPTS_MAX_COUNT = 20
+UPLOAD_PAUSE_S = 0.25
+STEP_KEYS = "fetching the keys"
+STEP_PARTS = "handing its parts to "
+STEP_SIGNING = "signing"
+"""What is told of the work: names of steps, that whoever shows them says in a person's language."""
+_NOT_YET = frozenset({"CLIP_NOT_CONFIRMED", "CUSTODY_CATCHING_UP", "RATE_LIMITED"})
+"""What a custodian says that follows the chain a moment late, or has too much to do."""
+_NONCE_BYTES = 24
+_GONE = ("erasing", "erased")
+Tell = Callable[[str], None]
+Sleep = Callable[[float], Awaitable[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Grantee:
+    """With whom something is to be shared: what the chain proves of her, and what this wallet's owner calls her."""
+
+    label: str
+    member: MemberRow
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """A grant that is final. `pictures_count` is how many can be opened; `custodians` are those that hold parts."""
+
+    grant_id: bytes
+    visit: KnownVisit
+    records: tuple[bytes, ...]
+    until_ms: int
+    pictures_count: int
+    left_out: tuple[bytes, ...]
+    custodians: tuple[str, ...]
+    absent: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One time that the grantee asked for shared records: when, how many, and how many custodians then stood ready."""
+
+    time_ms: int
+    records_count: int
+    released_count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A grant of one's own, proven, with what became of it; `given` is what this wallet remembers of it, if anything.
+
+    `confirmed` are records of which the grantee said that her copies are deleted, and did not ask for since; `cut` are
+    those of which single pictures were erased since, `erased` those that were erased whole: they are shared no more.
+    """
+
+    grant: Grant
+    visit: KnownVisit
+    given: GivenGrant | None
+    looks: tuple[Look, ...]
+    confirmed: frozenset[bytes]
+    cut: frozenset[bytes]
+    erased: frozenset[bytes] = frozenset()
+
+    def shows(self, record_id: bytes, now_ms: int) -> bool:
+        """Tell whether a record can be looked at by this grant now."""
+        return self.grant.row.is_open(now_ms) and record_id in self.left
+
+    @property
+    def left(self) -> list[bytes]:
+        """The records of which nothing was erased since."""
+        return [record_id for record_id in self.grant.row.records if record_id not in self.cut | self.erased]
+
+    @property
+    def name(self) -> str:
+        """For whom it is, in words, in the language of the command that runs."""
+        return self.name_in(None)
+
+    def name_in(self, language: str | None) -> str:
+        """Return for whom it is, in words, in a language."""
+        if self.given is None:
+            return text("shares.forgotten", language=language)
+        start, label = encode_short(self.given.handle), self.given.label
+        if not label:
+            return text("shares.member", language=language, handle=start)
+        return text("shares.named", language=language, label=label, handle=start)
+
+
+def _same_name(label: str, name: str) -> bool:
+    return bool(label) and label.strip().casefold() == name.strip().casefold()
+
+
+def require_purpose_to_share(purpose: str, known: Sequence[str]) -> None:
+    """Raise SHARE_NOT_POSSIBLE unless records can be shared for this purpose."""
+    if purpose not in known or purpose == OWN_ACCESS:
+        free = ", ".join(code for code in known if code != OWN_ACCESS)
+        raise refusal("SHARE_NOT_POSSIBLE", "share_purpose", purpose=purpose, free=free)
+
+
+def place_end(until_ms: int, now_ms: int) -> int:
+    """Return the full five minutes at or after a moment. Raises SHARE_NOT_POSSIBLE for the past, or beyond 366 days."""
+    end_ms = -(-until_ms // GRANT_STEP_MS) * GRANT_STEP_MS
+    if not now_ms < end_ms <= now_ms + GRANT_MAX_MS:
+        raise refusal("SHARE_NOT_POSSIBLE", "share_until")
+    return end_ms
+
+
+def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], purpose: str) -> list[RecordEntry]:
+    """Return the records that are meant, of one visit, as the chain would let them be shared.
+
+    Raises SHARE_NOT_POSSIBLE for records of several visits (side by side, two grants would tell that they are one
+    person's), NOTHING_TO_SHARE if none is left, CALL_REFUSED with the code by which the chain would refuse.
+    """
+    if len(chosen) != 1:
+        raise refusal("SHARE_NOT_POSSIBLE", "share_one_visit")
+    (report,) = [each for each in reports if each.visit.owner == chosen[0].visit.owner]
+    standing = report.standing
+    entries = [entry for entry in chosen[0].records or report.records if entry.state.status == "active"]
+    if standing.breach_id:
+        raise BlockRobotError("CALL_REFUSED", "VISIT_QUARANTINED: You denied this visit: nobody sees it.")
+    if purpose in standing.objections:
+        raise BlockRobotError("CALL_REFUSED", f"PURPOSE_OBJECTED: You objected to any release of it for {purpose}.")
+    if any(standing.restricts(entry.record_id) for entry in entries):
+        raise BlockRobotError(
+            "CALL_REFUSED", "RECORD_RESTRICTED: You restricted it: only you see it, until you lift that."
+        )
+    if not entries:
+        raise refusal("NOTHING_TO_SHARE", "share_nothing")
+    return entries
+
+
+class Sharing:
+    """What one wallet's person shares."""
+
+    def __init__(
+        self,
+        wallet: Wallet,
+        *,
+        viewing: Viewing | None = None,
+        draw: Callable[[int], bytes] = secrets.token_bytes,
+        sleep: Sleep = asyncio.sleep,
+    ) -> None:
+        """`draw` makes random bytes."""
+        self._wallet = wallet
+        self._viewing = viewing or Viewing(wallet)
+        self._draw = draw
+        self._sleep = sleep
+
+    async def find_grantee(self, wanted: str, label: str = "") -> Grantee:
+        """Return the member with this handle (short, or 64 hexadecimal digits), or of a name that was given before.
+
+        Asked in the member session: anybody may look up a member; of a quorum: keys may have been replaced. Raises
+        SHARE_WITH_NON_MEMBER unless she is an active member of the staff or an officer, of an organisation that is still
+        there; SHARE_NOT_POSSIBLE for what is no handle, for a name that stands for two, and for a `label` by which another
+        is called already: no name ever moves; QUORUM_UNHEARD.
+        """
+        handle, known = await self._read_handle(wanted)
+        label = label.strip()
+        for other in self._called(label) - {handle}:
+            raise refusal("SHARE_NOT_POSSIBLE", "share_named", name=label, handle=encode_short(other))
+        wallet, session = self._wallet, self._wallet.keys.identity
+        await wallet.require_registered()
+        await require_quorum(wallet.network, session)
+        if handle == wallet.store.content.handle:
+            raise refusal("SHARE_NOT_POSSIBLE", "share_self")
+        read = wallet.reading(session)
+        member = await put_query(read, lambda state: member_with(state, handle))
+        if member is None or not member.is_active or member.handle != handle:
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_nobody")
+        if member.role not in GRANTEE_ROLES:
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_role", role=member.role)
+        removed_ms = await proved_row(read, REMOVED, member.org)
+        if not role_now(member, removed_ms):
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_left", organisation=member.org)
+        return Grantee(label or known, member)
+
+    async def _read_handle(self, wanted: str) -> tuple[bytes, str]:
+        called = self._called(wanted)
+        if len(called) > 1:
+            starts = ", ".join(sorted(map(encode_short, called)))
+            raise refusal("SHARE_NOT_POSSIBLE", "share_several", name=wanted, handles=starts)
+        for given in reversed(self._wallet.store.content.given_grants):
+            if given.handle in called and _same_name(given.label, wanted):
+                return given.handle, given.label
+        try:
+            handle = (
+                await self._of_short(wanted)
+                if is_short(wanted)
+                else bytes.fromhex("".join(wanted.replace("-", "").split()))
+            )
+        except ValueError:
+            handle = b""
+        if len(handle) != HANDLE_BYTES:
+            raise refusal("SHARE_NOT_POSSIBLE", "share_handle", given=wanted)
+        known = [given.label for given in self._wallet.store.content.given_grants if given.handle == handle]
+        return handle, known[-1] if known else ""
+
+    async def _of_short(self, wanted: str) -> bytes:
+        """Return the one handle that begins so, proven. Raises HANDLE_MISTYPED, SHARE_WITH_NON_MEMBER."""
+        short = decode_short(wanted)
+        await self._wallet.require_registered()
+        read = self._wallet.reading(self._wallet.keys.identity)
+        handle = await put_query(read, partial(handle_from, start=short))
+        if handle is None:
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_nobody")
+        return handle
+
+    def _called(self, name: str) -> set[bytes]:
+        """Return the handles of all whom this wallet's owner ever called so."""
+        return {given.handle for given in self._wallet.store.content.given_grants if _same_name(given.label, name)}
+
+    async def share(
+        self, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, tell: Tell
+    ) -> Shared:
+        """Share records of one visit, up to 64, and wait until that is final. `until_ms` is a full five minutes.
+
+        Records without a picture that can be opened are left out. Raises SHARE_CUSTODIANS_MISSING if too few
+        custodians take their parts, NOTHING_TO_SHARE if nothing can be shared, CALL_REFUSED with the contract's code.
+        """
+        if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
+            raise refusal("SHARE_NOT_POSSIBLE", "share_records", most=GRANT_RECORDS_MAX_COUNT)
+        visit = entries[0].visit
+        custodians = await self._find_custodians()
+        tell(STEP_KEYS)
+        data_keys = await self._open_keys(entries)
+        records = [entry.record_id for entry in entries if data_keys[entry.record_id]]
+        if not records:
+            raise refusal("NOTHING_TO_SHARE", "share_unopened")
+        chain_id = self._wallet.genesis.chain_id
+        ephemeral = PrivateKey(self._draw(32))
+        to = grantee.member
+        made = open_grant_keys(ephemeral.secret, to.view, to.spend, chain_id=chain_id, owner=visit.owner)
+        salt = derive_grant_salt(ephemeral, to.view, chain_id=chain_id, owner=visit.owner)
+        hidden = hash_grant_member(salt, to.handle)
+        key, network = self._wallet.owner_key(visit), self._wallet.network
+        arguments = [records, made.owner, made.ephemeral, made.view_tag, hidden, purpose, until_ms]
+        transaction = network.transactions.build(key, "access", "grant", arguments, lifetime_ms=GRANT_LIFETIME_MS)
+        uploads = [
+            upload
+            for record_id in records
+            for upload in self._make_uploads(
+                (transaction.txid, transaction.body.valid_until_ms, record_id),
+                to.sealing,
+                made.owner,
+                data_keys[record_id],
+                list(custodians),
+            )
+        ]
+        held, absent = await self._upload_all(uploads, custodians, key, tell)
+        tell(STEP_SIGNING)
+        self._remember(GivenGrant(transaction.txid, visit.owner, to.handle, grantee.label, salt))
+        try:
+            (await network.submit_and_wait(transaction)).require_ok()
+        except BlockRobotError as error:
+            if error.code in SURE_REFUSALS:
+                self._forget(transaction.txid)
+            raise
+        left_out = tuple(entry.record_id for entry in entries if entry.record_id not in records)
+        pictures = sum(len(data_keys[record_id]) for record_id in records)
+        return Shared(transaction.txid, visit, tuple(records), until_ms, pictures, left_out, held, absent)
+
+    async def _open_keys(self, entries: Sequence[RecordEntry]) -> dict[bytes, dict[int, bytes]]:
+        """Return the data keys of every record by frame, after an access of one's own; of damaged frames there is none."""
+        access_id = await self._viewing.request_access(list(entries), OWN_ACCESS)
+        found = {}
+        for entry in entries:
+            view = await self._viewing.view(entry, access_id)
+            found[entry.record_id] = {frame.index: frame.data_key for frame in view.frames if frame.data_key}
+        return found
+
+    async def _find_custodians(self) -> dict[bytes, NodeAddress | None]:
+        """Return the custodians by key. Raises SHARE_CUSTODIANS_MISSING if there are none, QUORUM_UNHEARD."""
+        await require_quorum(self._wallet.network, self._wallet.keys.identity)
+        custodians = await read_custodians(self._wallet, self._wallet.keys.identity)
+        if not custodians:
+            raise BlockRobotError("SHARE_CUSTODIANS_MISSING", "The chain names no custodian.")
+        return custodians
+
+    def _make_uploads(
+        self,
+        place: tuple[bytes, int, bytes],
+        sealing: bytes,
+        grantee: bytes,
+        data_keys: dict[int, bytes],
+        custodians: list[bytes],
+    ) -> list[tuple[bytes, GrantUpload]]:
+        """Close the package of one record under a fresh key; return what each custodian gets of it."""
+        txid, valid_until_ms, record_id = place
+        share_key = self._draw(SHARE_KEY_BYTES)
+        masks = [self._draw(SHARE_KEY_BYTES) for _ in range(count_masks(len(custodians)))]
+        package = seal_package(
+            share_key, self._draw(_NONCE_BYTES), sealing, grantee=grantee, record_id=record_id, keys=data_keys
+        )
+        parts = split_share_key(share_key, custodians, masks)
+        return [(key, GrantUpload(txid, valid_until_ms, record_id, package, parts[key])) for key in custodians]
+
+    async def _upload_all(
+        self,
+        uploads: Sequence[tuple[bytes, GrantUpload]],
+        custodians: dict[bytes, NodeAddress | None],
+        key: PrivateKey,
+        tell: Tell,
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Give every custodian its parts, one custodian after the other; return who has them, and who was away.
+
+        Raises SHARE_CUSTODIANS_MISSING unless two have them all, or the only one has.
+        """
+        held, absent, failures = [], [], []
+        for custodian, node in custodians.items():
+            name = f"custodian {custodian.hex()[:12]}" if node is None else node.name
+            tell(STEP_PARTS + name)
+            try:
+                if node is None:
+                    raise BlockRobotError("NODE_UNREACHABLE", f"The address of {name} is not known here.")
+                for upload in (upload for to, upload in uploads if to == custodian):
+                    await self._upload(node, upload, key)
+            except BlockRobotError as error:
+                absent.append(name)
+                failures.append(f"{name} ({error.code})")
+            else:
+                held.append(name)
+        needed = min(UPLOADED_MIN_COUNT, len(custodians))
+        if len(held) < needed:
+            counts = {"held": len(held), "count": len(custodians), "needed": needed}
+            raise refusal("SHARE_CUSTODIANS_MISSING", "share_parts", **counts, absent=", ".join(failures))
+        return tuple(held), tuple(absent)
+
+    async def _upload(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:
+        """Give one custodian its parts of one record, waiting a few seconds for one that is a moment behind."""
+        for _ in range(UPLOAD_ATTEMPTS_MAX_COUNT - 1):
+            try:
+                return await self._wallet.network.custody.upload_grant(node, upload, key)
+            except BlockRobotError as error:
+                if error.code not in _NOT_YET:
+                    raise
+            await self._sleep(UPLOAD_PAUSE_S)
+        return await self._wallet.network.custody.upload_grant(node, upload, key)
+
+    def _remember(self, given: GivenGrant) -> None:
+        self._wallet.store.content.given_grants.append(given)
+        self._wallet.store.save()
+
+    def _forget(self, grant_id: bytes) -> None:
+        content = self._wallet.store.content
+        content.given_grants = [given for given in content.given_grants if given.grant_id != grant_id]
+        self._wallet.store.save()
+
+    async def shares(self) -> list[Share]:
+        """Return every grant of this person's visits, the oldest first: found and proved by each visit's audit trail."""
+        known = {given.grant_id: given for given in self._wallet.store.content.given_grants}
+        found: list[Share] = []
+        for visit in await self._wallet.scan():
+            found += await self._shares_of(visit, known)
+        return sorted(found, key=lambda share: (share.grant.row.time, share.grant.grant_id))
+
+    async def shares_of(self, visit: KnownVisit) -> list[Share]:
+        """Return every grant of one visit."""
+        return await self._shares_of(
+            visit, {given.grant_id: given for given in self._wallet.store.content.given_grants}
+        )
+
+    async def _shares_of(self, visit: KnownVisit, known: dict[bytes, GivenGrant]) -> list[Share]:
+        trail = await audit_visit(self._wallet, visit)
+        ids = [entry.data["grant_id"] for entry in trail if entry.kind == "granted"]
+        if not ids:
+            return []
+        key = self._wallet.owner_key(visit)
+        grants = await read_grants(self._wallet, ids, key)
+        looks = [entry.data["access_id"] for entry in trail if _is_look(entry)]
+        shared = sorted({record_id for grant in grants for record_id in grant.row.records})
+        values = await self._wallet.values([*map(REQUEST.key, looks), *map(RECORD.key, shared)], key)
+        asked = {access_id: REQUEST.convert(values[REQUEST.key(access_id)]) for access_id in looks}
+        rows = {record_id: RECORD.convert(values[RECORD.key(record_id)]) for record_id in shared}
+        gone = frozenset(record_id for record_id, row in rows.items() if row.status in _GONE)
+        found = []
+        for grant in grants:
+            erased = gone.intersection(grant.row.records)
+            cut = frozenset(cut_since(grant, trail)).intersection(grant.row.records) - erased
+            looked, confirmed = find_looks(trail, grant.grant_id), find_confirmed(trail, grant.grant_id, asked)
+            found.append(Share(grant, visit, known.get(grant.grant_id), looked, confirmed, cut, erased))
+        return found
+
+    async def recipients(self, entries: Sequence[RecordEntry]) -> list[Share]:
+        """Return the grants by which any of these records was shared, looked at or not (Art. 19, last sentence)."""
+        visits = {entry.visit.owner: entry.visit for entry in entries}
+        ids = {entry.record_id for entry in entries}
+        found = [share for visit in visits.values() for share in await self.shares_of(visit)]
+        return [share for share in found if ids.intersection(share.grant.row.records)]
+
+    async def revoke(self, share: Share) -> bytes:
+        """End a grant; custodians destroy their parts at once. Returns the txid. Raises CALL_REFUSED (GRANT_ENDED)."""
+        return await self._wallet.sign_and_wait(share.visit, "access", "revoke", [share.grant.grant_id])
+
+
+def find_looks(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[Look, ...]:
+    """Return what the trail of a visit says of a grantee's looking, in order."""
+    released: dict[bytes, set[Any]] = {}
+    for entry in trail:
+        if entry.kind == "access_released":
+            released.setdefault(entry.data["access_id"], set()).add(entry.data["custodian"])
+    return tuple(
+        Look(entry.time_ms, entry.data["records"], len(released.get(entry.data["access_id"], ())))
+        for entry in trail
+        if _is_look(entry) and entry.data["grant"] == grant_id
+    )
+
+
+def _is_look(entry: AuditEntry) -> bool:
+    """Whether a grantee asked for shared records."""
+    return entry.kind == "access_requested" and isinstance(entry.data.get("grant"), bytes)
+
+
+def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[bytes, AccessRow]) -> frozenset[bytes]:
+    """Return the records of which a grantee said on the chain that her copies are deleted, and did not ask for since.
+
+    `asked` are the proven rows of requests, by id: the trail has only how many records they are of.
+    """
+    gone: set[bytes] = set()
+    for entry in trail:
+        if entry.kind == "grant_noticed" and entry.data["grant_id"] == grant_id:
+            gone.update(entry.data["records"])
+        elif _is_look(entry) and entry.data["grant"] == grant_id:
+            gone.difference_update(asked[entry.data["access_id"]].records)
+    return frozenset(gone)

@@ -1,0 +1,185 @@
+"""The wallet on disk: one encrypted file, written whole or not at all. Must never write a secret in the clear.
+
+Sealed under the passphrase (`clients.sdk.passphrase`) is everything: the words, what the wallet knows of its visits
+(itself sensitive: it says where somebody was), and the newest verified header.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from clients.sdk.passphrase import (
+    PassphraseCost,
+    PassphraseError,
+    SealedFileError,
+    SealFormat,
+    SealingKey,
+    new_sealing_key,
+    open_sealed,
+)
+from clients.wallet.present.translations import refusal
+from clients.wallet.store.guardian_set import GuardianSet
+from clients.wallet.store.sharing_memory import GivenGrant, ReceivedGrant
+from consensus.errors import BlockRobotError
+from consensus.rights.right_codes import Correction
+
+_log = logging.getLogger(__name__)
+
+_FORMAT = SealFormat(b"BRWALLET1", "blockrobot/wallet-file")
+WALLET_FILE_MAX_BYTES = 64 * 1024 * 1024
+
+
+class KnownVisit(msgspec.Struct):
+    """A visit that the wallet found to be its own: what is needed to derive its owner key again.
+
+    `owner` is the visit's first key, its name on the chain; `current`, if it was transferred, the key that decides of it
+    now. `ephemeral` and `era` (which words, counted from the wallet's first) belong to the key that decides. `taken`: it
+    was transferred to a key that none of the wallet's words lead to. `stuck`: the chain lets nobody transfer it any more.
+    """
+
+    owner: bytes
+    ephemeral: bytes
+    robot: bytes
+    sequence: int
+    bucket_ms: int
+    current: bytes = b""
+    era: int = 0
+    taken: bool = False
+    stuck: bool = False
+
+
+class WalletContent(msgspec.Struct):
+    """What the file holds, decrypted.
+
+    `former` are words that were replaced, oldest first: what was sealed to their keys opens with nothing else.
+    `next_words` are to replace the present ones; they are kept here before anything is signed with them. `leaving` are the
+    transactions by which she meant to leave; that she `left` is noted once one of them is proven to have succeeded.
+    `proofs` are those of her own transactions, by txid (`clients.wallet.store.kept_proofs`).
+    """
+
+    words: str
+    handle: bytes = b""
+    role: str = ""
+    visits: list[KnownVisit] = msgspec.field(default_factory=list)
+    scanned_count: int = 0
+    pin: bytes = b""
+    asked_erasures: list[bytes] = msgspec.field(default_factory=list)
+    corrections: list[Correction] = msgspec.field(default_factory=list)
+    given_grants: list[GivenGrant] = msgspec.field(default_factory=list)
+    received_grants: list[ReceivedGrant] = msgspec.field(default_factory=list)
+    scanned_grants_count: int = 0
+    receipts: list[bytes] = msgspec.field(default_factory=list)
+    receipts_due: list[bytes] = msgspec.field(default_factory=list)
+    notice_shown_version: int = 0
+    notice_consented_version: int = 0
+    former: list[str] = msgspec.field(default_factory=list)
+    next_words: str = ""
+    next_words_shown: bool = False
+    transfers_due: bool = False
+    left: bool = False
+    leaving: list[bytes] = msgspec.field(default_factory=list)
+    guardian_sets: list[GuardianSet] = msgspec.field(default_factory=list)
+    proofs: dict[bytes, bytes] = msgspec.field(default_factory=dict)
+    proofs_dropped_count: int = 0
+
+    def __repr__(self) -> str:
+        return f"WalletContent({len(self.visits)} visits)"
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    """Write beside, sync, rename, sync the folder: after a power cut the old file or the new one is there."""
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".wallet-")
+    try:
+        os.fchmod(descriptor, 0o600)
+        with os.fdopen(descriptor, "wb") as handle:
+            handle.write(data)
+            handle.flush()
+            os.fsync(handle.fileno())
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _damaged(error: SealedFileError, path: Path) -> BlockRobotError:
+    """Return why a file is no wallet's."""
+    if str(error) == "changed":
+        return refusal("WALLET_DAMAGED", "wallet_changed", path=str(path))
+    if str(error) == "work":
+        return refusal("WALLET_DAMAGED", "wallet_work", path=str(path))
+    return refusal("WALLET_DAMAGED", "wallet_no_file", path=str(path))
+
+
+class Keystore:
+    """An open wallet file. `save` seals with a fresh nonce under the key that opened it."""
+
+    def __init__(self, path: Path, key: SealingKey, content: WalletContent) -> None:
+        self._path = path
+        self._key = key
+        self._is_read_only = False
+        self.content = content
+
+    def __repr__(self) -> str:
+        return f"Keystore({self._path})"
+
+    @classmethod
+    def create(
+        cls, path: Path, words: str, passphrase: str, cost: PassphraseCost | None = None, *, former: Sequence[str] = ()
+    ) -> Keystore:
+        """Make a new wallet file, mode 0600. `former` are words that were replaced, oldest first.
+
+        Raises WALLET_EXISTS rather than overwrite one.
+        """
+        if path.exists():
+            raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        store = cls(path, new_sealing_key(passphrase, _FORMAT, cost), WalletContent(words=words, former=list(former)))
+        store.save()
+        return store
+
+    @classmethod
+    def open(cls, path: Path, passphrase: str) -> Keystore:
+        """Open a wallet file. Raises WALLET_NOT_FOUND, WALLET_DAMAGED or WALLET_PASSPHRASE_WRONG."""
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
+            raise refusal("WALLET_NOT_FOUND", "wallet_not_found", path=str(path)) from None
+        if len(data) > WALLET_FILE_MAX_BYTES:
+            raise refusal("WALLET_DAMAGED", "wallet_large", path=str(path))
+        try:
+            plain, key = open_sealed(data, passphrase, _FORMAT)
+        except SealedFileError as error:
+            raise _damaged(error, path) from None
+        except PassphraseError:
+            raise BlockRobotError("WALLET_PASSPHRASE_WRONG") from None
+        try:
+            content = msgspec.msgpack.decode(plain, type=WalletContent)
+        except msgspec.MsgspecError:
+            raise refusal("WALLET_DAMAGED", "wallet_version", path=str(path)) from None
+        return cls(path, key, content)
+
+    def opens_with(self, passphrase: str) -> bool:
+        """Tell whether this passphrase opens the file. As dear as opening it."""
+        return self._key.is_from(passphrase)
+
+    def read_only(self) -> None:
+        """Write nothing from now on: another program has the file, and what it notes would be lost."""
+        self._is_read_only = True
+
+    def save(self) -> None:
+        """Seal the content and replace the file in one step, unless it is only read: then it is logged that it was not."""
+        if self._is_read_only:
+            _log.info("The wallet is read beside another program: what was to be noted in it is dropped.")
+            return
+        _write_whole(self._path, self._key.seal(msgspec.msgpack.encode(self.content)))

@@ -1,0 +1,152 @@
+"""Lets one program at a time have a wallet open: of two, the later to write would lose what the other had noted.
+
+An advisory lock on a file beside the wallet's: the kernel drops it when the process ends, however it ends. In it stands
+who holds it and since when, for whoever has to wait. Must never keep anybody waiting for long, nor leave a lock behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+import msgspec
+
+from clients.wallet.cli.invocation import as_called
+from clients.wallet.present.translations import refusal
+from consensus.errors import BlockRobotError
+from pages.moments import show_moment
+
+WAIT_MAX_S = 5.0
+"""A command that runs at the same time is over soon; a page stays."""
+READING_WAIT_MAX_S = 0.5
+"""Who only reads does not wait for a command that waits for receipts: the file is whole at any moment."""
+NOTE_MAX_BYTES = 1024
+SINCE_MAX_MS = 1 << 45
+_PAUSE_S = 0.05
+_PRIVATE_FOLDER = 0o700
+
+
+@contextlib.contextmanager
+def claim_wallet(
+    path: Path, *, wait_s: float = WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
+) -> Iterator[None]:
+    """Hold a wallet's file while inside. Raises WALLET_BUSY if another program has it, WALLET_NOT_FOUND."""
+    require_wallet(path)
+    with _hold(path, wait_s, sleep):
+        yield
+
+
+@contextlib.contextmanager
+def claim_or_read(
+    path: Path, *, wait_s: float = READING_WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
+) -> Iterator[BlockRobotError | None]:
+    """Hold a wallet's file while inside, or go on beside who holds it, and then yield WALLET_BUSY, which names him.
+
+    Then nothing may be written. Raises WALLET_NOT_FOUND.
+    """
+    require_wallet(path)
+    try:
+        descriptor = _lock(path, wait_s, sleep)
+    except BlockRobotError as busy:
+        yield busy
+        return
+    try:
+        yield None
+    finally:
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def claim_place(path: Path) -> Iterator[None]:
+    """Hold the place of a wallet that is to be made, and its folder. Raises WALLET_BUSY, WALLET_EXISTS."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
+    with _hold(path, 0.0, time.sleep):
+        if path.exists():
+            raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
+        try:
+            yield
+        finally:
+            if not path.exists():
+                _lock_of(path).unlink(missing_ok=True)
+
+
+def _lock_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.lock")
+
+
+def require_wallet(path: Path) -> None:
+    """Raise WALLET_NOT_FOUND where there is none, before anybody is asked for its passphrase."""
+    if not path.exists():
+        raise refusal("WALLET_NOT_FOUND", "wallet_not_found", path=str(path))
+
+
+@contextlib.contextmanager
+def _hold(path: Path, wait_s: float, sleep: Callable[[float], None]) -> Iterator[None]:
+    descriptor = _lock(path, wait_s, sleep)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
+    """Return the descriptor of the lock file, held. Raises WALLET_BUSY after so long."""
+    for _ in range(max(1, round(wait_s / _PAUSE_S))):
+        descriptor = os.open(_lock_of(path), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Where no wallet came to be the file goes again; a lock on one that is gone keeps nobody out.
+            if _is_there(descriptor, path):
+                _write_holder(descriptor)
+                return descriptor
+            os.close(descriptor)
+        except BlockingIOError:
+            os.close(descriptor)
+            sleep(_PAUSE_S)
+    holder = _read_holder(path)
+    if holder is None:
+        raise refusal("WALLET_BUSY", "wallet_busy", path=str(path))
+    # It has the very wallet that is wanted here, so it is called as this one is.
+    who = as_called(holder.command[:1].upper() + holder.command[1:])
+    moment = show_moment(holder.since_ms)
+    raise refusal("WALLET_BUSY", "wallet_busy_with", who=who, process=holder.process, path=str(path), since=moment)
+
+
+def _is_there(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), _lock_of(path).stat())
+    except FileNotFoundError:
+        return False
+
+
+class _Holder(msgspec.Struct):
+    """Who holds a wallet: the command as it is called, without its arguments; its process; since when, in ms."""
+
+    command: str
+    process: int
+    since_ms: int
+
+
+def _write_holder(descriptor: int) -> None:
+    """Note who holds the lock. A disk that takes no more keeps nobody from his wallet."""
+    context = click.get_current_context(silent=True)
+    command = "another program" if context is None else f"`{context.command_path}`"
+    note = msgspec.json.encode(_Holder(command, os.getpid(), time.time_ns() // 1_000_000))
+    with contextlib.suppress(OSError):
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, note, 0)
+
+
+def _read_holder(path: Path) -> _Holder | None:
+    """Return who holds the lock, None where that cannot be known: the file may be of an older version, or half written."""
+    try:
+        with _lock_of(path).open("rb") as file:
+            holder = msgspec.json.decode(file.read(NOTE_MAX_BYTES), type=_Holder)
+    except (OSError, msgspec.MsgspecError):
+        return None
+    return holder if 0 <= holder.since_ms < SINCE_MAX_MS else None

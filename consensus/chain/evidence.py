@@ -1,0 +1,86 @@
+"""Proof that a producer spoke twice: two different ids under its signature in one round. Must never accuse the innocent.
+
+A producer's signatures are deterministic and it journals before it speaks (R12, R13), so an honest one never signs two
+ids of one kind in one (epoch, round). Whoever sees such a pair makes the same bytes of it, whichever came first (R30).
+"""
+
+from __future__ import annotations
+
+from consensus.chain.messages import PROPOSAL_TAG, VOTE_TAG, WORD_PROPOSAL, WORD_VOTE, proposal_parts, vote_parts
+from consensus.chain.signature_cache import SignatureCheck
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import Wire
+from consensus.primitives.hashing import HASH_SIZE_BYTES
+from consensus.primitives.keys import verify
+
+_TAGS = {WORD_PROPOSAL: PROPOSAL_TAG, WORD_VOTE: VOTE_TAG}
+_PARTS = {WORD_PROPOSAL: proposal_parts, WORD_VOTE: vote_parts}
+_EPOCH_END, _ROUND_END = 1 << 32, 1 << 53
+
+
+class Evidence(Wire, frozen=True):
+    """Two words of `producer` (33-byte key) in one round, `first_id` < `second_id`, with their 64-byte signatures."""
+
+    kind: str
+    epoch: int
+    round: int
+    producer: bytes
+    first_id: bytes
+    first_signature: bytes
+    second_id: bytes
+    second_signature: bytes
+
+
+def make_evidence(
+    kind: str, epoch: int, round_number: int, producer: bytes, one: tuple[bytes, bytes], other: tuple[bytes, bytes]
+) -> Evidence:
+    """Return the evidence of two words, each (block id, signature), in whichever order they came."""
+    (first_id, first_signature), (second_id, second_signature) = sorted((one, other))
+    return Evidence(
+        kind=kind,
+        epoch=epoch,
+        round=round_number,
+        producer=producer,
+        first_id=first_id,
+        first_signature=first_signature,
+        second_id=second_id,
+        second_signature=second_signature,
+    )
+
+
+def is_genuine_word(
+    kind: str,
+    chain_id: bytes,
+    epoch: int,
+    round_number: int,
+    block_id: bytes,
+    *,
+    producer: bytes,
+    signature: bytes,
+    check: SignatureCheck = verify,
+) -> bool:
+    """Tell whether `producer` signed a proposal or vote for this id in this round. Never raises for a kind it knows."""
+    if len(block_id) != HASH_SIZE_BYTES or not 0 < round_number < _ROUND_END or not 0 <= epoch < _EPOCH_END:
+        return False
+    return check(producer, _TAGS[kind], signature, *_PARTS[kind](chain_id, epoch, round_number, block_id))
+
+
+def verify_evidence(evidence: Evidence, chain_id: bytes, check: SignatureCheck = verify) -> None:
+    """Check that both words are the producer's and contradict each other. Raises EVIDENCE_INVALID."""
+    if evidence.kind not in _TAGS:
+        raise BlockRobotError("EVIDENCE_INVALID", f"There is no evidence of kind {evidence.kind!r}.")
+    if not evidence.first_id < evidence.second_id:
+        raise BlockRobotError("EVIDENCE_INVALID", "The two ids are equal or not in order.")
+    words = ((evidence.first_id, evidence.first_signature), (evidence.second_id, evidence.second_signature))
+    for block_id, signature in words:
+        if not is_genuine_word(
+            evidence.kind,
+            chain_id,
+            evidence.epoch,
+            evidence.round,
+            block_id,
+            producer=evidence.producer,
+            signature=signature,
+            check=check,
+        ):
+            raise BlockRobotError("EVIDENCE_INVALID", "One of the signatures is not the accused producer's.")

@@ -1,0 +1,201 @@
+"""The genesis file: all that a client must trust. Must never hold a secret or anything that is not the same everywhere.
+
+It names the organisations with their certificate authorities, the nodes, the first schedule, the chain's settings, the
+contracts by the hash of their source, and the state root after the contracts' genesis entries ran.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+
+from consensus.chain.block import HEADER_VERSION, NO_BLOCK, Block, Header, QuorumCertificate, compute_header_id
+from consensus.chain.epoch_settings import ChainSettings, Epoch, check_settings, parse_production
+from consensus.chain.schedule import Schedule
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import Wire, encode
+from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash
+from consensus.primitives.keys import is_public_key
+from consensus.primitives.merkle import merkle_root
+
+__all__ = [
+    "GENESIS_VERSION",
+    "ChainSettings",
+    "ContractEntry",
+    "Genesis",
+    "NodeEntry",
+    "Organisation",
+    "genesis_from_json",
+    "genesis_to_json",
+    "parse_production",
+]
+
+GENESIS_VERSION = 1
+
+
+class Organisation(Wire, frozen=True):
+    """An organisation: its name, its CA certificate (PEM), its admins' and registrars' member keys (33 bytes)."""
+
+    name: str
+    ca_certificate: str
+    admins: tuple[bytes, ...]
+    registrars: tuple[bytes, ...]
+
+
+class NodeEntry(Wire, frozen=True):
+    """A node: who runs it, where it is, and its keys (33 bytes; empty if it is no producer or no custodian)."""
+
+    name: str
+    organisation: str
+    host: str
+    p2p_port: int
+    api_url: str
+    producer_key: bytes
+    producer_possession: bytes
+    custodian_key: bytes
+
+
+class ContractEntry(Wire, frozen=True):
+    """A contract that is there from genesis: its name and the SHA-256 of its source."""
+
+    name: str
+    source_hash: bytes
+
+
+class Genesis(Wire, frozen=True):
+    """The whole file. `state_root` is that after the genesis entries; it is no part of the chain id.
+
+    `contract_language` is the version of the language that the contracts are written in, with its prices of gas: a node
+    that charged otherwise would come to other results in the middle of the chain.
+    """
+
+    version: int
+    network: str
+    created_at_ms: int
+    settings: ChainSettings
+    organisations: tuple[Organisation, ...]
+    nodes: tuple[NodeEntry, ...]
+    contracts: tuple[ContractEntry, ...]
+    purposes: tuple[str, ...]
+    state_root: bytes
+    contract_language: int = 4
+
+    @property
+    def chain_id(self) -> bytes:
+        """The 32-byte chain id: a hash of everything but the state root."""
+        return tagged_hash("blockrobot/chain", encode(msgspec.structs.replace(self, state_root=b"")))
+
+    @property
+    def epoch(self) -> Epoch:
+        """Epoch 0: the nodes with a producer key, in file order, and the file's settings."""
+        producers = tuple(node.producer_key for node in self.nodes if node.producer_key)
+        return Epoch(number=0, producers=producers, leaderless=(), settings=self.settings)
+
+    @property
+    def schedule(self) -> Schedule:
+        """The schedule of epoch 0."""
+        return Schedule.of(self.epoch)
+
+    @property
+    def custodians(self) -> tuple[NodeEntry, ...]:
+        """The nodes that keep off-chain data."""
+        return tuple(node for node in self.nodes if node.custodian_key)
+
+    def node(self, name: str) -> NodeEntry:
+        """Return the node of this name. Raises GENESIS_INVALID."""
+        for node in self.nodes:
+            if node.name == name:
+                return node
+        raise BlockRobotError("GENESIS_INVALID", f"The genesis file names no node {name!r}.")
+
+    def block(self) -> Block:
+        """Return the genesis block: height 0, round 0, no producer, the genesis state."""
+        empty_root = merkle_root([])
+        header = Header(
+            version=HEADER_VERSION,
+            chain_id=self.chain_id,
+            epoch=0,
+            height=0,
+            round=0,
+            parent_id=NO_BLOCK,
+            qc=QuorumCertificate(epoch=0, round=0, block_id=NO_BLOCK, votes=()),
+            tc=None,
+            producer=0,
+            timestamp_ms=self.created_at_ms,
+            transactions_root=empty_root,
+            receipts_root=empty_root,
+            state_root=self.state_root,
+            next_schedule_hash=None,
+            gas_used=0,
+        )
+        return Block(header_bytes=encode(header), signature=b"", transactions=())
+
+    @property
+    def block_id(self) -> bytes:
+        """The id of the genesis block."""
+        return compute_header_id(self.block().header)
+
+
+def _check_nodes(genesis: Genesis) -> None:
+    names = [node.name for node in genesis.nodes]
+    keys = [key for node in genesis.nodes for key in (node.producer_key, node.custodian_key) if key]
+    if len(set(names)) != len(names) or len(genesis.state_root) != HASH_SIZE_BYTES:
+        raise BlockRobotError("GENESIS_INVALID", "Two nodes share a name, or the state root has a wrong size.")
+    if not all(is_public_key(key) for key in keys):
+        raise BlockRobotError("GENESIS_INVALID", "A node's key is no public key.")
+
+
+def _bytes_to_hex(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, msgspec.Struct):
+        return {name: _bytes_to_hex(getattr(value, name)) for name in value.__struct_fields__}
+    if isinstance(value, tuple | list):
+        return [_bytes_to_hex(item) for item in value]
+    return value
+
+
+def genesis_to_json(genesis: Genesis) -> str:
+    """Return the file's text: JSON with named fields, bytes in lower-case hex."""
+    return json.dumps(_bytes_to_hex(genesis), indent=2, ensure_ascii=False) + "\n"
+
+
+def _named(kind: type[Wire], value: Any) -> list[Any]:
+    """Turn a JSON object with named fields into the array form of `kind`, refusing unknown and missing fields."""
+    names = kind.__struct_fields__
+    if not isinstance(value, dict) or set(value) != set(names):
+        raise BlockRobotError("GENESIS_INVALID", f"The part {kind.__name__} of the genesis file has wrong fields.")
+    return [_from_hex(field.type, value[field.name]) for field in msgspec.structs.fields(kind)]
+
+
+def _from_hex(kind: Any, value: Any) -> Any:
+    """Read hexadecimal text where the field's type says bytes."""
+    if kind is bytes:
+        return bytes.fromhex(value)
+    if kind == tuple[bytes, ...]:
+        return [bytes.fromhex(item) for item in value]
+    return value
+
+
+def genesis_from_json(text: str) -> Genesis:
+    """Read a genesis file. Raises GENESIS_INVALID with what is wrong."""
+    try:
+        raw = json.loads(text)
+        fields = dict(zip(Genesis.__struct_fields__, _named(Genesis, raw), strict=True))
+        fields["settings"] = _named(ChainSettings, fields["settings"])
+        fields["organisations"] = [_named(Organisation, part) for part in fields["organisations"]]
+        fields["nodes"] = [_named(NodeEntry, part) for part in fields["nodes"]]
+        fields["contracts"] = [_named(ContractEntry, part) for part in fields["contracts"]]
+        genesis = msgspec.convert(list(fields.values()), Genesis, builtin_types=(bytes,))
+        encode(genesis)  # a number beyond 64 bits or half a character has no canonical form
+    except (ValueError, TypeError, RecursionError, OverflowError) as error:
+        raise BlockRobotError("GENESIS_INVALID", f"The genesis file cannot be read: {error}.") from None
+    if genesis.version != GENESIS_VERSION:
+        raise BlockRobotError(
+            "GENESIS_INVALID", f"The genesis file has version {genesis.version}, not {GENESIS_VERSION}."
+        )
+    check_settings(genesis.settings)
+    _check_nodes(genesis)
+    return genesis

@@ -1,0 +1,211 @@
+"""The unfinalized blocks: a tree above the finalized head, certificates, and blocks whose parent is missing.
+
+Must never hold a block twice, lose the finalized head, or grow beyond its limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+from consensus.chain.block import GENESIS_ROUND, Block, Header, QuorumCertificate
+from consensus.chain.block_rules import is_fit_for_parent
+from consensus.limits import ORPHAN_BLOCKS_MAX_COUNT, TREE_BLOCKS_MAX_COUNT
+
+
+class Execution(Enum):
+    """How far the node is with executing a block. FAILED: it could not be, which says nothing about the block (R41)."""
+
+    WAITING = auto()
+    RUNNING = auto()
+    VALID = auto()
+    REFUSED = auto()
+    FAILED = auto()
+
+
+@dataclass(slots=True, eq=False)
+class BlockNode:
+    """A block in the tree, decoded once. `parent` is None for the root and for orphans. `withheld`: not to be voted for."""
+
+    block: Block
+    block_id: bytes
+    header: Header
+    arrived_ms: int
+    execution: Execution = Execution.WAITING
+    withheld: bool = False
+    parent: BlockNode | None = None
+    children: list[BlockNode] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class TwoChain:
+    """A finalized block, and the certified child of the next round that proves it."""
+
+    final: BlockNode
+    child: BlockNode
+    child_qc: QuorumCertificate
+
+
+def make_node(block: Block, now_ms: int) -> BlockNode:
+    """Decode a block. Raises ENCODING_* if its header is none."""
+    return BlockNode(block=block, block_id=block.block_id, header=block.header, arrived_ms=now_ms)
+
+
+class BlockTree:
+    """All that is known above the finalized head (`root`), in the epoch of that head's certificate."""
+
+    def __init__(self, finalized: Block, finalized_qc: QuorumCertificate) -> None:
+        self.epoch = finalized_qc.epoch
+        self.root = make_node(finalized, 0)
+        self.root.execution = Execution.VALID
+        self.nodes: dict[bytes, BlockNode] = {self.root.block_id: self.root}
+        self.orphans: dict[bytes, BlockNode] = {}
+        self.certificates: dict[bytes, QuorumCertificate] = {finalized_qc.block_id: finalized_qc}
+        self._first_of_round: dict[int, bytes] = {}
+
+    @property
+    def root_round(self) -> int:
+        """The round of the finalized head; 0 if it is of an earlier epoch (R23)."""
+        return self.root.header.round if self.root.header.epoch == self.epoch else GENESIS_ROUND
+
+    def get(self, block_id: bytes) -> BlockNode | None:
+        """Return the connected block of this id."""
+        return self.nodes.get(block_id)
+
+    def may_add(self, block_id: bytes, header: Header) -> bool:
+        """Tell whether the block is new and has room: one uncertified block a round (R14), within the limits."""
+        if block_id in self.nodes or block_id in self.orphans:
+            return False
+        if header.round <= self.root_round or header.height <= self.root.header.height:
+            return False
+        if len(self.nodes) >= TREE_BLOCKS_MAX_COUNT:
+            return False
+        return block_id in self.certificates or self._first_of_round.get(header.round, block_id) == block_id
+
+    def add(self, node: BlockNode) -> list[BlockNode]:
+        """Add a block; return it and the orphans that it connects, parents first (nothing if it is an orphan)."""
+        self._first_of_round.setdefault(node.header.round, node.block_id)
+        if node.header.parent_id not in self.nodes:
+            self._add_orphan(node)
+            return []
+        return self._connect(node)
+
+    def _add_orphan(self, node: BlockNode) -> None:
+        self.orphans[node.block_id] = node
+        if len(self.orphans) > ORPHAN_BLOCKS_MAX_COUNT:
+            highest = max(self.orphans.values(), key=lambda orphan: orphan.header.height)
+            del self.orphans[highest.block_id]
+
+    def _connect(self, first: BlockNode) -> list[BlockNode]:
+        connected: list[BlockNode] = []
+        waiting = [first]
+        while waiting:
+            node = waiting.pop()
+            parent = self.nodes[node.header.parent_id]
+            node.parent = parent
+            parent.children.append(node)
+            if not is_fit_for_parent(node.header, parent.header) or parent.execution is Execution.REFUSED:
+                node.execution = Execution.REFUSED
+            self.nodes[node.block_id] = node
+            connected.append(node)
+            ready = [orphan for orphan in self.orphans.values() if orphan.header.parent_id == node.block_id]
+            for orphan in ready:
+                del self.orphans[orphan.block_id]
+            waiting.extend(ready)
+        return connected
+
+    def certify(self, qc: QuorumCertificate) -> bool:
+        """Remember a checked certificate; tell whether it is the first for its block."""
+        if qc.block_id in self.certificates or (qc.round <= self.root_round and qc.block_id not in self.nodes):
+            return False
+        if len(self.certificates) >= 2 * TREE_BLOCKS_MAX_COUNT:
+            return False
+        self.certificates[qc.block_id] = qc
+        return True
+
+    def branch(self, block_id: bytes) -> list[BlockNode] | None:
+        """Return the blocks above the root up to this one, oldest first; None if it is not connected."""
+        node = self.nodes.get(block_id)
+        if node is None:
+            return None
+        path: list[BlockNode] = []
+        while node is not None and node is not self.root:
+            path.append(node)
+            node = node.parent
+        path.reverse()
+        return path
+
+    def two_chains(self) -> list[TwoChain]:
+        """Return every executed block above the root that is final by the two-chain rule (R8), oldest first."""
+        found: list[TwoChain] = []
+        for node in self.nodes.values():
+            parent = node.parent
+            if parent is None or parent is self.root or parent.execution is not Execution.VALID:
+                continue
+            qc = self.certificates.get(node.block_id)
+            if qc is not None and node.header.round == parent.header.round + 1:
+                found.append(TwoChain(final=parent, child=node, child_qc=qc))
+        return sorted(found, key=lambda chain: chain.final.header.round)
+
+    def contradicts_root(self, node: BlockNode) -> bool:
+        """Tell whether a certified block of a later round leaves the chain below the root: no honest quorum does (R18)."""
+        root, header = self.root, node.header
+        if node.block_id not in self.certificates or node.block_id in self.nodes or header.round <= self.root_round:
+            return False
+        is_sibling = header.height == root.header.height + 1 and header.parent_id != root.block_id
+        return is_sibling or header.height <= root.header.height
+
+    def missing_ancestor(self, block_id: bytes) -> tuple[bytes, QuorumCertificate | None] | None:
+        """Return the id (and certificate) of the first block missing on the way down, None if all are connected."""
+        qc = self.certificates.get(block_id)
+        while block_id not in self.nodes:
+            orphan = self.orphans.get(block_id)
+            if orphan is None:
+                return block_id, qc
+            block_id, qc = orphan.header.parent_id, orphan.header.qc
+        return None
+
+    def advance_root(self, head: BlockNode) -> list[BlockNode]:
+        """Make a connected block the root; drop what does not descend from it. Return what became final."""
+        path = self.branch(head.block_id)
+        if path is None:
+            raise AssertionError("the new root is not connected")
+        self.root = head
+        head.parent = None
+        kept: dict[bytes, BlockNode] = {}
+        waiting = [head]
+        while waiting:
+            node = waiting.pop()
+            kept[node.block_id] = node
+            waiting.extend(node.children)
+        for block_id, node in self.nodes.items():
+            if block_id not in kept:
+                node.parent, node.children = None, []
+        self.nodes = kept
+        self._prune()
+        return path
+
+    def replace_root(self, head: Block, now_ms: int) -> list[BlockNode]:
+        """Make a block from elsewhere the root; return the orphans that it connects, parents first."""
+        self.root = make_node(head, now_ms)
+        self.root.execution = Execution.VALID
+        self.nodes = {self.root.block_id: self.root}
+        self.orphans.pop(self.root.block_id, None)
+        self._prune()
+        connected: list[BlockNode] = []
+        for orphan in [node for node in self.orphans.values() if node.header.parent_id == self.root.block_id]:
+            del self.orphans[orphan.block_id]
+            connected.extend(self._connect(orphan))
+        return connected
+
+    def _prune(self) -> None:
+        low, height = self.root_round, self.root.header.height
+        self.orphans = {
+            block_id: node
+            for block_id, node in self.orphans.items()
+            if node.header.round > low and node.header.height > height
+        }
+        self.certificates = {
+            block_id: qc for block_id, qc in self.certificates.items() if qc.round > low or block_id in self.nodes
+        }
+        self._first_of_round = {number: first for number, first in self._first_of_round.items() if number > low}

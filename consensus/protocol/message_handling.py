@@ -1,0 +1,137 @@
+"""What a node does with words as such: who contradicts himself, who asks for his own, what this node itself forgot.
+
+Must never sign: it may only keep the node from signing.
+"""
+
+from __future__ import annotations
+
+from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
+from consensus.chain.evidence import Evidence
+from consensus.chain.journal_records import SILENCE_OUTDATED, SilenceMark, encode_silence_record
+from consensus.chain.messages import SILENT, Proposal, Timeout, Vote, Word, WordsAnswer, WordsRequest
+from consensus.protocol.core_state import Standing
+from consensus.protocol.effects import Effect, EvidenceFound, Persist, SendTo
+from consensus.protocol.signing_guard import SilenceReport
+
+
+class Hearing(Standing):
+    """The part of the core that listens (R30 to R36)."""
+
+    @property
+    def silence(self) -> SilenceReport | None:
+        """Why this producer signs nothing, and until when; None if it may sign."""
+        if self._voter.has_left:
+            until = f"its ledger reaches epoch {self._voter.newest_epoch}, of which its journal speaks"
+            return SilenceReport(SILENCE_OUTDATED, until)
+        return self._voter.returning.report
+
+    # Words of all
+
+    def _hear_vote(self, vote: Vote, sender: int | None) -> None:
+        self._note_evidence(self._witness.hear_vote(vote, sender))
+
+    def _hear_proposal(self, block: Block, header: Header, block_id: bytes, sender: int | None) -> None:
+        self._note_evidence(self._witness.hear_proposal(block, header, block_id, sender))
+
+    def _is_genuine_vote(self, vote: Vote) -> bool:
+        """Check a vote whatever the watch may look at; a genuine one is heard in any case (R31)."""
+        is_genuine = self._genuine.of_vote(vote)
+        if is_genuine:
+            self._note_evidence(self._witness.note_vote(vote))
+        return is_genuine
+
+    def _is_genuine_block(self, block: Block, header: Header, block_id: bytes) -> bool:
+        """Check a block whatever the watch may look at; a genuine one is heard in any case (R31)."""
+        is_genuine = self._genuine.of_block(block, header)
+        if is_genuine:
+            self._note_evidence(self._witness.note_proposal(block, header, block_id))
+        return is_genuine
+
+    def _confront(self, round_number: int) -> None:
+        """R39: whoever voted for another block of a round than the one held here is shown this one."""
+        if self.index is None:
+            return
+        block_id, voters = self._witness.confront(round_number)
+        node = self._tree.get(block_id) or self._tree.orphans.get(block_id)
+        if node is not None:
+            self._effects += [SendTo(index=index, message=Proposal(block=node.block)) for index in voters]
+
+    def _hear_timeout(self, timeout: Timeout) -> None:
+        self._witness.note_timeout(timeout)
+
+    def _hear_qc(self, qc: QuorumCertificate) -> None:
+        self._note_evidence(self._witness.note_qc(qc))
+
+    def _hear_tc(self, tc: TimeoutCertificate) -> None:
+        self._witness.note_tc(tc)
+        self._doubt_own_memory()
+
+    def _note_evidence(self, found: list[Evidence]) -> None:
+        self._effects += [EvidenceFound(evidence=evidence) for evidence in found]
+        self._doubt_own_memory()
+
+    # Words of this node's own
+
+    def _doubt_own_memory(self) -> None:
+        """R34: a word of one's own that the journal does not know comes from a life that was forgotten."""
+        for word in self._witness.take_own_words():
+            if not self._voter.remembers(word):
+                self._doubt(word.round)
+
+    def _doubt(self, forgotten_round: int) -> None:
+        returning = self._voter.returning
+        mark = returning.mark
+        self._follow(mark, returning.doubt(forgotten_round))
+
+    def _follow(self, mark_before: SilenceMark | None, consequences: list[Effect]) -> None:
+        """Journal a changed mark, then do what follows."""
+        mark = self._voter.returning.mark
+        if mark != mark_before:
+            record = encode_silence_record(self.epoch, self._voter.last_voted_round, mark)
+            self._effects.append(Persist(records=(record,)))
+        self._effects += consequences
+
+    def _hear_own_word(self, word: Word | None) -> None:
+        if word is None or self.index is None or word.epoch != self.epoch:
+            return
+        if not self._voter.remembers(word) and self._genuine.of_word(word, self.index):
+            self._doubt(word.round)
+
+    # Asking and answering
+
+    def _on_words_asked(self, request: WordsRequest, sender: int | None) -> None:
+        """R33: tell a producer what was last heard of it. A follower's memory is not asked for."""
+        if request.epoch != self.epoch or self.index is None or sender is None or sender == self.index:
+            return
+        answer = WordsAnswer(
+            epoch=self.epoch,
+            asked_at_ms=request.asked_at_ms,
+            speech=SILENT if self._voter.has_left else self._voter.returning.speech,
+            signed_round=self._voter.last_voted_round,
+            word=self._witness.newest(sender),
+            qc=self.high_qc,
+            entered_by=self.entered_by,
+        )
+        self._effects.append(SendTo(index=sender, message=answer))
+
+    def _hear_answer(self, answer: WordsAnswer, sender: int, proven_round: int) -> bool:
+        """R33, R34: take an answer whose certificates lead into `proven_round`; tell whether this node speaks again."""
+        returning = self._voter.returning
+        if not 0 <= answer.signed_round <= proven_round:
+            return False
+        was_barred = returning.bars
+        self._hear_own_word(answer.word)
+        mark = returning.mark
+        self._follow(mark, returning.take(sender, answer, self._voter.last_voted_round))
+        return was_barred and not returning.bars
+
+    def _end_silence(self) -> bool:
+        """R35: speak again, if the chain went on without this node far enough; tell whether it does."""
+        returning = self._voter.returning
+        mark = returning.mark
+        if mark is None or not returning.may_end(self._tree.root.header):
+            return False
+        if mark.epoch == self.epoch and mark.above_round is not None:
+            self._voter.last_voted_round = max(self._voter.last_voted_round, mark.above_round)
+        self._follow(mark, returning.end())
+        return not returning.bars

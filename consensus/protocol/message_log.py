@@ -1,0 +1,195 @@
+"""What this node heard the producers say: the newest word of each, and any second word. Must never grow without bound.
+
+The first genuine word of a kind, round and producer is kept for the rounds around the node's own; a later one that
+differs is evidence (R30), also where everything else ignores it. The newest word of each producer is kept for the day
+when it comes back without its memory (R33).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
+from consensus.chain.evidence import Evidence, is_genuine_word, make_evidence
+from consensus.chain.messages import WORD_PROPOSAL, WORD_TIMEOUT, WORD_VOTE, Timeout, Vote, Word
+from consensus.chain.schedule import Schedule
+from consensus.chain.signature_cache import SignatureCheck
+from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, WORD_CHECKS_MAX_COUNT
+
+_RANK = {WORD_PROPOSAL: 0, WORD_VOTE: 1, WORD_TIMEOUT: 2}
+
+
+@dataclass(slots=True)
+class _Heard:
+    """The first genuine word of a kind, round and producer; `block_id` is empty before there is one."""
+
+    block_id: bytes = b""
+    signature: bytes = b""
+    is_accused: bool = False
+    is_confronted: bool = False
+    failed_counts: dict[int | None, int] = field(default_factory=dict)
+    """How many forgeries each sender (an index, None for all that are no producers) sent under this name."""
+
+
+class Witness:
+    """The memory of one epoch. `own_index` is never accused: what it said is the journal's matter."""
+
+    def __init__(self, chain_id: bytes, schedule: Schedule, own_index: int | None, check: SignatureCheck) -> None:
+        self._chain_id, self._schedule, self._own_index, self._check = chain_id, schedule, own_index, check
+        self._round = 1
+        self._rounds: dict[int, dict[tuple[str, int], _Heard]] = {}
+        self._newest: dict[int, Word] = {}
+        self._own_words: list[Word] = []
+
+    def enter(self, round_number: int) -> None:
+        """The node is in this round: forget what is far below it."""
+        self._round = round_number
+        low = round_number - EVIDENCE_ROUNDS_KEPT_COUNT
+        for old in [number for number in self._rounds if number < low]:
+            del self._rounds[old]
+
+    def newest(self, index: int | None) -> Word | None:
+        """Return the newest genuine word heard of a producer in this epoch."""
+        return None if index is None else self._newest.get(index)
+
+    def take_own_words(self) -> list[Word]:
+        """Return the node's own words that were heard since this was last asked (R34)."""
+        words, self._own_words = self._own_words, []
+        return words
+
+    # Words that might not be genuine
+
+    def hear_vote(self, vote: Vote, sender: int | None) -> list[Evidence]:
+        """Take a vote with an index of the schedule; its signature is looked at only if it says something new.
+
+        `sender` is the producer behind the authenticated connection: nobody's forgeries count against another (R31).
+        """
+        return self._hear(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature, sender)
+
+    def hear_proposal(self, block: Block, header: Header, block_id: bytes, sender: int | None) -> list[Evidence]:
+        """Take a block of this chain as its leader's word; the body and the certificates do not matter here."""
+        if header.epoch != self._schedule.epoch or not 0 <= header.producer < len(self._schedule.producers):
+            return []
+        return self._hear(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature, sender)
+
+    def _hear(
+        self, kind: str, round_number: int, index: int, block_id: bytes, signature: bytes, sender: int | None
+    ) -> list[Evidence]:
+        if abs(round_number - self._round) > EVIDENCE_ROUNDS_KEPT_COUNT:
+            return []
+        heard = self._heard(kind, round_number, index)
+        failed_count = heard.failed_counts.get(sender, 0)
+        if heard.block_id == block_id or heard.is_accused or failed_count >= WORD_CHECKS_MAX_COUNT:
+            return []
+        is_genuine = is_genuine_word(
+            kind,
+            self._chain_id,
+            self._schedule.epoch,
+            round_number,
+            block_id,
+            producer=self._schedule.producers[index],
+            signature=signature,
+            check=self._check,
+        )
+        if is_genuine:
+            return self._note(kind, round_number, index, block_id, signature)
+        heard.failed_counts[sender] = failed_count + 1
+        return []
+
+    def _heard(self, kind: str, round_number: int, index: int) -> _Heard:
+        """Return what was heard of a kind, round and producer, an empty note if nothing was."""
+        words = self._rounds.get(round_number)
+        if words is None:
+            words = self._rounds[round_number] = {}
+        heard = words.get((kind, index))
+        if heard is None:
+            heard = words[kind, index] = _Heard()
+        return heard
+
+    def confront(self, round_number: int) -> tuple[bytes, list[int]]:
+        """Return the proposal first heard of a round, and who voted for another one there; each is named once (R39)."""
+        words = self._rounds.get(round_number, {})
+        held = words.get((WORD_PROPOSAL, self._schedule.leader(round_number)))
+        if held is None or not held.block_id:
+            return b"", []
+        named = []
+        for (kind, index), heard in words.items():
+            is_another = kind == WORD_VOTE and heard.block_id not in (b"", held.block_id)
+            if is_another and not heard.is_confronted and index != self._own_index:
+                heard.is_confronted = True
+                named.append(index)
+        return held.block_id, named
+
+    # Genuine words
+
+    def note_vote(self, vote: Vote) -> list[Evidence]:
+        """A vote that was found genuine elsewhere: it costs no check."""
+        return self._note(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature)
+
+    def note_proposal(self, block: Block, header: Header, block_id: bytes) -> list[Evidence]:
+        """A block that was found genuine elsewhere: it costs no check."""
+        return self._note(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature)
+
+    def note_timeout(self, timeout: Timeout) -> None:
+        """A genuine timeout."""
+        self._note_timeout(timeout.round, timeout.index, timeout.qc.round, timeout.signature)
+
+    def note_tc(self, tc: TimeoutCertificate) -> None:
+        """A genuine certificate: the timeouts in it."""
+        for entry in tc.timeouts:
+            self._note_timeout(tc.round, entry.index, entry.qc_round, entry.signature)
+
+    def note_qc(self, qc: QuorumCertificate) -> list[Evidence]:
+        """A genuine certificate: the votes in it."""
+        found: list[Evidence] = []
+        for vote in qc.votes:
+            found += self._note(WORD_VOTE, qc.round, vote.index, qc.block_id, vote.signature)
+        return found
+
+    def note_blocks(self, blocks: Iterable[Block]) -> None:
+        """Genuine blocks (the journal's and the store's), with the certificates in them."""
+        for block in blocks:
+            header = block.header
+            if header.epoch == self._schedule.epoch and header.round > 0:
+                self._note(WORD_PROPOSAL, header.round, header.producer, block.block_id, block.signature)
+                self.note_qc(header.qc)
+                if header.tc is not None:
+                    self.note_tc(header.tc)
+
+    def _note_timeout(self, round_number: int, index: int, qc_round: int, signature: bytes) -> None:
+        self._note_newest(WORD_TIMEOUT, round_number, index, b"", qc_round, signature)
+
+    def _note(self, kind: str, round_number: int, index: int, block_id: bytes, signature: bytes) -> list[Evidence]:
+        self._note_newest(kind, round_number, index, block_id, 0, signature)
+        if index == self._own_index or abs(round_number - self._round) > EVIDENCE_ROUNDS_KEPT_COUNT:
+            return []
+        heard = self._heard(kind, round_number, index)
+        if not heard.block_id:
+            heard.block_id, heard.signature = block_id, signature
+        elif heard.block_id != block_id and not heard.is_accused:
+            heard.is_accused = True
+            producer = self._schedule.producers[index]
+            one, other = (heard.block_id, heard.signature), (block_id, signature)
+            return [make_evidence(kind, self._schedule.epoch, round_number, producer, one, other)]
+        return []
+
+    def _note_newest(
+        self, kind: str, round_number: int, index: int, block_id: bytes, qc_round: int, signature: bytes
+    ) -> None:
+        known = self._newest.get(index)
+        is_newer = known is None or (round_number, _RANK[kind]) > (known.round, _RANK[known.kind])
+        if not is_newer and index != self._own_index:
+            return
+        word = Word(
+            kind=kind,
+            epoch=self._schedule.epoch,
+            round=round_number,
+            block_id=block_id,
+            qc_round=qc_round,
+            signature=signature,
+        )
+        if is_newer:
+            self._newest[index] = word
+        if index == self._own_index:
+            self._own_words.append(word)

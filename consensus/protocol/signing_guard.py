@@ -1,0 +1,218 @@
+"""Whether a producer may speak: not before others said what they last heard of it. Must never trust its own memory alone.
+
+A data directory put back from a backup has forgotten what was signed since. On start a producer asks (R33), and
+speaks only above every round that it can have signed in (R40). If it forgot something, or is told so by its operator
+(`--restored`), it is silent until the chain has gone on without it above those rounds (R34, R35). The mark of silence
+stands in the journal.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from consensus.chain.block import Header
+from consensus.chain.journal_records import SILENCE_OUTDATED, SilenceMark
+from consensus.chain.messages import ASKING, SILENT, SPEAKING, WordsAnswer, WordsRequest
+from consensus.chain.schedule import Schedule
+from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, Effect, SendTo, SetTimer, SilenceChanged
+
+_FIRST_ROUND = 1
+
+
+class SilenceReport(NamedTuple):
+    """Why a producer signs nothing (a word), and the rest of the sentence "it signs nothing until ..."."""
+
+    reason: str
+    until: str
+
+
+class Returning:
+    """One producer's way back, in one epoch. A follower has nothing to say; a lone producer has nobody to ask."""
+
+    def __init__(
+        self,
+        schedule: Schedule,
+        index: int | None,
+        base_timeout_ms: int,
+        mark: SilenceMark | None,
+        *,
+        asks: bool = True,
+        speaks_above_round: int = 0,
+    ) -> None:
+        """Begin with the journal's mark. `asks` is False only if this process spoke in the epoch before (R36).
+
+        `speaks_above_round` is then what it may still have forgotten of this epoch (R40).
+        """
+        self._epoch, self._retry_ms = schedule.epoch, base_timeout_ms
+        self._producers = frozenset(schedule.producers)
+        self._tolerated = schedule.faults_tolerated
+        self._is_alone = index is not None and len(schedule.producers) == 1
+        self._has_others = index is not None and not self._is_alone
+        self._needed_to_speak = schedule.quorum - 1
+        self._needed_for_round = 2 * schedule.faults_tolerated + 1
+        self._is_asking = asks and self._has_others
+        self._asked_at_ms = -1
+        self._willing: set[int] = set()
+        self._silent: set[int] = set()
+        self._signed_rounds: dict[int, int] = {}
+        self._highest_told_round = 0
+        self.speaks_above_round = speaks_above_round
+        self.mark = _carried(mark, schedule.epoch, same_producers=False)
+
+    @property
+    def speech(self) -> str:
+        """SPEAKING, ASKING or SILENT, as others are told."""
+        if self.mark is not None and self._has_others:
+            return SILENT
+        return ASKING if self._is_asking else SPEAKING
+
+    @property
+    def bars(self) -> bool:
+        """True while this producer must sign nothing."""
+        return self._has_others and (self._is_asking or self.mark is not None)
+
+    @property
+    def is_waiting(self) -> bool:
+        """True while others' answers are still needed."""
+        return self._is_asking or (self._has_others and self.mark is not None and self.mark.above_round is None)
+
+    @property
+    def report(self) -> SilenceReport | None:
+        """Why this producer signs nothing, and until when; None if it may."""
+        if not self.bars:
+            return None
+        mark = self.mark
+        if mark is None:
+            needed = f"{self._needed_to_speak} other producers have said what they last heard of this one"
+            return SilenceReport(ASKING, f"{needed} ({len(self._willing)} so far)")
+        if mark.above_round is not None:
+            until = f"a block above round {mark.above_round} of epoch {mark.epoch} is final without it"
+        else:
+            needed = f"{self._needed_for_round} other producers that may sign have told their last round"
+            until = f"{needed} ({len(self._signed_rounds)} so far) and a block above it is final"
+        if 1 + len(self._silent) > self._tolerated:
+            until += (
+                f" (which cannot be while {1 + len(self._silent)} producers are silent and the chain tolerates"
+                f" {self._tolerated}: all organisations must sign a restart)"
+            )
+        return SilenceReport(mark.reason, until)
+
+    # Asking
+
+    def begin(self, now_ms: int) -> list[Effect]:
+        """R33: ask everybody. `now_ms` tells the answers of this life from those of an earlier one."""
+        self._asked_at_ms = now_ms
+        if not self.bars:
+            return []
+        return [self._changed(), *self.ask_again()]
+
+    def ask_again(self) -> list[Effect]:
+        """Ask everybody, and again after the base interval."""
+        if not self.is_waiting:
+            return []
+        return [Broadcast(self._request()), SetTimer(kind=TIMER_ASK, round=0, delay_ms=self._retry_ms)]
+
+    def ask(self, index: int) -> list[Effect]:
+        """Ask a producer whose connection came up."""
+        return [SendTo(index=index, message=self._request())] if self.is_waiting else []
+
+    def _request(self) -> WordsRequest:
+        return WordsRequest(epoch=self._epoch, asked_at_ms=self._asked_at_ms)
+
+    def is_answer(self, answer: WordsAnswer) -> bool:
+        """Tell whether this answers what was asked in this life and is still of use."""
+        return self.is_waiting and (answer.epoch, answer.asked_at_ms) == (self._epoch, self._asked_at_ms)
+
+    def take(self, sender: int, answer: WordsAnswer, last_voted_round: int) -> list[Effect]:
+        """R33, R34: count an answer whose rounds are proven. The caller has looked at the word in it."""
+        before = (self._is_asking, self.mark)
+        self._willing.discard(sender)
+        self._silent.discard(sender)
+        self._signed_rounds.pop(sender, None)
+        if answer.speech == SILENT:
+            self._silent.add(sender)
+        else:
+            self._willing.add(sender)
+            self._highest_told_round = max(self._highest_told_round, answer.signed_round)
+        if answer.speech == SPEAKING:
+            self._signed_rounds[sender] = answer.signed_round
+        if self._is_asking and len(self._willing) >= self._needed_to_speak:
+            self._is_asking = False
+            self.speaks_above_round = self._first_safe_round() - 1
+        mark = self.mark
+        if mark is not None and mark.above_round is None and len(self._signed_rounds) >= self._needed_for_round:
+            above_round = 1 + max(last_voted_round, *self._signed_rounds.values())
+            self.mark = SilenceMark(reason=mark.reason, epoch=self._epoch, above_round=above_round)
+        if before == (self._is_asking, self.mark):
+            return []
+        effects: list[Effect] = [self._changed()]
+        if not self.is_waiting:
+            effects.append(CancelTimer(kind=TIMER_ASK))
+        return effects
+
+    def _first_safe_round(self) -> int:
+        """R40: a quorum led into every round that this producer can have signed in, and one of it was among the asked.
+
+        Where nobody has signed anything since genesis there is nothing to forget but the first round.
+        """
+        is_beginning = self._epoch == 0 and self._highest_told_round == 0
+        return _FIRST_ROUND if is_beginning else self._highest_told_round + 2
+
+    # Silence
+
+    def doubt(self, forgotten_round: int) -> list[Effect]:
+        """R34: a genuine word of this producer that it does not remember, of this round, came back to it."""
+        mark = self.mark
+        if not self._has_others:
+            return []
+        if mark is not None and (mark.above_round is None or forgotten_round <= mark.above_round):
+            return []
+        self.mark = SilenceMark(reason=SILENCE_OUTDATED, epoch=self._epoch, above_round=None)
+        self._signed_rounds.clear()
+        return [self._changed(), *self.ask_again()]
+
+    def may_end(self, finalized: Header) -> bool:
+        """R35: tell whether the chain has gone on without this producer above every round that it can have signed in."""
+        mark = self.mark
+        if mark is None or self._is_alone:
+            return mark is not None
+        is_above = mark.above_round is not None and finalized.round > mark.above_round
+        return is_above and finalized.epoch == self._epoch == mark.epoch
+
+    def end(self) -> list[Effect]:
+        """Speak again (once the answers are in)."""
+        self.mark = None
+        return [self._changed()]
+
+    def _changed(self) -> Effect:
+        report = self.report
+        return SilenceChanged(reason="", until="") if report is None else SilenceChanged(report.reason, report.until)
+
+    # The next epoch
+
+    def next(self, schedule: Schedule, index: int | None, base_timeout_ms: int, *, boundary_round: int) -> Returning:
+        """R36: return what goes on in the next epoch. Who spoke in this one, in this process, need not ask again.
+
+        If the boundary lies so low that it may have spoken above it before, and forgotten it (R40), that was in the
+        first round at most if the same producers go on: a quorum of the next epoch would have left this one, and one of
+        those who were asked with it. Of other producers it has to ask.
+        """
+        is_following = schedule.epoch == self._epoch + 1
+        same_producers = is_following and self._producers == frozenset(schedule.producers)
+        may_have_left = boundary_round <= self.speaks_above_round
+        spoke = self._has_others and not self._is_asking and (same_producers or not may_have_left)
+        mark = _carried(self.mark, schedule.epoch, same_producers=same_producers)
+        speaks_above_round = _FIRST_ROUND if spoke and may_have_left else 0
+        return Returning(schedule, index, base_timeout_ms, mark, asks=not spoke, speaks_above_round=speaks_above_round)
+
+
+def _carried(mark: SilenceMark | None, epoch: int, *, same_producers: bool) -> SilenceMark | None:
+    """R36: a silence that began in an earlier epoch goes on in this one.
+
+    With the last rounds known it lasts until a block above the first round of this epoch is final, if those who told them
+    are the producers of both epochs; others might have led this producer farther than anybody told, so it asks again.
+    """
+    if mark is None or mark.epoch >= epoch:
+        return mark
+    is_bounded = same_producers and mark.above_round is not None
+    return SilenceMark(reason=mark.reason, epoch=epoch, above_round=_FIRST_ROUND if is_bounded else None)

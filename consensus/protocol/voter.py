@@ -1,0 +1,181 @@
+"""The safety kernel: the only place that signs votes and timeouts. Must never say two things in one round, nor anything
+before the record of it.
+
+It holds what the journal must bring back: the last voted round, and the last words byte for byte.
+"""
+
+from __future__ import annotations
+
+from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
+from consensus.chain.block_rules import is_safe_to_extend
+from consensus.chain.epoch_settings import ChainSettings
+from consensus.chain.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalState
+from consensus.chain.messages import WORD_TIMEOUT, Proposal, Timeout, Vote, Word, sign_timeout, sign_vote
+from consensus.chain.schedule import Schedule
+from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
+from consensus.primitives.keys import PrivateKey
+from consensus.protocol.block_tree import BlockNode
+from consensus.protocol.effects import Broadcast, Effect, Persist
+from consensus.protocol.journal_builder import Journalist
+from consensus.protocol.signing_guard import Returning
+
+
+class Voter:
+    """What one producer has said, and what it may still say. A follower may say nothing."""
+
+    def __init__(
+        self,
+        settings: ChainSettings,
+        chain_id: bytes,
+        schedule: Schedule,
+        key: PrivateKey | None,
+        restored: JournalState,
+    ) -> None:
+        self._settings, self._chain_id, self._epoch = settings, chain_id, schedule.epoch
+        self._key = key
+        self.index = None if key is None else schedule.index_of(key.public_key)
+        self.journalist = Journalist(schedule.epoch, restored)
+        self.last_voted_round = restored.last_voted_round
+        self.last_vote = restored.vote
+        self.last_timeout = restored.timeout
+        self.proposed_id = restored.proposed_id
+        self.newest_epoch = restored.newest_epoch
+        self.returning = Returning(schedule, self.index, settings.base_timeout_ms, restored.silence)
+        self.has_ended = False
+
+    def may_speak(self, round_number: int) -> bool:
+        """R4, R40: tell whether nothing can have been said yet in this round or later, and the producer may sign at all."""
+        spoken_round = max(self.last_voted_round, self.returning.speaks_above_round)
+        return self.index is not None and not self._is_barred and round_number > spoken_round
+
+    def may_have_spoken(self, round_number: int) -> bool:
+        """R40: tell whether this producer knows of no word of its own in this round, and may have forgotten one."""
+        is_open = self.index is not None and not self._is_barred
+        return is_open and self.last_voted_round < round_number <= self.returning.speaks_above_round
+
+    @property
+    def _is_barred(self) -> bool:
+        """True if this producer may sign nothing: its epoch is over (R22), its disk is behind (R12), it forgot (R33)."""
+        return self.has_ended or self.has_left or self.journalist.is_behind or self.returning.bars
+
+    @property
+    def has_left(self) -> bool:
+        """R22, R37: true if the journal speaks of a later epoch: this one is over for the producer, whatever it stored."""
+        return self.index is not None and self.newest_epoch > self._epoch
+
+    def remembers(self, word: Word) -> bool:
+        """R34: tell whether this producer knows that it said this, or said something in a later round.
+
+        If it said nothing in the last voted round, that is where its last silence ended: whatever it said there lies
+        below the block that ended it (R35).
+        """
+        if word.round != self.last_voted_round:
+            return word.round < self.last_voted_round
+        vote, timeout = self.last_vote, self.last_timeout
+        voted_id = vote.block_id if vote is not None and vote.round == word.round else None
+        given_up = timeout.qc.round if timeout is not None and timeout.round == word.round else None
+        if voted_id is None and given_up is None:
+            return True
+        return given_up == word.qc_round if word.kind == WORD_TIMEOUT else voted_id == word.block_id
+
+    def has_timed_out(self, round_number: int) -> bool:
+        """Tell whether this producer gave the round up."""
+        return self.last_timeout is not None and self.last_timeout.round == round_number
+
+    def may_vote(self, node: BlockNode, branch: list[BlockNode], round_number: int, now_ms: int) -> bool:
+        """R4, R5: tell whether the executed block, at the end of `branch`, deserves this producer's vote now."""
+        header = node.header
+        return (
+            header.round == round_number
+            and self.may_speak(round_number)
+            and is_safe_to_extend(header)
+            and header.timestamp_ms <= now_ms + self._settings.max_clock_drift_ms
+            and not (node.block.transactions and len(branch) > UNFINALIZED_BLOCKS_MAX_COUNT)
+        )
+
+    def vote(
+        self,
+        branch: list[BlockNode],
+        high_qc: QuorumCertificate,
+        entered_by: TimeoutCertificate | None,
+        *,
+        is_own: bool = False,
+    ) -> tuple[Vote, list[Effect]]:
+        """R12: journal the last block of the branch and the vote for it, then speak; propose it first if it is own.
+
+        The caller has asked `may_vote` (or `may_speak`, for an own block).
+        """
+        node = branch[-1]
+        if self._key is None or self.index is None or not self.may_speak(node.header.round):
+            raise AssertionError("this producer may not speak in this round")
+        vote = sign_vote(self._key, self._chain_id, self._epoch, node.header.round, node.block_id, self.index)
+        self.last_voted_round = node.header.round
+        self.last_vote = vote
+        if is_own:
+            self.proposed_id = node.block_id
+        record = self.journalist.write(
+            KIND_PROPOSAL if is_own else KIND_VOTE,
+            branch=branch,
+            last_voted_round=self.last_voted_round,
+            high_qc=high_qc,
+            entered_by=entered_by,
+            proposed_id=node.block_id if is_own else None,
+            vote=vote,
+        )
+        effects: list[Effect] = [Persist(records=(record,))]
+        if is_own:
+            effects.append(Broadcast(Proposal(block=node.block)))
+        effects.append(Broadcast(vote))
+        return vote, effects
+
+    def time_out(
+        self, round_number: int, high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
+    ) -> tuple[Timeout, list[Effect]] | None:
+        """R6: give the round up; from now on this producer votes for nothing in it. None if it may not sign."""
+        is_silent = self._is_barred or self.has_timed_out(round_number)
+        if self._key is None or self.index is None or is_silent:
+            return None
+        timeout = sign_timeout(
+            self._key, self._chain_id, round_number, self.index, high_qc, entered_by, epoch=self._epoch
+        )
+        self.last_voted_round = max(self.last_voted_round, round_number)
+        self.last_timeout = timeout
+        record = self.journalist.write(
+            KIND_TIMEOUT,
+            branch=(),
+            last_voted_round=self.last_voted_round,
+            high_qc=high_qc,
+            entered_by=entered_by,
+            timeout=timeout,
+        )
+        return timeout, [Persist(records=(record,)), Broadcast(timeout)]
+
+    def last_words(
+        self, round_number: int, high_qc_round: int, proposed: Block | None
+    ) -> list[Proposal | Vote | Timeout]:
+        """R13: return what was said last and still matters, byte for byte. `proposed` is the block of `proposed_id`."""
+        words: list[Proposal | Vote | Timeout] = []
+        if self.index is None:
+            return words
+        if proposed is not None and proposed.header.round == round_number:
+            words.append(Proposal(block=proposed))
+        if self.last_vote is not None and self.last_vote.round >= high_qc_round:
+            words.append(self.last_vote)
+        if self.last_timeout is not None and self.last_timeout.round == round_number:
+            words.append(self.last_timeout)
+        return words
+
+    def snapshot(
+        self, tree: list[BlockNode], high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
+    ) -> tuple[bytes, ...]:
+        """Return the fewest journal records that say what the journal must say now."""
+        state = JournalState(
+            last_voted_round=self.last_voted_round,
+            high_qc=high_qc,
+            entered_by=entered_by,
+            vote=self.last_vote,
+            timeout=self.last_timeout,
+            proposed_id=self.proposed_id,
+            silence=self.returning.mark,
+        )
+        return self.journalist.snapshot(tree, state)

@@ -1,0 +1,222 @@
+"""Who may have a transaction wait: a pure function of the finalized state. Must never decide what a contract decides.
+
+Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent, or object,
+also when his organisation was removed), as the owner of a finalized visit by the key that decides of it now (for its
+access, erasure, transfer and other rights only), as a grantee by the key of a grant that it names (to ask while it
+stands, and to say for some time after its end that copies are gone), as a custodian, as a registrar or admin of an active
+organisation, as a producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and
+card signature are good and whose handle is free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from consensus.chain.transaction import Transaction
+from consensus.errors import BlockRobotError
+from consensus.members.vouchers import CARD_TAG, VOUCHER_TAG
+from consensus.primitives.encoding import u64
+from consensus.primitives.hashing import HASH_SIZE_BYTES
+from consensus.primitives.keys import recover
+from consensus.state.access import GrantRow, grant_of
+from consensus.state.identity import HANDLE, MEMBER, REGISTRAR, active_role, handle_of, is_registered, office_of
+from consensus.state.keys import Reader
+from consensus.state.producers import is_candidate
+from consensus.state.records import VISIT, decided_root
+from contracts.state.view import StateReader
+
+OWNER_ENTRIES_OF_RECORDS = frozenset({"transfer"})
+GRANTEE_ENTRIES = frozenset({"request_granted", "noticed"})
+PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
+WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
+_REGISTER_ARGUMENTS_COUNT = 10
+_RECOVERED_KEPT_COUNT = 256
+
+
+def _owns_visit(state: Reader, owner: bytes) -> bool:
+    return decided_root(state, owner) is not None
+
+
+def _named_grant(state: Reader, transaction: Transaction, now_ms: int) -> GrantRow | None:
+    """Return the sender's grant that a grantee's call names first, None for any other call."""
+    body = transaction.body
+    if body.contract != "access" or body.entry not in GRANTEE_ENTRIES:
+        return None
+    try:
+        arguments = transaction.arguments()
+    except BlockRobotError:
+        return None
+    grant_id = arguments[0] if arguments else None
+    return grant_of(state, grant_id, body.sender, now_ms) if isinstance(grant_id, bytes) else None
+
+
+def _is_grantees_matter(state: Reader, transaction: Transaction, now_ms: int) -> bool:
+    grant = _named_grant(state, transaction, now_ms)
+    return grant is not None and (transaction.body.entry == "noticed" or now_ms < grant.ended_ms)
+
+
+def name_grantees(owner: bytes) -> bytes:
+    """Return the account that all grantees of the visit with this first key share: their keys cost her nothing."""
+    return b"grantees of " + owner
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """In whose turns transactions wait, by what no holder of a key can change; it stays when keys are replaced.
+
+    `is_of_visit` if it is a visit's, of which one person has many; `origin` names the robot that opened it, with all whose
+    visits it shares what is counted of visits together. `is_shared` if many keys use it at once.
+    """
+
+    name: bytes
+    is_of_visit: bool = False
+    origin: bytes = b""
+    is_shared: bool = False
+
+
+def name_key(state: Reader, key: bytes) -> bytes:
+    """Return what limits count for a key: its member's handle, whose admin, registrar or custodian it is, or its visit."""
+    member = MEMBER.at(state, key)
+    if member is not None and member.is_active:
+        return member.handle
+    office = office_of(state, key)
+    if office is not None:
+        return " of ".join(office).encode()
+    if is_candidate(state, key):
+        return key
+    return decided_root(state, key) or key
+
+
+def _name_origin(state: Reader, root: bytes) -> bytes:
+    """Return the name that all visits share which one robot opened."""
+    visit = VISIT.at(state, root)
+    robot = b"" if visit is None else visit.robot
+    return b"visits of " + (handle_of(state, robot) or robot)
+
+
+def _find_newcomer(transaction: Transaction) -> bytes:
+    """Return the handle that a registration with standing is for: its card signs as many of them as one likes."""
+    try:
+        handle = transaction.arguments()[0]
+    except (BlockRobotError, IndexError):
+        return b""
+    return handle if isinstance(handle, bytes) and len(handle) == HASH_SIZE_BYTES else b""
+
+
+def find_account(state: Reader, transaction: Transaction) -> Account:
+    """Return in whose turns a transaction waits, and who pays for its bytes: its sender's, or all grantees' of a visit.
+
+    For a transaction with standing only (see `find_fault`).
+    """
+    grant = _named_grant(state, transaction, 0)
+    if grant is not None:
+        origin = _name_origin(state, grant.owner)
+        return Account(name_grantees(grant.owner), is_of_visit=True, origin=origin, is_shared=True)
+    sender = transaction.body.sender
+    name = name_key(state, sender)
+    # A robot may open a visit under anybody's key, which makes nobody else a visit's owner.
+    is_other = is_registered(state, sender) or _has_office(state, sender) or is_candidate(state, sender)
+    if not is_other and _owns_visit(state, sender):
+        return Account(name, is_of_visit=True, origin=_name_origin(state, name))
+    if not is_other and is_registration(transaction):
+        name = _find_newcomer(transaction) or name
+    return Account(name)
+
+
+_OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
+    "access": _owns_visit,
+    "consent": is_registered,
+    "erasure": _owns_visit,
+    "records": _owns_visit,
+    "rights": lambda state, sender: _owns_visit(state, sender) or is_registered(state, sender),
+}
+"""Calls about oneself, and who may have them wait whatever his role."""
+
+
+def _is_own_matter(state: Reader, sender: bytes, contract: str, entry: str) -> bool:
+    if contract == "records" and entry not in OWNER_ENTRIES_OF_RECORDS:
+        return False
+    return contract in _OWN_MATTERS and _OWN_MATTERS[contract](state, sender)
+
+
+def _has_office(state: Reader, sender: bytes) -> bool:
+    return office_of(state, sender) is not None
+
+
+@lru_cache(maxsize=_RECOVERED_KEPT_COUNT)
+def _recovers(tag: str, signature: Any, message: bytes) -> bytes | None:
+    try:
+        return recover(tag, signature, message)
+    except BlockRobotError:
+        return None
+
+
+def _find_registration_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
+    """Return why a registration has no standing (an error code), or an empty text if it has.
+
+    What costs an elliptic-curve operation comes last, and first of that what only a registrar can have made.
+    """
+    arguments = transaction.arguments()
+    if len(arguments) != _REGISTER_ARGUMENTS_COUNT:
+        return WITHOUT_STANDING
+    handle, card_key, role, not_after_ms, voucher_signature, spend, view, sealing, card_signature, _ = arguments
+    texts = (handle, card_key, voucher_signature, spend, view, sealing, card_signature)
+    well_formed = all(isinstance(item, bytes) for item in texts) and isinstance(role, str) and len(handle) == 32
+    if not well_formed or type(not_after_ms) is not int or not 0 <= not_after_ms < 1 << 53:
+        return WITHOUT_STANDING
+    chain_id, sender = transaction.body.chain_id, transaction.body.sender
+    if HANDLE.has(state, handle):
+        return "HANDLE_TAKEN"
+    if chain_time_ms > not_after_ms:
+        return "VOUCHER_EXPIRED"
+    voucher = chain_id + handle + card_key + u64(not_after_ms) + role.encode()
+    registrar = _recovers(VOUCHER_TAG, voucher_signature, voucher)
+    if registrar is None or not REGISTRAR.has(state, registrar):
+        return "VOUCHER_FOREIGN"
+    card = chain_id + handle + sender + spend + view + sealing
+    return "" if _recovers(CARD_TAG, card_signature, card) == card_key else "VOUCHER_FOREIGN"
+
+
+def is_registration(transaction: Transaction) -> bool:
+    """Tell whether it is a call by which somebody without any standing becomes a member."""
+    return transaction.body.contract == "identity" and transaction.body.entry == "register"
+
+
+def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
+    """Return why the sender may not have this transaction wait, as an error code, or an empty text if he may.
+
+    Judged by the finalized state and its time in ms, and for the sender that the transaction states: whether he signed
+    it is for the caller to check (`Transaction.verify_sender`), which costs more than all that is looked up here. Only
+    a registration costs elliptic-curve operations (`is_registration`).
+    """
+    sender, body = transaction.body.sender, transaction.body
+    if active_role(state, sender):
+        return ""
+    is_own = _is_own_matter(state, sender, body.contract, body.entry)
+    if is_own or _is_grantees_matter(state, transaction, chain_time_ms):
+        return ""
+    if _has_office(state, sender):
+        return ""
+    if body.contract == "producers" and body.entry in PRODUCER_ENTRIES and is_candidate(state, sender):
+        return ""
+    if is_registration(transaction):
+        return _find_registration_fault(state, transaction, chain_time_ms)
+    return WITHOUT_STANDING
+
+
+def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
+    """Tell whether the sender may have this transaction wait (see `find_fault`)."""
+    return not find_fault(state, transaction, chain_time_ms)
+
+
+def require_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> None:
+    """Refuse a sender who may not have this transaction wait (see `find_fault`).
+
+    Raises SENDER_WITHOUT_STANDING, or for a registration VOUCHER_FOREIGN, VOUCHER_EXPIRED or HANDLE_TAKEN.
+    """
+    fault = find_fault(state, transaction, chain_time_ms)
+    if fault:
+        raise BlockRobotError(fault)

@@ -1,0 +1,75 @@
+"""Sources as the chain names them: their hash, the facts that are kept of one, and each compiled once per process.
+
+Must never let what is remembered change an outcome: a source compiles the same each time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+from consensus.primitives.hashing import tagged_hash
+from consensus.state.keys import flat_prefix
+from contracts.vm.compiler.compiled_contract import CompiledContract, compile_contract
+from contracts.vm.frontend.abi import Abi
+from contracts.vm.frontend.checker import check_name
+from contracts.vm.model.faults import ContractSourceError, Diagnostic
+
+SOURCE_TAG = "blockrobot/contract-source"
+SOURCES_KEPT_COUNT = 64
+_NAMELESS = "contract"
+
+
+def compute_source_hash(data: bytes) -> bytes:
+    """Return the 32-byte hash by which genesis and the chain name a source (its UTF-8 bytes)."""
+    return tagged_hash(SOURCE_TAG, data)
+
+
+@lru_cache(maxsize=SOURCES_KEPT_COUNT)
+def _compile(source: str) -> CompiledContract | tuple[tuple[Diagnostic, ...], Diagnostic]:
+    """Compile a source, or return what is wrong with it: a refusal is remembered too, it may have cost as much."""
+    try:
+        return compile_contract(source, _NAMELESS)
+    except ContractSourceError as error:
+        return error.diagnostics, error.verdict
+
+
+def check_once(source: str) -> CompiledContract:
+    """Return a source compiled under no name that means anything, from memory if this process compiled it lately.
+
+    Raises ContractSourceError.
+    """
+    outcome = _compile(source)
+    if isinstance(outcome, CompiledContract):
+        return outcome
+    raise ContractSourceError(_NAMELESS, *outcome)
+
+
+def compile_once(source: str, name: str) -> CompiledContract:
+    """Return the compiled contract, of which its name is no part: one source is compiled once for all its names.
+
+    Raises ContractSourceError.
+    """
+    check_name(name)
+    found = check_once(source)
+    return replace(found, name=name, abi=Abi(name, found.abi.entries), prefix=flat_prefix(name))
+
+
+def describe_source(data: bytes, compiled: CompiledContract) -> dict[str, Any]:
+    """Return what the contract `lifecycle` keeps of a source: {source_hash, size_bytes, entries, migrates}.
+
+    An entry is [name, kind, [[parameter, type]], how many of them are required, type of the result]; exports and views
+    are listed.
+    """
+    entries = compiled.abi.entries
+    return {
+        "source_hash": compute_source_hash(data),
+        "size_bytes": len(data),
+        "entries": [
+            [entry.name, entry.kind, [list(param) for param in entry.params], entry.required, entry.returns]
+            for entry in entries
+            if entry.kind in ("export", "view")
+        ],
+        "migrates": any(entry.kind == "migrate" for entry in entries),
+    }

@@ -1,0 +1,144 @@
+"""From text to a syntax tree, also of a source that is broken in places. Must never let Python's own failure decide.
+
+What every node does with a source is `parse_source`. The rest serves authors: lines that cannot be read are taken out,
+one after another, so that one slip does not hide the other problems.
+"""
+
+from __future__ import annotations
+
+import ast
+import gc
+import re
+import threading
+import warnings
+from bisect import bisect_right
+from typing import Literal
+
+from contracts.vm.frontend.lexer_guard import LogicalLine, Prelexed
+from contracts.vm.model.faults import Diagnostic, InternalFault
+
+SYNTAX_ERRORS_MAX_COUNT = 40
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
+_DEFINITION = re.compile(r"def +([A-Za-z_][A-Za-z0-9_]*)", re.ASCII)
+_PARSES_MAX_COUNT = 2
+_parsing = threading.RLock()
+
+
+def parse_alone(source: str, mode: Literal["exec", "eval"] = "exec") -> ast.AST:
+    """Return what `ast.parse` gives, with no other parse and no collection of garbage in between.
+
+    CPython counts the depth of a tree in one place for the whole process: a parse in another thread, or in a finalizer that
+    the collector runs, makes it fail with SystemError (gh-106905). Raises SyntaxError, ValueError, and InternalFault if the
+    parser itself fails twice: that depends on the machine and says nothing about the source.
+    """
+    failure: Exception | None = None
+    for _ in range(_PARSES_MAX_COUNT):
+        with _parsing:
+            was_collecting = gc.isenabled()
+            gc.disable()
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    return ast.parse(source, mode=mode)
+            except (MemoryError, RecursionError, SystemError) as error:
+                failure = error
+            finally:
+                if was_collecting:
+                    gc.enable()
+    raise InternalFault(f"The parser failed on a bounded source: {type(failure).__name__}.") from failure
+
+
+def parse_source(source: str) -> ast.Module | Diagnostic:
+    """Return the tree of a source that the pre-lexer let through, or what Python says against it.
+
+    Raises InternalFault as `parse_alone` does.
+    """
+    try:
+        tree = parse_alone(source)
+    except SyntaxError as error:
+        line, column = error.lineno or 1, max(error.offset or 1, 1)
+        return Diagnostic("SYNTAX", line, column, "This is not Python.", f"Python says: {error.msg}.")
+    except ValueError as error:
+        return Diagnostic("SYNTAX", 1, 1, "This is not Python.", f"Python says: {error}.")
+    if not isinstance(tree, ast.Module):
+        raise AssertionError("a source parses to a module")
+    return tree
+
+
+def read_what_can_be_read(
+    source: str, text: Prelexed, diagnostics: list[Diagnostic]
+) -> tuple[ast.Module | None, frozenset[str]]:
+    """Return the tree of all that can be read, and the names in the lines that cannot; add what Python says of those.
+
+    The tree is None if nothing can be made of the source.
+    """
+    reader = _Reader(source, text)
+    for _ in range(SYNTAX_ERRORS_MAX_COUNT):
+        tree = parse_source("\n".join(reader.lines))
+        if not isinstance(tree, Diagnostic):
+            return tree, frozenset(reader.names)
+        if not reader.take_out(tree.line):
+            diagnostics.append(tree)
+            break
+        if reader.newly_broken:
+            diagnostics.append(tree)
+    return None, frozenset(reader.names)
+
+
+class _Reader:
+    """A source whose unreadable lines are replaced, first by something harmless, then by nothing."""
+
+    def __init__(self, source: str, text: Prelexed) -> None:
+        self.lines = source.split("\n")
+        self.names: set[str] = set()
+        self.newly_broken = False
+        self._logical = text.lines
+        self._starts = [line.first for line in text.lines]
+        self._taken: dict[int, int] = {}
+        if text.unread is not None:
+            for number in range(text.unread, len(self.lines) + 1):
+                self.names.update(_NAME.findall(self.lines[number - 1]))
+                self.lines[number - 1] = ""
+        for place, line in enumerate(self._logical):
+            if line.broken:
+                self._replace(place, line)
+        for number in range(len(self.lines)):
+            if "\r" in self.lines[number] or "\0" in self.lines[number]:
+                self.lines[number] = ""
+
+    def take_out(self, number: int) -> bool:
+        """Take out the logical line at a physical line. False if it is gone already."""
+        place = bisect_right(self._starts, number) - 1
+        if place < 0:
+            return False
+        times = self._taken.get(place, 0)
+        self.newly_broken = times == 0
+        if times == 0:
+            self._replace(place, self._logical[place])
+        elif times == 1:
+            self._taken[place] = 2
+            self._blank(self._logical[place])
+        return times < 2
+
+    def _blank(self, line: LogicalLine) -> None:
+        for number in range(line.first, min(line.last, len(self.lines)) + 1):
+            self.lines[number - 1] = ""
+
+    def _replace(self, place: int, line: LogicalLine) -> None:
+        self._taken[place] = 1
+        text = "\n".join(self.lines[line.first - 1 : line.last])
+        self.names.update(_NAME.findall(text))
+        self._blank(line)
+        self.lines[line.first - 1] = " " * line.indent + _stand_in(line, text)
+
+
+def _stand_in(line: LogicalLine, text: str) -> str:
+    """Return what holds the place of a line, so that the lines around it keep their meaning."""
+    definition = _DEFINITION.search(text)
+    if line.word == "def" and definition is not None:
+        return f"def {definition[1]}(): {'' if line.opens else 'pass'}"
+    if line.opens:
+        return {"elif": "elif None:", "else": "else:", "for": "while None:", "while": "while None:"}.get(
+            line.word, "if None:"
+        )
+    return "pass" if line.indent else ""

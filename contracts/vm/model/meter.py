@@ -1,0 +1,130 @@
+"""What one call may use up, and what it runs against: gas, memory, depth, writes, events. Must never look at a clock.
+
+Every charge is defined by the language (nodes, sizes of data), never by measured time or memory, so that each machine
+charges the same. Running out cannot be caught by a contract.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+
+import msgspec
+
+from contracts.vm.model.faults import EVENT_BUDGET, MEMORY_BUDGET, OUT_OF_GAS, VIEW_WRITES, WRITE_BUDGET, Fault
+
+if TYPE_CHECKING:
+    from contracts.vm.compiler.compiled_contract import CompiledContract
+
+LANGUAGE_VERSION = 4
+"""The version of the language: whatever changes a result or a charge raises it, and chains of another one are refused."""
+
+MEMORY_MAX_BYTES = 8 * 1024 * 1024
+DEPTH_MAX_FRAMES = 2000
+WRITES_MAX_COUNT = 256
+GENESIS_WRITES_MAX_COUNT = 16_384
+MIGRATE_WRITES_MAX_COUNT = 4_096
+EVENTS_MAX_COUNT = 64
+ALLOCATION_GAS = 1
+ALLOCATION_SHIFT = 9
+"""An allocation costs `ALLOCATION_GAS`, and one unit more for each 512 (2 to this power) of its modelled bytes."""
+
+
+class HostInterface(Protocol):
+    """What the machine needs of its surroundings. Keys are whole flat keys; values and event data are encoded."""
+
+    def get(self, key: bytes) -> bytes | None:
+        """Return the encoded value under `key`, or None."""
+
+    def put(self, key: bytes, value: bytes) -> None:
+        """Store an encoded value under `key`."""
+
+    def delete(self, key: bytes) -> None:
+        """Remove `key`; nothing happens if it is not there."""
+
+    def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
+        """Return at most `limit` (key, value) pairs under `prefix`, in key order."""
+
+    def emit(self, name: str, data: bytes) -> None:
+        """Note an event."""
+
+
+class CallContext(msgspec.Struct, frozen=True, gc=False):
+    """What a contract may know of the transaction and block it runs in."""
+
+    caller: bytes
+    height: int
+    time_ms: int
+    txid: bytes
+    chain_id: bytes
+
+
+class Runtime:
+    """The state of one running call; shared by every contract the call reaches.
+
+    `enter(runtime, contract, entry, arguments)` is how `call` reaches another contract.
+    """
+
+    __slots__ = (
+        "calling_contract", "context_values", "contract", "contracts", "depth", "enter", "events", "gas",
+        "host", "memory", "prefix", "read_only", "stack", "writes_left", "writes_max",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        contracts: Mapping[str, CompiledContract],
+        host: HostInterface,
+        context: CallContext,
+        gas_limit: int,
+        enter: Callable[[Runtime, str, str, list[Any]], Any],
+        read_only: bool,
+        writes_max: int = WRITES_MAX_COUNT,
+    ) -> None:
+        self.contracts = contracts
+        self.host = host
+        self.context_values = (context.caller, context.height, context.time_ms, context.txid, context.chain_id)
+        self.gas = gas_limit
+        self.enter = enter
+        self.memory = MEMORY_MAX_BYTES
+        self.depth = DEPTH_MAX_FRAMES
+        self.writes_left = self.writes_max = writes_max
+        self.events: list[tuple[str, str, bytes]] = []
+        self.read_only = read_only
+        self.contract = ""
+        self.calling_contract = ""
+        self.prefix = b""
+        self.stack: list[str] = []
+
+    def charge(self, gas: int) -> None:
+        """Take `gas` units."""
+        self.gas -= gas
+        if self.gas < 0:
+            self.exhausted()
+
+    def allocate(self, size: int) -> None:
+        """Take `size` modelled bytes of the memory budget, and one unit of gas, with one more per 512 of them."""
+        self.memory -= size
+        self.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
+        if self.memory < 0 or self.gas < 0:
+            self.exhausted()
+
+    def exhausted(self) -> NoReturn:
+        """Fail the call for whichever budget is spent."""
+        if self.gas < 0:
+            raise Fault(OUT_OF_GAS, "The call used up its gas.")
+        raise Fault(MEMORY_BUDGET, "The call used up its memory.")
+
+    def check_write(self) -> None:
+        """Count one state write; refuse it in a view."""
+        if self.read_only:
+            raise Fault(VIEW_WRITES, "A view may not change the state.")
+        self.writes_left -= 1
+        if self.writes_left < 0:
+            raise Fault(WRITE_BUDGET, "The call writes to the state more often than a call may.")
+
+    def check_event(self) -> None:
+        """Count one event; refuse it in a view."""
+        if self.read_only:
+            raise Fault(VIEW_WRITES, "A view may not emit events.")
+        if len(self.events) >= EVENTS_MAX_COUNT:
+            raise Fault(EVENT_BUDGET, f"A call may emit at most {EVENTS_MAX_COUNT} events.")

@@ -1,0 +1,183 @@
+"""How fast a node that was down, or a new one, catches up from blocks while the chain goes on at a steady rate.
+
+Real processes: one node is killed, the others go on under a steady load, the node is started again under the same load,
+and the time counts from its first link to a peer until it is as far as they are. Must never count a catch-up whose state
+differs in the end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+import time
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from consensus.visible_text import split_lines
+from network.bench.conditions import build_result, measure_conditions
+from network.bench.fresh_network import FreshNetwork, LoadRobot
+from node.config import NodeConfig
+from node.consensus.journal import Journal
+
+ROBOTS_COUNT = 8
+TICK_S = 0.05
+CATCH_UP_TIMEOUT_S = 300.0
+SETTLE_TIMEOUT_S = 30.0
+REFERENCE_TPS = 100.0
+_POLL_S = 0.05
+_TOLERATED_LAG_BLOCKS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class SyncOptions:
+    """How long the node is down, how many calls a second the others take meanwhile, and whether it comes back empty."""
+
+    seconds: float = 20.0
+    rate: int = 100
+    nodes: int = 4
+    new: bool = False
+
+
+@dataclass(slots=True)
+class _Load:
+    """A steady stream of calls, spread over robots that speak to living nodes."""
+
+    robots: list[LoadRobot]
+    rate: int
+    sent_count: int = 0
+    errors: dict[str, int] = field(default_factory=dict)
+
+    async def run(self) -> None:
+        started_s = time.perf_counter()
+        turn = 0
+        while True:
+            due = int((time.perf_counter() - started_s) * self.rate) - self.sent_count
+            if due > 0:
+                robot = self.robots[turn % len(self.robots)]
+                turn += 1
+                self.sent_count += due
+                await self._submit(robot, due)
+            await asyncio.sleep(TICK_S)
+
+    async def _submit(self, robot: LoadRobot, count: int) -> None:
+        try:
+            refusals = await robot.client.submit_batch([robot.sign_record() for _ in range(count)])
+        except BlockRobotError as error:
+            refusals = [error] * count
+        for refusal in refusals:
+            if refusal is not None:
+                self.errors[refusal.code] = self.errors.get(refusal.code, 0) + 1
+
+
+async def _statuses(network: FreshNetwork) -> dict[str, dict[str, Any]]:
+    reports = await network.cluster.status()
+    return {report.name: report.status for report in reports if report.status is not None}
+
+
+def _head(statuses: dict[str, dict[str, Any]], without: str) -> int:
+    return max((int(row["finalized_height"]) for name, row in statuses.items() if name != without), default=0)
+
+
+async def _wait_caught_up(network: FreshNetwork, victim: str) -> bool:
+    """Wait until the node is as far as the others; tell whether that came to pass in time."""
+    deadline_s = time.perf_counter() + CATCH_UP_TIMEOUT_S
+    while time.perf_counter() < deadline_s:
+        statuses = await _statuses(network)
+        own = statuses.get(victim)
+        if (
+            own is not None
+            and own["ready"]
+            and own["finalized_height"] >= _head(statuses, victim) - _TOLERATED_LAG_BLOCKS
+        ):
+            return True
+        await asyncio.sleep(_POLL_S)
+    return False
+
+
+async def _settle(network: FreshNetwork) -> bool:
+    """Wait until all nodes are at one height; tell whether they then hold one state."""
+    deadline_s = time.perf_counter() + SETTLE_TIMEOUT_S
+    while time.perf_counter() < deadline_s:
+        statuses = await _statuses(network)
+        if len({row["finalized_height"] for row in statuses.values()}) == 1 and len(statuses) == len(
+            network.genesis.nodes
+        ):
+            return len({row["state_root"] for row in statuses.values()}) == 1
+        await asyncio.sleep(_POLL_S)
+    return False
+
+
+def read_first_link(log: str, since: datetime) -> datetime | None:
+    """Return when a node had its first peer after a moment, by its own log: before that it cannot catch up."""
+    for line in split_lines(log):
+        entry = json.loads(line)
+        at = datetime.fromisoformat(str(entry.get("timestamp")).replace("Z", "+00:00"))
+        if at >= since and entry.get("event") == "peer_connected":
+            return at
+    return None
+
+
+def _forget_chain(config: NodeConfig) -> None:
+    """Leave a stopped node nothing but its keys; the voting journal holds blocks too."""
+    shutil.rmtree(config.ledger_dir)
+    config.journal_path.unlink()
+    Journal.create(config.journal_path).close()
+
+
+async def run_sync_benchmark(options: SyncOptions) -> dict[str, Any]:
+    """Make a network, let one node miss `seconds` of it, and return how fast it came back.
+
+    Figures: `blocks_per_s` and `tps` while catching up; `catchup_ratio`, how much faster that is than a chain made at
+    100 calls a second; `restart_s` from starting the process to ready and caught up. `ok` is False after any error, or
+    if the node did not end with the state of the others.
+    """
+    conditions = measure_conditions(
+        nodes=options.nodes,
+        clients=ROBOTS_COUNT,
+        rate_tps=options.rate,
+        seconds=options.seconds,
+        begins_with="nothing" if options.new else "what it had",
+        call="records.record",
+    )
+    async with FreshNetwork(options.nodes) as network:
+        victim = network.genesis.nodes[-1].name
+        enrolled = await network.enrol_robots(ROBOTS_COUNT)
+        living = [robot for number, robot in enumerate(enrolled) if number % options.nodes != options.nodes - 1]
+        load = _Load(living, options.rate)
+        missed_from = 0 if options.new else (await _statuses(network))[victim]["finalized_height"]
+        await asyncio.to_thread(network.cluster.kill, victim)
+        working = asyncio.create_task(load.run())
+        await asyncio.sleep(options.seconds)
+        missed_calls = load.sent_count
+        if options.new:
+            _forget_chain(network.cluster.config(victim))
+        since = datetime.now().astimezone()
+        started_s = time.perf_counter()
+        network.cluster.start(victim)
+        caught_up = await _wait_caught_up(network, victim)
+        restart_s, caught_at = time.perf_counter() - started_s, datetime.now().astimezone()
+        blocks = (await _statuses(network))[victim]["finalized_height"] - missed_from
+        working.cancel()
+        await asyncio.gather(working, return_exceptions=True)
+        is_same = await _settle(network)
+        log = await asyncio.to_thread(network.cluster.config(victim).log_path.read_text, encoding="utf-8")
+    linked_at = read_first_link(log, since)
+    catch_up_s = max(0.001, (caught_at - (linked_at or since)).total_seconds())
+    calls_per_s = missed_calls / catch_up_s
+    figures: dict[str, Any] = {
+        "blocks_per_s": round(blocks / catch_up_s, 1),
+        "tps": round(calls_per_s, 1),
+        "catchup_ratio": round(calls_per_s / REFERENCE_TPS, 1),
+        "restart_s": round(restart_s, 2),
+        "catch_up_s": round(catch_up_s, 2),
+        "blocks": blocks,
+        "calls": missed_calls,
+        "errors": sum(load.errors.values()),
+        "error_codes": dict(sorted(load.errors.items())),
+        "same_state": is_same,
+    }
+    ok = caught_up and is_same and blocks > 0 and not load.errors
+    return build_result("sync", ok=ok, figures=figures, conditions=conditions)

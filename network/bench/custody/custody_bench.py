@@ -1,0 +1,255 @@
+"""What custody costs: erasing on a real cluster, following blocks, catching up, scanning, and the room it takes.
+
+Erasing is timed with real nodes, from a request to the last custodian's receipt being final. Following and catching up
+are timed with the same custodian code over the chosen store in this process, where nothing else is waited for. Must
+never count a record whose clip is not there in the end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import shutil
+import tempfile
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit, urlunsplit
+
+from pymongo import MongoClient
+
+from consensus.errors import BlockRobotError
+from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.records.clips import ClipDownload
+from consensus.records.owner_keys import open_visit_keys, scan_announcement
+from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.custody.custody_clips import ClipRobot, SealedClip, seal_clip
+from network.bench.custody.custody_held import measure_held
+from network.bench.fresh_network import FreshNetwork
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import EraseKeys
+from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
+from node.custody.stores.custody_store import CustodyStore
+from node.custody.stores.open_store import MONGO_SCHEMES, open_store
+
+NODES_COUNT = 4
+BLOCK_RECORDS_COUNT = 50
+EXPIRES_AFTER_MS = 30 * 24 * 3_600_000
+SCANNED_COUNT = 2_000
+HOSPITAL_DAY_VISITS_COUNT = 20_000
+"""What is taken for a day of a large hospital: five thousand people, whom robots meet four times each."""
+_START_MS = 1_800_000_000_000
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class CustodyOptions:
+    """Which store; how many erasures, how many records behind, and what a clip is (frames, bytes a frame).
+
+    `held` are numbers of kept clips beside which erasing is measured; with any, nothing else is.
+    """
+
+    store: str = "sqlite"
+    erasures: int = 50
+    behind: int = 10_000
+    frames: int = 5
+    frame_bytes: int = 12_000
+    held: tuple[int, ...] = ()
+
+
+class _Custody:
+    """One custodian over a store of its own, and the blocks that it is told."""
+
+    def __init__(self, store: CustodyStore, keys: EraseKeys, uri: str) -> None:
+        self.store, self.keys, self.uri = store, keys, uri
+        self.custodian = Custodian(store, keys, member=secrets.token_bytes(33), clock_ms=lambda: _START_MS)
+
+    name = "other"
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        """Hand a clip to another custodian of this process, as a link between nodes would."""
+        return await self.custodian.export(record_id)
+
+
+@asynccontextmanager
+async def _open_custody(uri: str, folder: Path) -> AsyncIterator[_Custody]:
+    name = f"blockrobot-bench-{secrets.token_hex(4)}"
+    own = urlunsplit(urlsplit(uri)._replace(path=f"/{name}")) if uri.startswith(MONGO_SCHEMES) else uri
+    try:
+        async with open_store(own, folder / "custody") as store:
+            with EraseKeys(folder / "erase-keys") as keys:
+                yield _Custody(store, keys, own)
+    finally:
+        if own != uri:
+            with MongoClient[dict[str, Any]](own) as client:
+                client.drop_database(name)
+
+
+def _block(height: int, clips: Sequence[SealedClip]) -> FinalizedEvents:
+    owner = secrets.token_bytes(33)
+    events = []
+    for clip in clips:
+        data = {"record_id": clip.record_id, "owner": owner, "robot": owner}
+        roots = {"commitment_root": clip.commitment_root, "ciphertext_root": clip.ciphertext_root}
+        expiry = {"expires_at_ms": _START_MS + EXPIRES_AFTER_MS}
+        events.append(FinalizedEvent(sha256(clip.record_id), "records", "recorded", {**data, **roots, **expiry}))
+    return FinalizedEvents(height, sha256(b"%d" % height), _START_MS + height, tuple(events))
+
+
+def _make_clip(options: CustodyOptions) -> SealedClip:
+    valid_until_ms = _START_MS + TRANSACTION_LIFETIME_MAX_MS
+    return seal_clip(options.frames, options.frame_bytes, valid_until_ms=valid_until_ms)
+
+
+async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) -> dict[str, Any]:
+    """Let one custodian follow with every clip staged, and another one that was away follow and fetch all of them."""
+    async with _open_custody(options.store, folder / "a") as awake, _open_custody(options.store, folder / "b") as away:
+        size_bytes, hook_s = 0, 0.0
+        blocks: list[FinalizedEvents] = []
+        for first in range(0, options.behind, BLOCK_RECORDS_COUNT):
+            tell(f"following: {first} of {options.behind} records")
+            clips = [_make_clip(options) for _ in range(min(BLOCK_RECORDS_COUNT, options.behind - first))]
+            for clip in clips:
+                await awake.custodian.stage(clip.upload)
+            size_bytes += sum(clip.size_bytes for clip in clips)
+            block = _block(len(blocks) + 1, clips)
+            blocks.append(block)
+            started_s = time.perf_counter()
+            await awake.custodian.on_finalized_block(block)
+            hook_s += time.perf_counter() - started_s
+        caught_up_s = await _measure_catching_up(blocks, awake, away, options.behind, tell)
+        held = [(await custody.store.counts()).confirmed for custody in (awake, away)]
+        stored_bytes = await _stored_bytes(folder / "a", awake)
+    return {
+        "hook_records_per_s": round(options.behind / hook_s, 1),
+        "catchup_s": round(caught_up_s, 2),
+        "store_overhead": None if stored_bytes is None else round(stored_bytes / size_bytes, 3),
+        "ciphertext_bytes": size_bytes,
+        "clips_lost": 2 * options.behind - sum(held),
+    }
+
+
+async def _measure_catching_up(
+    blocks: Sequence[FinalizedEvents], awake: _Custody, away: _Custody, behind: int, tell: Tell
+) -> float:
+    started_s = time.perf_counter()
+    for block in blocks:
+        await away.custodian.on_finalized_block(block)
+    fetched = 0
+    while count := await away.custodian.fetch_missing([awake]):
+        fetched += count
+        tell(f"catching up: {fetched} of {behind} clips fetched")
+    return time.perf_counter() - started_s
+
+
+async def _stored_bytes(folder: Path, custody: _Custody) -> int | None:
+    """Return what the store and the erase keys take up; of a server, what it says of the database and its indexes."""
+    await custody.store.sweep()
+    keys = sum(path.stat().st_size for path in (folder / "erase-keys").iterdir())
+    size_bytes = (await custody.store.counts()).size_bytes
+    if size_bytes is None and custody.uri.startswith(MONGO_SCHEMES):
+        with MongoClient[dict[str, Any]](custody.uri) as client:
+            told = client.get_default_database().command("dbStats")
+        size_bytes = int(told["storageSize"]) + int(told["indexSize"])
+    return None if size_bytes is None else size_bytes + keys
+
+
+def _measure_scanning() -> float:
+    """Return how many announcements a wallet's view key tries in a second, on one core, none of them its own."""
+    view, spend = (PrivateKey(secrets.token_bytes(32)) for _ in range(2))
+    stranger = PrivateKey(secrets.token_bytes(32)).public_key
+    chain_id, robot = secrets.token_bytes(32), PrivateKey(secrets.token_bytes(32)).public_key
+    visits = [
+        open_visit_keys(secrets.token_bytes(32), stranger, stranger, chain_id=chain_id, robot=robot)
+        for _ in range(SCANNED_COUNT)
+    ]
+    started_s = time.perf_counter()
+    for visit in visits:
+        scan_announcement(view, spend.public_key, visit.ephemeral, visit.view_tag, chain_id=chain_id, robot=robot)
+    return SCANNED_COUNT / (time.perf_counter() - started_s)
+
+
+async def _measure_erasing(options: CustodyOptions, tell: Tell) -> tuple[list[float], dict[str, int]]:
+    """Return how long each erasure took on a real cluster, ms, and what was refused by code."""
+    took_ms: list[float] = []
+    errors: dict[str, int] = {}
+    async with FreshNetwork(NODES_COUNT, store=options.store) as network:
+        (enrolled,) = await network.enrol_robots(1)
+        robot = ClipRobot(enrolled.key, network.open_client())
+        owner = await robot.open_visit()
+        for number in range(options.erasures):
+            tell(f"erasing: {number} of {options.erasures}")
+            try:
+                clip = await robot.record(owner, options.frames, options.frame_bytes)
+                started_s = time.perf_counter()
+                await robot.wait_erased(owner, await robot.request_erasure(owner, [clip.record_id]))
+                took_ms.append(1000 * (time.perf_counter() - started_s))
+            except BlockRobotError as error:
+                errors[error.code] = errors.get(error.code, 0) + 1
+    return took_ms, errors
+
+
+async def _run_held(options: CustodyOptions, tell: Tell) -> dict[str, Any]:
+    """Measure erasing beside each number of kept clips.
+
+    Figures: `held`, a row for each; `cpu_ratio`, the dearest median beside the cheapest. `ok` is False if a byte of an
+    erased clip is left.
+    """
+    conditions = measure_conditions(nodes=0, store="sqlite", erasures=options.erasures, held=list(options.held))
+    folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
+    try:
+        rows = [await measure_held(held, options.erasures, folder / str(held), tell) for held in options.held]
+    finally:
+        await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+    costs = [row["erase_block_cpu_p50_ms"] for row in rows]
+    figures = {"held": rows, "cpu_ratio": round(max(costs) / min(costs), 2)}
+    ok = not any(row["bytes_left"] for row in rows)
+    return build_result("custody", ok=ok, figures=figures, conditions=conditions)
+
+
+async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _text: None) -> dict[str, Any]:
+    """Measure custody over one store.
+
+    Figures: `erase_p50_ms` and `erase_p95_ms` from a request to all receipts final, one erasure at a time;
+    `hook_records_per_s`, confirmations of staged clips in blocks of fifty; `catchup_s`, a custodian `behind` records
+    behind that has none of their clips follows the blocks and fetches every clip; `scan_records_per_s`, announcements
+    that a wallet tries on one core, and `hospital_day_scan_s`, what all of a day cost it, proofs and network apart;
+    `store_overhead`, bytes on disk a byte of ciphertext, erase keys too (of a server: what its `dbStats` says). `ok` is
+    False after any error, or if a clip is not where it should be.
+    """
+    if options.held:
+        return await _run_held(options, tell)
+    conditions = measure_conditions(
+        nodes=NODES_COUNT,
+        store="mongodb" if options.store.startswith(MONGO_SCHEMES) else options.store,
+        erasures=options.erasures,
+        behind=options.behind,
+        frames_a_clip=options.frames,
+        frame_bytes=options.frame_bytes,
+        hospital_day_visits=HOSPITAL_DAY_VISITS_COUNT,
+    )
+    folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
+    try:
+        took_ms, errors = await _measure_erasing(options, tell)
+        figures = await _measure_following(options, folder, tell)
+    finally:
+        await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+    tell("scanning")
+    scanned_per_s = await asyncio.to_thread(_measure_scanning)
+    figures = {
+        "erase_p50_ms": round(percentile(took_ms, 0.50), 1),
+        "erase_p95_ms": round(percentile(took_ms, 0.95), 1),
+        **figures,
+        "scan_records_per_s": round(scanned_per_s, 1),
+        "hospital_day_scan_s": round(HOSPITAL_DAY_VISITS_COUNT / scanned_per_s, 2),
+        "errors": sum(errors.values()),
+        "error_codes": dict(sorted(errors.items())),
+    }
+    ok = not errors and bool(took_ms) and figures["clips_lost"] == 0
+    return build_result("custody", ok=ok, figures=figures, conditions=conditions)

@@ -1,0 +1,119 @@
+"""What erasing costs a custodian that keeps much, beside one that keeps little. Must never fill a store that is in use.
+
+The kept clips are small, so that many fit: what is measured depends on how many rows there are, not on their size.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import sqlite3
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.primitives.hashing import sha256
+from network.bench.conditions import percentile
+from network.bench.custody.custody_clips import SealedClip, seal_clip
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import EraseKeys
+from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
+from node.custody.stores.custody_store import ClipRow, FrameRow
+from node.custody.stores.sqlite_rows import write_clip
+from node.custody.stores.sqlite_schema import FORMAT_VERSION, SCHEMA
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
+
+KEPT_FRAMES_COUNT, KEPT_FRAME_BYTES, KEPT_KEY_BYTES = 2, 64, 136
+ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES = 5, 12_000
+WARM_UP_COUNT = 10
+_AT_ONCE_COUNT = 2_000
+_START_MS = 1_800_000_000_000
+_EXPIRES_MS = _START_MS + 30 * 24 * 3_600_000
+
+Tell = Callable[[str], None]
+
+
+def _kept_rows(slots: Sequence[int]) -> Iterator[tuple[ClipRow, list[FrameRow]]]:
+    """Yield confirmed clips of random bytes, as many as there are slots for."""
+    for first in range(0, len(slots), KEPT_FRAMES_COUNT):
+        record_id, text = secrets.token_bytes(16), secrets.token_bytes(KEPT_FRAME_BYTES)
+        leaves = tuple(secrets.token_bytes(32) for _ in range(KEPT_FRAMES_COUNT))
+        owner = secrets.token_bytes(33)
+        clip = ClipRow(record_id, bytes(32), 0, "confirmed", leaves, leaves, owner, _EXPIRES_MS, 1)
+        wrapped = secrets.token_bytes(KEPT_KEY_BYTES)
+        places = enumerate(slots[first : first + KEPT_FRAMES_COUNT])
+        yield clip, [FrameRow(record_id, index, text, wrapped, slot) for index, slot in places]
+
+
+def fill(folder: Path, keys: EraseKeys, held: int, tell: Tell) -> None:
+    """Write a new SQLite store of this many clips, without forcing each of them to the medium."""
+    folder.mkdir(mode=0o700, parents=True)
+    with closing(sqlite3.connect(folder / DATABASE_FILE_NAME, isolation_level=None)) as database:
+        for setting in ("journal_mode = WAL", "synchronous = OFF", "secure_delete = ON"):
+            database.execute(f"PRAGMA {setting}").fetchall()
+        database.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+        for first in range(0, held, _AT_ONCE_COUNT):
+            tell(f"filling: {first} of {held} clips")
+            count = min(_AT_ONCE_COUNT, held - first)
+            slots = [slot for slot, _ in keys.allocate(count * KEPT_FRAMES_COUNT)]
+            database.execute("BEGIN")
+            for clip, frames in _kept_rows(slots):
+                write_clip(database, clip, frames)
+            database.execute("COMMIT")
+
+
+class _Blocks:
+    """A custodian's blocks, one after the other."""
+
+    def __init__(self, custodian: Custodian) -> None:
+        self._custodian, self._height = custodian, 0
+
+    async def follow(self, event: FinalizedEvent) -> tuple[float, float]:
+        """Bring one event into effect; return the CPU and the wall time that it took, ms."""
+        self._height += 1
+        block = FinalizedEvents(self._height, sha256(b"%d" % self._height), _START_MS + self._height, (event,))
+        cpu_s, wall_s = time.process_time(), time.perf_counter()
+        await self._custodian.on_finalized_block(block)
+        return 1000 * (time.process_time() - cpu_s), 1000 * (time.perf_counter() - wall_s)
+
+
+def _recorded(clip: SealedClip, owner: bytes) -> FinalizedEvent:
+    data = {"record_id": clip.record_id, "owner": owner, "robot": owner, "expires_at_ms": _EXPIRES_MS}
+    roots = {"commitment_root": clip.commitment_root, "ciphertext_root": clip.ciphertext_root}
+    return FinalizedEvent(clip.upload.txid, "records", "recorded", data | roots)
+
+
+async def _erasures(custodian: Custodian, count: int) -> AsyncIterator[tuple[float, float]]:
+    """Let clips come, be recorded and erased, each in a block of its own; yield what each erasing block took."""
+    blocks, owner = _Blocks(custodian), secrets.token_bytes(33)
+    for _ in range(count):
+        valid_until_ms = _START_MS + TRANSACTION_LIFETIME_MAX_MS
+        clip = seal_clip(ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES, valid_until_ms=valid_until_ms)
+        await custodian.stage(clip.upload)
+        await blocks.follow(_recorded(clip, owner))
+        erasure_id = secrets.token_bytes(32)
+        data = {"erasure_id": erasure_id, "owner": owner, "records": [clip.record_id], "frames": []}
+        yield await blocks.follow(FinalizedEvent(erasure_id, "erasure", "requested", data))
+
+
+async def measure_held(held: int, erasures: int, folder: Path, tell: Tell) -> dict[str, Any]:
+    """Return what a block costs that erases one clip of five frames, beside `held` kept ones, in an SQLite store."""
+    with EraseKeys(folder / "erase-keys") as keys:
+        await asyncio.to_thread(fill, folder / "custody", keys, held, tell)
+        async with SqliteStore(folder / "custody") as store:
+            custodian = Custodian(store, keys, member=bytes(33), clock_ms=lambda: _START_MS)
+            tell(f"erasing among {held} clips")
+            took = [each async for each in _erasures(custodian, WARM_UP_COUNT + erasures)][WARM_UP_COUNT:]
+            left = await store.leftovers()
+            counts = await store.counts()
+    cpu_ms, wall_ms = ([pair[place] for pair in took] for place in (0, 1))
+    return {
+        "held": counts.confirmed,
+        "erase_block_cpu_p50_ms": round(percentile(cpu_ms, 0.50), 2),
+        "erase_block_p50_ms": round(percentile(wall_ms, 0.50), 2),
+        "erase_block_p95_ms": round(percentile(wall_ms, 0.95), 2),
+        "bytes_left": (left.log_bytes or 0) + (left.dirty_bytes or 0),
+    }

@@ -1,0 +1,298 @@
+"""What a flood does to a network: how late calls become final and `/status` answers, before it, under it and after it.
+
+Four real nodes with full blocks, a robot that submits a call twenty times a second, and an attacker in a process of his
+own: at most one core and 20 MB a second. Must never be pointed at a network that somebody uses.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from types import TracebackType
+from typing import Any
+
+import aiohttp
+
+from consensus.errors import BlockRobotError
+from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.event_follower import FinalityFollower
+from network.bench.flood.flood_attacker import OWN_ADDRESS
+from network.bench.flood.flood_kinds import FRAMES, Identity
+from network.bench.flood.flood_routes import Landmarks, kinds_of
+from network.bench.flood.full_blocks import fill_blocks
+from network.bench.fresh_network import FreshNetwork, LoadRobot
+from network.cluster import fetch_status
+from network.doctor.examination import examine_network
+
+NODES_COUNT = 4
+INTERVAL_S = 0.05
+STATUS_INTERVAL_S = 0.1
+STATUS_TIMEOUT_S = 30.0
+QUIET_S = 4.0
+REST_S = 2.0
+AFTER_S = 3.0
+LOST_AFTER_S = 60.0
+FINALITY_RATIO_GOAL = 5.0
+STATUS_GOAL_MS = 1_000.0
+NORMAL_RATIO_GOAL = 2.0
+NOISE_MS = 50.0
+"""So much later than in quiet is no sign of anything, on a machine that does other things too."""
+FLOODS_OF_NETWORK_COUNT = 8
+
+
+@dataclass(frozen=True, slots=True)
+class FloodOptions:
+    """Who floods with what (`all`: with everything he can), and for how long each."""
+
+    kind: str
+    identity: Identity
+    seconds: float
+
+
+@dataclass(slots=True)
+class _Latencies:
+    """When each call was submitted and how late it was final; one that is not final yet is as late as it is now."""
+
+    started_s: list[float] = field(default_factory=list)
+    final_s: dict[int, float] = field(default_factory=dict)
+
+    def between(self, from_s: float, until_s: float) -> list[float]:
+        now_s = time.perf_counter()
+        return [
+            (self.final_s.get(place, now_s) - started_s) * 1000
+            for place, started_s in enumerate(self.started_s)
+            if from_s <= started_s < until_s
+        ]
+
+    def recovered_s(self, from_s: float, until_s: float, limit_ms: float) -> float | None:
+        """Return how long after a moment the first call was submitted from which on all were final in time."""
+        late = [place for place, started_s in enumerate(self.started_s) if from_s <= started_s < until_s]
+        for place in reversed(late):
+            final_s = self.final_s.get(place)
+            if final_s is None or (final_s - self.started_s[place]) * 1000 > limit_ms:
+                return None if place == late[-1] else self.started_s[place + 1] - from_s
+        return 0.0 if late else None
+
+
+class _Watch:
+    """Submits calls to one node, asks all nodes how they are, and notes how long both take. Use as `async with`."""
+
+    def __init__(self, network: FreshNetwork, robot: LoadRobot) -> None:
+        self._network, self._robot = network, robot
+        self._follower = FinalityFollower(network.genesis, network.genesis.nodes[0], robot.key)
+        self._tasks: list[asyncio.Task[None]] = []
+        self._calls: set[asyncio.Task[None]] = set()
+        self.calls = _Latencies()
+        self.status: list[tuple[float, float]] = []
+        self.named: set[str] = set()
+
+    async def __aenter__(self) -> _Watch:
+        await self._follower.__aenter__()
+        self._tasks = [asyncio.create_task(self._submit()), asyncio.create_task(self._ask())]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for task in [*self._tasks, *self._calls]:
+            task.cancel()
+        await asyncio.gather(*self._tasks, *self._calls, return_exceptions=True)
+        await self._follower.__aexit__(kind, error, trace)
+
+    async def _submit(self) -> None:
+        while True:
+            task = asyncio.create_task(self._call())
+            self._calls.add(task)
+            task.add_done_callback(self._calls.discard)
+            await asyncio.sleep(INTERVAL_S)
+
+    async def _call(self) -> None:
+        transaction = self._robot.sign_record()
+        place = len(self.calls.started_s)
+        self.calls.started_s.append(time.perf_counter())
+        (future,) = self._follower.expect([transaction.txid]).values()
+        while not future.done():
+            with contextlib.suppress(BlockRobotError):
+                await self._robot.client.submit_batch([transaction])
+                break
+            await asyncio.sleep(INTERVAL_S)
+        self.calls.final_s[place] = await asyncio.wait_for(future, LOST_AFTER_S)
+
+    async def _ask(self) -> None:
+        timeout = aiohttp.ClientTimeout(total=STATUS_TIMEOUT_S)
+        async with aiohttp.ClientSession(timeout=timeout) as session:
+            while True:
+                await asyncio.gather(*(self._ask_one(session, name) for name in self._network.cluster.names))
+                await asyncio.sleep(STATUS_INTERVAL_S)
+
+    async def _ask_one(self, session: aiohttp.ClientSession, name: str) -> None:
+        started_s = time.perf_counter()
+        status = await fetch_status(session, self._network.cluster.config(name))
+        self.status.append((started_s, (time.perf_counter() - started_s) * 1000))
+        for row in (row for key in ("over_budget", "cut_off_peers") for row in status.get(key, [])) if status else ():
+            self.named.add(str(row["peer"]))
+
+    def status_ms(self, from_s: float, until_s: float) -> list[float]:
+        """Return how long `/status` took, of what was asked between two moments."""
+        return [took_ms for started_s, took_ms in self.status if from_s <= started_s < until_s]
+
+
+@dataclass(frozen=True, slots=True)
+class _Attacker:
+    """Who attacks in one flood: by what name he is known, and what his process is told."""
+
+    names: tuple[str, ...]
+    orders: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """A running network in which a flood takes place: who submits, who attacks, and what is worth asking for."""
+
+    network: FreshNetwork
+    watched: LoadRobot
+    attacker: LoadRobot
+    landmarks: Landmarks
+
+
+async def _describe(scene: _Scene, options: FloodOptions, kind: str, own: int) -> _Attacker:
+    network, robot = scene.network, scene.attacker
+    cluster, genesis = network.cluster, network.genesis
+    node = genesis.nodes[NODES_COUNT + own] if options.identity == "node" else genesis.nodes[0]
+    async with aiohttp.ClientSession() as session:
+        status = await fetch_status(session, cluster.config(cluster.names[0])) or {}
+    orders = {
+        "parent": os.getpid(),
+        "kind": kind,
+        "identity": options.identity,
+        "seconds": options.seconds,
+        "chain_id": genesis.chain_id.hex(),
+        "member": robot.key.public_key.hex(),
+        "key": robot.key.secret.hex(),
+        "epoch": status.get("epoch", 0),
+        "round": status.get("round", 1),
+        "head_id": genesis.block_id.hex(),
+        "name": node.name,
+        "keys": str(network.stolen_folder(node.name) / "keys"),
+        "own_port": node.p2p_port,
+        "api_ports": {name: cluster.config(name).api_port for name in cluster.names},
+        "landmarks": asdict(scene.landmarks),
+        "p2p_ports": [cluster.config(name).p2p_port for name in cluster.names],
+    }
+    if options.identity == "node":
+        return _Attacker((node.name, f"peer {node.name}"), orders)
+    own_names = () if options.identity == "stranger" else (f"session {robot.key.public_key.hex()}",)
+    return _Attacker((f"loopback {OWN_ADDRESS}", *own_names, f"member {robot.key.public_key.hex()}"), orders)
+
+
+async def _attack(orders: dict[str, Any]) -> dict[str, Any]:
+    """Let the attacker do his work, and return what he sent."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "network.bench.flood.flood_attacker",
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+    )
+    try:
+        output, _ = await process.communicate(json.dumps(orders).encode())
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    figures: dict[str, Any] = json.loads(output) if output else {}
+    return figures
+
+
+async def _measure(scene: _Scene, options: FloodOptions, kind: str, own: int) -> dict[str, Any]:
+    """Measure one flood on a running network."""
+    network = scene.network
+    async with _Watch(network, scene.watched) as watch:
+        await asyncio.sleep(1.0)
+        quiet_from_s = time.perf_counter()
+        await asyncio.sleep(QUIET_S)
+        attacker = await _describe(scene, options, kind, own)
+        watch.named.clear()
+        attack_from_s = time.perf_counter()
+        sent = await _attack(attacker.orders)
+        attack_until_s = time.perf_counter()
+        await asyncio.sleep(REST_S + AFTER_S)
+        after_from_s, now_s = attack_until_s + REST_S, time.perf_counter() - 0.5
+        quiet = percentile(watch.calls.between(quiet_from_s, attack_from_s), 0.95)
+        under = watch.calls.between(attack_from_s, attack_until_s)
+        after = percentile(watch.calls.between(after_from_s, now_s), 0.95)
+        status = watch.status_ms(attack_from_s, attack_until_s)
+        normal_ms = NORMAL_RATIO_GOAL * quiet + NOISE_MS
+        recovered_s = watch.calls.recovered_s(attack_until_s, now_s, normal_ms)
+        findings = await asyncio.to_thread(examine_network, network.cluster.folder)
+        logs = await asyncio.to_thread(_read_logs, network)
+    told = " ".join(finding.detail for finding in findings.findings)
+    under_ms = percentile(under, 0.95)
+    figures: dict[str, Any] = {
+        "kind": kind,
+        "quiet_p95_ms": round(quiet, 1),
+        "attack_p95_ms": round(under_ms, 1),
+        "attack_max_ms": round(max(under, default=0.0), 1),
+        "ratio": round(under_ms / max(quiet, 0.1), 2),
+        "status_p95_ms": round(percentile(status, 0.95), 1),
+        "status_max_ms": round(max(status, default=0.0), 1),
+        "after_p95_ms": round(after, 1),
+        "recovered_s": None if recovered_s is None else round(recovered_s, 2),
+        "named_in_log": any(name in logs for name in attacker.names),
+        "named_by_doctor": any(name in told for name in attacker.names),
+        "sent": sent,
+    }
+    refused = sent.get("refused", 0)
+    figures["goals"] = {
+        "finality": figures["ratio"] <= FINALITY_RATIO_GOAL,
+        "status": figures["status_max_ms"] <= STATUS_GOAL_MS,
+        "named": (figures["named_in_log"] and figures["named_by_doctor"]) or (under_ms <= normal_ms and not refused),
+        "normal_after": after <= normal_ms,
+    }
+    return figures
+
+
+def _read_logs(network: FreshNetwork) -> str:
+    return " ".join(network.cluster.config(name).log_path.read_text() for name in network.cluster.names)
+
+
+def choose_kinds(options: FloodOptions) -> list[str]:
+    """Return the kinds to send. Raises REQUEST_INVALID for one that there is not."""
+    known = kinds_of(options.identity)
+    if options.kind == "all":
+        return known
+    chosen = [kind.strip() for kind in options.kind.split(",")]
+    strange = [kind for kind in chosen if kind not in known]
+    if strange:
+        raise BlockRobotError("REQUEST_INVALID", f"A {options.identity} sends no {strange[0]!r}; --list shows what.")
+    return chosen
+
+
+async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]) -> dict[str, Any]:
+    """Measure each kind of flood; as a node, each with the certificate of another node that was never started."""
+    kinds = choose_kinds(options)
+    conditions = measure_conditions(nodes=NODES_COUNT, identity=options.identity, seconds=options.seconds)
+    rows: list[dict[str, Any]] = []
+    for first in range(0, len(kinds), FLOODS_OF_NETWORK_COUNT):
+        group = kinds[first : first + FLOODS_OF_NETWORK_COUNT]
+        stolen = len(group) if group[0] in FRAMES and options.identity == "node" else 0
+        async with FreshNetwork(NODES_COUNT, stolen=stolen) as network:
+            watched, attacker, *filling = await network.enrol_robots(4)
+            scene = _Scene(network, watched, attacker, await fill_blocks(filling))
+            for own, kind in enumerate(group):
+                row = await _measure(scene, options, kind, own)
+                rows.append(row | {"load": round(os.getloadavg()[0], 2)})
+                tell(f"{kind}: finality {row['ratio']} times as late, /status {row['status_max_ms']} ms at most")
+    figures = {
+        "worst_ratio": max(row["ratio"] for row in rows),
+        "worst_status_ms": max(row["status_max_ms"] for row in rows),
+        "missed": sorted({f"{row['kind']} {goal}" for row in rows for goal, met in row["goals"].items() if not met}),
+    }
+    result = build_result("flood", ok=not figures["missed"], figures=figures, conditions=conditions)
+    return {**result, "floods": rows}

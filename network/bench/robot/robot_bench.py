@@ -1,0 +1,287 @@
+"""How a whole robot keeps up: frames from a recording at the camera's pace, and each found again by its owner.
+
+Real robots, real nodes, real wallets, each robot a process of its own. Must never call a run good in which a frame was
+lost, doubled, found by an owner without the robot's having kept it, or shows somebody else than who found it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.scenario_bag import make_bag
+from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.fresh_network import find_base_port
+from network.bench.robot.robot_counts import LoggedFrames, caught_up_at_ms, read_frames, reckon, untouched_by_cut
+from network.bench.robot.robot_owners import OwnFrames, find_own_frames
+from network.bench.robot.robot_scene import PEOPLE, is_in_place, loop_seconds, make_scene
+from network.demo.processes import LongCommand
+from network.faults.actions import Heal, Pause
+from network.faults.control import FaultControl
+from network.testbed import NODES_COUNT, Stage
+
+PURPOSE = "demo"
+SETTLING_MAX_S = 600.0
+"""How long a robot may take after its last frame: the buffer, what waited, and a busy machine."""
+
+_MB = 1024 * 1024
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotOptions:
+    """What to measure; the network is cut for `cut_s` in the middle, 0 for not at all. Recordings are kept in `cache`."""
+
+    seconds: float
+    robots: int
+    fps: int
+    cut_s: float
+    seed: int
+    cache: Path
+
+    @property
+    def frames(self) -> int:
+        """How many frames each robot's camera publishes."""
+        return round(self.seconds * self.fps)
+
+
+@dataclass(slots=True)
+class _Played:
+    """A robot, and what came of it."""
+
+    name: str
+    member: bytes
+    folder: Path
+    frames_read: int = 0
+    begun: asyncio.Event = field(default_factory=asyncio.Event)
+    summary: dict[str, Any] = field(default_factory=dict)
+    logged: LoggedFrames = field(default_factory=LoggedFrames)
+
+    @property
+    def log(self) -> Path:
+        return self.folder / "events.jsonl"
+
+
+@dataclass(slots=True)
+class _Cut:
+    """When nodes stood still, by the machine's clock in ms; zeros if they never did."""
+
+    from_ms: int = 0
+    until_ms: int = 0
+
+
+async def run_robot_benchmark(options: RobotOptions, tell: Tell) -> dict[str, Any]:
+    """Render, start a network, register, play, look with the owners' eyes, and return the result.
+
+    While the network is cut all node processes are stopped by SIGSTOP: connections stay open, and nobody answers.
+    """
+    scene = make_scene(loop_seconds(options.seconds), options.fps, options.seed)
+    tags = load_or_draw_tags(options.cache, scene)
+    bag = await asyncio.to_thread(
+        make_bag,
+        scene,
+        tags,
+        options.cache,
+        progress=lambda done, total: tell(f"rendering the recording: {done} of {total} frames"),
+    )
+    folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-"))
+    stage = Stage(folder, store="sqlite", base_port=find_base_port(NODES_COUNT), purpose=PURPOSE)
+    try:
+        tell("starting four nodes")
+        await stage.start_network("bench-robot")
+        tell("registering people and robots")
+        for alias in PEOPLE:
+            await stage.enrol_person(alias, tags[alias])
+        robots = [await _enrol(stage, number) for number in range(options.robots)]
+        conditions = _conditions(options, scene)
+        cut = await _play(stage, robots, bag, scene, options, tell)
+        for robot in robots:
+            with robot.log.open(encoding="utf-8") as lines:
+                robot.logged = await asyncio.to_thread(read_frames, lines)
+        tell("looking with the owners' eyes")
+        owners = await _look(stage)
+    finally:
+        await stage.stop()
+        shutil.rmtree(folder, ignore_errors=True)
+    figures = make_figures(options, [(robot.member, robot.summary, robot.logged) for robot in robots], owners)
+    figures |= _cut_figures(robots, cut)
+    return build_result("robot", ok=is_good(figures), figures=figures, conditions=conditions)
+
+
+def _conditions(options: RobotOptions, scene: Scenario) -> dict[str, Any]:
+    return measure_conditions(
+        nodes=NODES_COUNT,
+        seed=options.seed,
+        robots=options.robots,
+        seconds=options.seconds,
+        fps=options.fps,
+        picture=f"{scene.width}x{scene.height}, {len(scene.people)} registered people in view",
+        recording_s=scene.duration_s,
+        cut_s=options.cut_s,
+        cut_by="SIGSTOP of all nodes" if options.cut_s else "",
+    )
+
+
+async def _enrol(stage: Stage, number: int) -> _Played:
+    name = f"robot-{number + 1}"
+    member = await stage.enrol_robot(name)
+    folder = stage.robots / name
+    await stage.make_roster(member, folder / "roster.sealed")
+    return _Played(name, bytes.fromhex(member), folder)
+
+
+async def _play(
+    stage: Stage, robots: list[_Played], bag: Path, scene: Scenario, options: RobotOptions, tell: Tell
+) -> _Cut:
+    """Let all robots play at once, cut the network meanwhile if asked for, and wait until all is final."""
+    loop_ms = round(scene.duration_s * 1000)
+
+    async def play(robot: _Played) -> None:
+        def progress(figures: dict[str, Any]) -> None:
+            robot.frames_read = figures["frames_read"]
+            if robot.frames_read:
+                robot.begun.set()
+            waiting = figures["waiting"]
+            tell(f"playing: {min(one.frames_read for one in robots)} of {options.frames} frames, {waiting} waiting")
+
+        where = {"folder": robot.folder, "genesis": stage.genesis_file, "bag": bag, "events": robot.log}
+        where["approver"] = stage.approver_file
+        what = {"loop-ms": loop_ms, "frames": options.frames, "purpose": PURPOSE}
+        arguments = [word for name, value in {**where, **what}.items() for word in (f"--{name}", str(value))]
+        command = LongCommand(arguments, progress, module="network.bench.robot.robot_player")
+        robot.summary = await command.run(options.seconds + options.cut_s + SETTLING_MAX_S)
+
+    playing = [asyncio.create_task(play(robot)) for robot in robots]
+    cutting = asyncio.create_task(_cut(stage, robots, options, tell))
+    try:
+        await asyncio.gather(*playing)
+        return await cutting
+    finally:
+        for task in (*playing, cutting):
+            task.cancel()
+        await asyncio.gather(*playing, cutting, return_exceptions=True)
+
+
+async def _cut(stage: Stage, robots: list[_Played], options: RobotOptions, tell: Tell) -> _Cut:
+    """Stop all nodes in the middle of the playing, for a while."""
+    if not options.cut_s:
+        return _Cut()
+    for robot in robots:
+        await robot.begun.wait()
+    await asyncio.sleep(max(0.0, (options.seconds - options.cut_s) / 2))
+    control = FaultControl(stage.cluster)
+    cut = _Cut(from_ms=_now_ms())
+    tell("the network is cut")
+    try:
+        for name in stage.cluster.names:
+            await control.carry_out(Pause(name))
+        await asyncio.sleep(options.cut_s)
+    finally:
+        await control.carry_out(Heal(()))
+    cut.until_ms = _now_ms()
+    tell("the network is back")
+    return cut
+
+
+def _now_ms() -> int:
+    return time.time_ns() // 1_000_000
+
+
+async def _look(stage: Stage) -> list[OwnFrames]:
+    """Let each person's wallet find and open all that is hers."""
+    found = []
+    for alias in PEOPLE:
+        passphrase = (stage.wallets / f"{alias}.passphrase").read_text(encoding="utf-8").strip()
+        wallet, is_hers = stage.wallets / f"{alias}.wallet", partial(is_in_place, alias)
+        found.append(await find_own_frames(wallet, passphrase, stage.cluster.genesis, is_hers))
+    return found
+
+
+def make_figures(
+    options: RobotOptions, robots: list[tuple[bytes, dict[str, Any], LoggedFrames]], owners: list[OwnFrames]
+) -> dict[str, Any]:
+    """Return the figures of all robots, given as (member key, summary, log), and of all owners together."""
+    frames = [summary["frames"] for _, summary, _ in robots]
+    reckonings = [
+        reckon(logged, [owner.frames.get(member, Counter()) for owner in owners]) for member, _, logged in robots
+    ]
+    published = sum(one["published"] for one in frames)
+    kept = sum(one["kept"] for one in frames)
+    reasons: Counter[str] = Counter()
+    for one in frames:
+        reasons.update(one["withheld_reasons"])
+    known = {member for member, _, _ in robots}
+    strange = sum(found.total() for owner in owners for member, found in owner.frames.items() if member not in known)
+    took = [time.took_ms for _, _, logged in robots for time in logged.times]
+    costs = [summary["process"] for _, summary, _ in robots]
+    return {
+        "frames_published": published,
+        "frames_covered": sum(one["covered"] for one in frames),
+        "frames_kept": kept,
+        "frames_withheld": sum(one["withheld"] for one in frames),
+        "frames_withheld_by_reason": dict(sorted(reasons.items())),
+        "frames_found": sum(found.total() for owner in owners for found in owner.frames.values()),
+        "frames_lost": sum(one.lost for one in reckonings),
+        "frames_never_arrived": options.frames * options.robots - published,
+        "frames_doubled": sum(one.doubled for one in reckonings),
+        "frames_unexplained": sum(one.unexplained for one in reckonings) + strange,
+        "frames_misplaced": sum(owner.misplaced_frames for owner in owners),
+        "frames_unreadable": sum(owner.bad_frames for owner in owners),
+        "records": sum(summary["records"] for _, summary, _ in robots),
+        "records_found": sum(owner.record_count for owner in owners),
+        "records_missing": sum(owner.missing_records for owner in owners),
+        "visits_unclosed": sum(owner.unclosed_visits for owner in owners),
+        "frame_to_final_p50_ms": round(percentile(took, 0.50)),
+        "frame_to_final_p95_ms": round(percentile(took, 0.95)),
+        "frame_to_final_max_ms": max(took, default=0),
+        "submit_to_final_p95_ms": max(summary["latency_ms"]["submit_to_final"]["p95"] for _, summary, _ in robots),
+        "frames_per_s": round(min(logged.frames_per_s for _, _, logged in robots), 2),
+        "rss_peak_mb": round(max(cost["rss_peak_bytes"] for cost in costs) / _MB, 1),
+        "spool_peak_bytes": max(summary["spool_peak_bytes"] for _, summary, _ in robots),
+        "stored_bytes_per_frame": round(sum(summary["stored_bytes"] for _, summary, _ in robots) / max(1, kept)),
+        "robot_cpu_share": round(max(cost["cpu_s"] / cost["seconds"] for cost in costs), 3),
+        "registry_stale_ms": max(summary["consents"]["stale_ms"] for _, summary, _ in robots),
+    }
+
+
+def is_good(figures: dict[str, Any]) -> bool:
+    """Tell whether something was kept, and every kept frame was found exactly once by its owner, and by no other.
+
+    Whose a frame is, the scene says, and no robot: two people who stand on different sides of it.
+    """
+    wrong = (
+        "frames_lost",
+        "frames_never_arrived",
+        "frames_doubled",
+        "frames_unexplained",
+        "frames_misplaced",
+        "frames_unreadable",
+        "records_missing",
+        "visits_unclosed",
+    )
+    is_whole = figures["frames_found"] == figures["frames_kept"] > 0
+    return is_whole and figures["records_found"] == figures["records"] and not any(figures[name] for name in wrong)
+
+
+def _cut_figures(robots: list[_Played], cut: _Cut) -> dict[str, Any]:
+    """Return how soon all that waited for the end of the cut was final, and the latency of what it did not touch."""
+    if not cut.until_ms:
+        return {}
+    times = [time for robot in robots for time in robot.logged.times]
+    caught_up = caught_up_at_ms(times, cut.until_ms)
+    rest = [time.took_ms for time in untouched_by_cut(times, cut.from_ms, caught_up)]
+    return {
+        "cut_caught_up_s": round((caught_up - cut.until_ms) / 1000, 3),
+        "frame_to_final_without_cut_p95_ms": round(percentile(rest, 0.95)),
+    }

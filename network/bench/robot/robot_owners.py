@@ -1,0 +1,68 @@
+"""What owners find of robots' recordings: each wallet lists, fetches, checks and opens its own. Must never ask a robot.
+
+This is the wallet's own code, on proofs of the chain; no picture is written anywhere.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from clients.wallet.ledger.wallet import VisitReport, Wallet
+from clients.wallet.records.viewing import STATUS_NOTICE, STATUS_OK, Viewing
+from clients.wallet.store.keystore import Keystore
+from consensus.chain.genesis import Genesis
+from consensus.records.renditions import Rendition
+
+PURPOSE = "own-access"
+
+
+@dataclass(slots=True)
+class OwnFrames:
+    """What one owner found: of each robot (by its member key) how often each frame, and what did not come as it should.
+
+    `misplaced_frames` show somebody who stands where another does.
+    """
+
+    frames: dict[bytes, Counter[int]] = field(default_factory=dict)
+    record_count: int = 0
+    missing_records: int = 0
+    unclosed_visits: int = 0
+    bad_frames: int = 0
+    misplaced_frames: int = 0
+
+    def note(self, robot: bytes, picture: Rendition, *, is_hers: bool) -> None:
+        """Count a picture that the wallet opened; what the scene says tells whether it shows its owner."""
+        self.frames.setdefault(robot, Counter())[picture.sequence] += 1
+        self.misplaced_frames += not is_hers
+
+
+async def find_own_frames(
+    wallet_file: Path, passphrase: str, genesis: Genesis, is_hers: Callable[[Rendition], bool]
+) -> OwnFrames:
+    """Open a wallet and every picture in it; `is_hers` knows the scene. Raises what the network refuses."""
+    found = OwnFrames()
+    async with Wallet(Keystore.open(wallet_file, passphrase), genesis) as wallet:
+        for report in await wallet.records():
+            found.record_count += len(report.records)
+            found.missing_records += report.missing_count + len(report.unreadable_ids) + len(report.erased_ids)
+            found.unclosed_visits += not report.closed
+            if report.records:
+                await _open_visit(wallet, report, found, is_hers)
+    return found
+
+
+async def _open_visit(
+    wallet: Wallet, report: VisitReport, found: OwnFrames, is_hers: Callable[[Rendition], bool]
+) -> None:
+    viewing = Viewing(wallet)
+    access_id = await wallet.sign_and_wait(report.visit, "access", "request", [[], PURPOSE])
+    for entry in report.records:
+        view = await viewing.view(entry, access_id)
+        for frame in view.frames:
+            if frame.status == STATUS_OK and frame.rendition is not None:
+                found.note(report.visit.robot, frame.rendition, is_hers=is_hers(frame.rendition))
+            elif frame.status != STATUS_NOTICE:
+                found.bad_frames += 1

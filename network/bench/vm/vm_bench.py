@@ -1,0 +1,195 @@
+"""How fast the contract machine is: the real `records.record`, alone and in blocks. Must never touch a node or a disk.
+
+Measured in CPU time of this thread, as the median of many batches, so that a busy machine does not change the figures
+much. The calls alone are the interpreter and its host functions over a dict; the blocks have state, receipts and trie.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from consensus.limits import CALL_GAS_MAX, SEALED_METADATA_BYTES, TIME_BUCKET_MS
+from consensus.primitives.encoding import encode_value, u64
+from consensus.state import identity
+from contracts.lifecycle.registry import PRIVACY_CONTRACTS, load_contracts, read_source
+from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
+from network.bench.conditions import build_result, measure_conditions
+from network.bench.vm.vm_blocks import measure_block_call_us
+from network.bench.vm.vm_profile import sample_shares
+from network.bench.vm.worker_blocks import measure_block_calls_per_s
+
+ROBOT = b"\x02" + b"r" * 32
+OWNER = b"\x03" + b"o" * 32
+PURPOSE = "bench"
+_NOW_MS = TIME_BUCKET_MS * 5_000_000
+_CONTEXT = CallContext(ROBOT, 1, _NOW_MS + 1, b"t" * 32, b"c" * 32)
+_COMPILE_ROUNDS_COUNT = 3
+BATCH_CALLS_COUNT = 200
+
+
+class MemoryHost:
+    """A ledger's state in a dict."""
+
+    def __init__(self) -> None:
+        self.entries: dict[bytes, bytes] = {}
+
+    def get(self, key: bytes) -> bytes | None:
+        """Return the value under a key."""
+        return self.entries.get(key)
+
+    def put(self, key: bytes, value: bytes) -> None:
+        """Store a value."""
+        self.entries[key] = value
+
+    def delete(self, key: bytes) -> None:
+        """Remove a key."""
+        self.entries.pop(key, None)
+
+    def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
+        """Return the entries under a prefix, in key order."""
+        return [(key, self.entries[key]) for key in sorted(self.entries) if key.startswith(prefix)][:limit]
+
+    def emit(self, name: str, data: bytes) -> None:
+        """Do nothing: the events of a benchmark go nowhere."""
+
+
+class CountingHost(MemoryHost):
+    """Also counts how often a call of `records.record` asks it: whether to get, to put or to emit."""
+
+    calls = 0
+
+    def get(self, key: bytes) -> bytes | None:
+        """Count, and return the value under a key."""
+        self.calls += 1
+        return super().get(key)
+
+    def put(self, key: bytes, value: bytes) -> None:
+        """Count, and store a value."""
+        self.calls += 1
+        super().put(key, value)
+
+    def emit(self, name: str, data: bytes) -> None:
+        """Count an event."""
+        self.calls += 1
+        super().emit(name, data)
+
+
+class RecordBench:
+    """A robot with one open visit, ready to record clip after clip."""
+
+    def __init__(self, contracts: Mapping[str, CompiledContract]) -> None:
+        self.contracts = contracts
+        self.host: MemoryHost = MemoryHost()
+        self.count = 0
+        robot: dict[str, Any] = {"handle": b"h" * 32, "role": "robot", "org": "bench", "status": "active"}
+        robot |= {"since": _NOW_MS}
+        self.host.entries[identity.MEMBER.key(ROBOT)] = encode_value(robot)
+        self.host.entries[identity.PURPOSE.key(PURPOSE)] = encode_value(True)
+        self.invoke("open_visit", [OWNER, b"\x02" + b"e" * 32, 7, _NOW_MS, PURPOSE])
+        self._opened = self.host.entries.copy()
+
+    def invoke(self, entry: str, arguments: list[Any]) -> Outcome:
+        """Call an entry of `records` as the robot. Raises RuntimeError if the contract refuses."""
+        outcome = invoke(
+            self.contracts, "records", entry, arguments,
+            host=self.host, context=_CONTEXT, gas_limit=CALL_GAS_MAX, mode="export",
+        )  # fmt: skip
+        if not outcome.ok:
+            raise RuntimeError(f"records.{entry} failed in line {outcome.line}: {outcome.code}: {outcome.message}")
+        return outcome
+
+    def next_arguments(self) -> list[Any]:
+        """Return the arguments that record one clip under a new id."""
+        self.count += 1
+        metadata = b"m" * SEALED_METADATA_BYTES
+        return [u64(self.count) * 2, OWNER, b"1" * 32, b"2" * 32, metadata, _NOW_MS, _NOW_MS + 1_000_000]
+
+    def record(self) -> Outcome:
+        """Record one clip under a new id."""
+        return self.invoke("record", self.next_arguments())
+
+    def run_batch(self) -> float:
+        """Record `BATCH_CALLS_COUNT` clips from the opened visit on; return the CPU time in seconds that the calls took."""
+        self.host.entries = self._opened.copy()
+        batch = [self.next_arguments() for _ in range(BATCH_CALLS_COUNT)]
+        started = time.thread_time()
+        for arguments in batch:
+            self.invoke("record", arguments)
+        return time.thread_time() - started
+
+    def count_host_calls(self) -> int:
+        """Return how often one record asks its host."""
+        counting = CountingHost()
+        counting.entries = self.host.entries
+        self.host = counting
+        self.record()
+        return counting.calls
+
+
+def measure_compile_ms() -> float:
+    """Return the median CPU time in milliseconds to compile the privacy contracts, each from its text."""
+    sources = {name: read_source(name) for name in PRIVACY_CONTRACTS}
+    rounds: list[float] = []
+    for _ in range(_COMPILE_ROUNDS_COUNT):
+        started = time.thread_time()
+        for name, source in sources.items():
+            compile_contract(source, name)
+        rounds.append(time.thread_time() - started)
+    return statistics.median(rounds) * 1000
+
+
+def measure_record_us(seconds: float) -> tuple[list[float], int]:
+    """Return the CPU time in microseconds of one `records.record`, batch for batch, and the gas that one takes.
+
+    Runs for about `seconds` of CPU time, at least two batches. What they stored is dropped in between.
+    """
+    bench = RecordBench(load_contracts())
+    gas = bench.record().gas_used
+    each: list[float] = []
+    spent = 0.0
+    while spent < seconds or len(each) < 2:
+        took = bench.run_batch()
+        spent += took
+        each.append(took / BATCH_CALLS_COUNT * 1e6)
+    return each, gas
+
+
+def run_vm_benchmark(seconds: float = 3, *, profile: bool = False) -> dict[str, Any]:
+    """Measure for about `seconds` of CPU time each, and return name, ok, figures and conditions.
+
+    With `profile`, also how many microseconds of one `records.record` go where.
+    """
+    conditions = measure_conditions(nodes=0)
+    compile_ms = measure_compile_ms()
+    records, gas = measure_record_us(seconds)
+    calls, calls_a_block = measure_block_call_us(seconds)
+    record_us, call_us = statistics.median(records), statistics.median(calls)
+    figures = {
+        "record_calls_per_s": round(1e6 / record_us, 1),
+        "record_cpu_us": round(record_us, 2),
+        "record_best_us": round(min(records), 2),
+        "record_gas": gas,
+        "gas_per_s": round(gas * 1e6 / record_us),
+        "block_calls_in_process_per_s": round(1e6 / call_us, 1),
+        "block_call_cpu_us": round(call_us, 2),
+        "compile_ms": round(compile_ms, 2),
+        "block_calls_per_s": round(measure_block_calls_per_s(seconds), 1),
+    }
+    more = {
+        "clock": "thread CPU time",
+        "figure": "median of batches",
+        "batches": len(records),
+        "blocks": len(calls),
+        "calls_a_block": calls_a_block,
+        "host_calls_per_record": RecordBench(load_contracts()).count_host_calls(),
+        "contracts": len(PRIVACY_CONTRACTS),
+    }
+    result = build_result("vm", ok=True, figures=figures, conditions={**conditions, **more})
+    if profile:
+        bench = RecordBench(load_contracts())
+        shares = sample_shares(bench.run_batch, max(10, round(seconds * 1e6 / record_us / BATCH_CALLS_COUNT)))
+        result["profile"] = {group: round(share * record_us, 2) for group, share in shares.items()}
+    return result

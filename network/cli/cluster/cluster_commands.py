@@ -1,0 +1,309 @@
+"""`blockrobot up | down | status | logs`: a local cluster from the command line. Must never touch a node's keys."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from clients.sdk.terminal.terminal import console, home_folder, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from network.blocks_kept import kept_lines
+from network.cluster import Cluster, NodeStatusReport
+from network.cluster_monitor import accusers_of
+from network.notices.notice_publishing import publish_demo_notice
+from network.provisioning.network_layout import create_network
+from network.provisioning.network_removal import remove_network
+
+DEFAULT_BASE_PORT = 7272
+ORGANISATIONS_COUNT = 2
+TOLD_NODES_COUNT = 2
+TOLD_LINES_COUNT = 5
+TOLD_LINE_CHARS = 400
+_TEXT_COLUMNS = frozenset({"node", "state", "leads"})
+
+
+def network_folder(folder: Path | None) -> Path:
+    """Return the folder that a command means: the one given, or the user's own network."""
+    return folder or home_folder() / "network"
+
+
+def dir_words(place: Path) -> str:
+    """Return what a command that is told as a next step needs to mean the network in `place`, a blank before it."""
+    return "" if place.absolute() == network_folder(None).absolute() else f" --dir {shlex.quote(str(place.absolute()))}"
+
+
+folder_option = click.option(
+    "--dir", "folder", type=click.Path(path_type=Path, file_okay=False), help="The network's folder."
+)
+
+
+@click.command()
+@folder_option
+@click.option(
+    "--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="How many nodes a new network has."
+)
+@click.option("--base-port", default=DEFAULT_BASE_PORT, show_default=True, help="The first of ten ports a node.")
+@click.option(
+    "--store", default="sqlite", show_default=True, help="Where custodians keep data: sqlite or mongodb://..."
+)
+@click.option("--archive", multiple=True, metavar="NODE", help="A node that keeps every block; may be repeated.")
+@click.option("--ephemeral", is_flag=True, help="Begin with an empty network, forgetting the last one.")
+@click.option("--console", "with_console", is_flag=True, help="Then show it in the browser: see blockrobot console.")
+@click.option("--no-browser", is_flag=True, help="With --console: open no browser; say which file opens the page.")
+@json_option
+@plain_errors
+def up(
+    folder: Path | None,
+    nodes: int,
+    base_port: int,
+    store: str,
+    archive: tuple[str, ...],
+    ephemeral: bool,
+    with_console: bool,
+    no_browser: bool,
+    as_json: bool,
+) -> None:
+    """Start the local network, making it first if there is none. Its state survives down and up.
+
+    A new one publishes the demonstration hospital's privacy notice: blockrobot notice show. Nodes drop blocks that are
+    older than any record may be, but for those that --archive names.
+
+    Examples: blockrobot up --nodes 4; blockrobot up --archive node-4
+    """
+    place = network_folder(folder)
+    if ephemeral and (place / "genesis.json").exists():
+        Cluster(place).stop_all()
+        remove_network(place)
+    is_new = not (place / "genesis.json").exists()
+    if archive and not is_new:
+        text = "The network is there already: set `archive` in [storage] of the node's node.toml, and start it again."
+        raise BlockRobotError("CONFIGURATION_INVALID", text)
+    if is_new:
+        # A name of its own keeps this network's databases apart from those of earlier ones on the same server.
+        name = f"blockrobot-{secrets.token_hex(4)}"
+        create_network(
+            place,
+            nodes=nodes,
+            organisations=min(ORGANISATIONS_COUNT, nodes),
+            base_port=base_port,
+            store=store,
+            network=name,
+            faults=True,
+            archives=archive,
+        )
+    cluster = Cluster(place)
+    cluster.start_all()
+    try:
+        with console.status("Waiting for the nodes to be ready ..."):
+            asyncio.run(cluster.wait_ready())
+    except (BlockRobotError, KeyboardInterrupt) as error:
+        cluster.stop_all()
+        if is_new:
+            # A network that never ran holds nothing; kept, it would insist on the ports and store that failed.
+            failure = _first_failure(cluster, error)
+            remove_network(place)
+            raise failure from None
+        raise
+    if is_new:
+        _tell_people(place)
+    if not (with_console and as_json):
+        report(asyncio.run(cluster.status()), place, as_json=as_json)
+    if with_console:
+        from network.cli.cluster.console_command import show_console  # noqa: PLC0415 - only when it is needed
+
+        show_console(cluster, no_browser=no_browser, as_json=as_json)
+
+
+def _tell_people(place: Path) -> None:
+    """Publish the demonstration's notice: nobody is asked for consent without one. A network runs without it, too."""
+    try:
+        asyncio.run(publish_demo_notice(place))
+    except (BlockRobotError, OSError) as error:
+        click.echo(f"The demonstration's privacy notice is not published: {error}", err=True)
+
+
+def _first_failure(cluster: Cluster, error: BaseException) -> BaseException:
+    """Return what to say of a new network that is about to be removed: its logs go with it, so their ends are told."""
+    if not isinstance(error, BlockRobotError) or error.code != "CLUSTER_START_FAILED":
+        return error
+    names = str(error.context.get("nodes", "")).split()[:TOLD_NODES_COUNT]
+    lines = [
+        f"  {name} {line[:TOLD_LINE_CHARS]}" for name in names for line in cluster.last_lines(name, TOLD_LINES_COUNT)
+    ]
+    return BlockRobotError("CLUSTER_FIRST_START_FAILED", "\n".join([error.detail, *lines]))
+
+
+@click.command()
+@folder_option
+@json_option
+@plain_errors
+def down(folder: Path | None, as_json: bool) -> None:
+    """Stop the local network. Nothing final is lost.
+
+    Example: blockrobot down
+    """
+    stopped = Cluster(network_folder(folder)).stop_all()
+    if as_json:
+        print_json({"ok": True, "stopped": stopped})
+    else:
+        console.print(f"Stopped: {', '.join(stopped)}." if stopped else "Nothing was running.")
+
+
+@click.command()
+@folder_option
+@click.option(
+    "--watch", "is_watching", is_flag=True, help="Go on showing what happens; q quits. With --json: JSON lines."
+)
+@click.option("--seconds", type=click.FloatRange(0, 86_400), help="With --watch: end after so long.")
+@json_option
+@plain_errors
+def status(folder: Path | None, is_watching: bool, seconds: float | None, as_json: bool) -> None:
+    """Show each node's height, finalized height, round, peers and custody checkpoint.
+
+    Examples: blockrobot status --json; blockrobot status --watch
+    """
+    place = network_folder(folder)
+    if is_watching:
+        from network.cli.cluster.status_watch import watch  # noqa: PLC0415 - only when it is needed
+
+        with contextlib.suppress(KeyboardInterrupt):
+            asyncio.run(watch(Cluster(place), as_json=as_json, seconds=seconds))
+        return
+    cluster = Cluster(place)
+    rows = asyncio.run(cluster.status())
+    report(rows, place, as_json=as_json)
+    if as_json:
+        return
+    if not any(row.running for row in rows):
+        console.print(f"Nothing runs. Next: blockrobot up{dir_words(place)}", soft_wrap=True)
+    elif any(config.faults_enabled for config in cluster.configs.values()):
+        _tell_faults(cluster, place)
+
+
+def _tell_faults(cluster: Cluster, place: Path) -> None:
+    """Say what was broken on purpose: the table shows it only once it hurts."""
+    from network.faults.control import FaultControl  # noqa: PLC0415 - only when it is needed
+
+    broken = [state.name for state in asyncio.run(FaultControl(cluster).state()) if state.running and state.describe()]
+    if broken:
+        told = f"Broken on purpose: {', '.join(broken)}. See blockrobot fault list{dir_words(place)}"
+        console.print(f"{escape(told)}; to end it: blockrobot fault heal{dir_words(place)}", soft_wrap=True)
+
+
+@click.command()
+@click.argument("node", required=False)
+@folder_option
+@click.option("--lines", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many lines of each.")
+@json_option
+@plain_errors
+def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> None:
+    """Show the last log lines of one node, or of all.
+
+    Example: blockrobot logs node-2 --lines 50
+    """
+    cluster = Cluster(network_folder(folder))
+    rows: list[tuple[str, str]] = []
+    for name in [node] if node else cluster.names:
+        rows.extend((name, line) for line in cluster.last_lines(name, lines))
+    if as_json:
+        print_json({"ok": True, "lines": [{"node": name, "line": line} for name, line in rows]})
+        return
+    for name, line in rows:
+        click.echo(f"{name} {line}")
+
+
+_TONES = {"ready": "green", "waiting": "yellow", "stopped": "yellow"}
+"""What a state is shown in; any other is a fault, and red."""
+
+
+def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
+    """Say in a word or two how a node is: one that runs but gives no answer may be starting or stuck.
+
+    One that is ready itself may be cut off with a quorum it cannot hear from, or not be allowed to lead.
+    """
+    if not row.running:
+        return "stopped"
+    if row.status is None:
+        return "silent"
+    if not row.status.get("ready"):
+        return "waiting"
+    if row.status.get("finality", {}).get("late"):
+        return "stuck"
+    suspended = "suspended" if row.status.get("suspended_height") is not None else ""
+    lies = "lies" if row.behaviour else ""
+    return suspended or lies or ("accused" if accused_by else "ready")
+
+
+def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:
+    """Print the state of every node."""
+    if as_json:
+        nodes = [{"name": row.name, "running": row.running, **(row.status or {})} for row in reports]
+        print_json({"ok": all(row.status for row in reports), "directory": str(folder), "nodes": nodes})
+        return
+    table = Table(
+        title=f"Network in {escape(str(folder))}", title_justify="left", pad_edge=False, collapse_padding=True
+    )
+    for column in ("node", "state", "height", "final", "round", "leads", "peers", "waiting", "custody"):
+        table.add_column(
+            column, justify="left" if column in _TEXT_COLUMNS else "right", no_wrap=column in _TEXT_COLUMNS
+        )
+    said = {row.name: row.status for row in reports}
+    for row in reports:
+        seen = row.status or {}
+        state = _state_of(row, accusers_of(row.name, said))
+        values = [seen.get(key) for key in ("height", "finalized_height", "round", "leader")]
+        peers = len(seen["peers"]) if "peers" in seen else None
+        custody = seen.get("custody_checkpoint")
+        cells = [*values, peers, seen.get("mempool"), custody]
+        shown = Text(state, style=_TONES.get(state, "red"))
+        table.add_row(row.name, shown, *("-" if cell is None else str(cell) for cell in cells))
+    console.print(table)
+    told = [row.status for row in reports if row.status is not None and "finality" in row.status]
+    if told:
+        newest = min(told, key=lambda status: (-status["finalized_height"], status["finality"]["age_s"]))
+        age_s = newest["finality"]["age_s"]
+        console.print(f"Newest final block: {newest['finalized_height']}, {age_s:.0f} s ago.")
+    for line in kept_lines(said):
+        console.print(escape(line), soft_wrap=True)
+    for row in reports:
+        lies = _lies(row, accusers_of(row.name, said))
+        for sentence in _troubles(row.name, row.status or {}) + lies:
+            console.print(escape(sentence), soft_wrap=True, style="red" if sentence in lies else "")
+
+
+def _lies(row: NodeStatusReport, accused_by: Sequence[str]) -> list[str]:
+    """Say who knows that a node contradicted itself, and that it was told to."""
+    told = []
+    if row.behaviour:
+        told.append(f"{row.name} was told to lie ({row.behaviour}).")
+    if accused_by:
+        many = "say" if len(accused_by) > 1 else "says"
+        names = ", ".join(accused_by)
+        told.append(f"{names} {many} that {row.name} contradicted itself; the evidence: blockrobot producer list")
+    return told
+
+
+def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
+    """Say what a node's own words tell of that does not go as it should, a sentence each."""
+    told = []
+    if status.get("silent"):
+        told.append(f"{name} signs nothing ({status['silent']['reason']}) until {status['silent']['until']}.")
+    finality = status.get("finality", {})
+    if finality.get("late"):
+        work = f", and transactions wait ({status.get('mempool')})" if status.get("mempool") else ""
+        told.append(f"{name} has had no new final block for {finality['age_s']:.0f} s{work}.")
+    height = status.get("suspended_height")
+    if height is not None:
+        back = f"a majority brings it back: blockrobot producer approve {name} --as ORG"
+        told.append(f"{name} is suspended since height {height} and leads nothing; {back}")
+    return told

@@ -1,0 +1,58 @@
+"""`blockrobot doctor`: what is wrong with the network or a node, and what to do. Must never mend anything by itself."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+from rich.markup import escape
+
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.governance.governance_signer import plain_table
+from network.doctor.examination import Examination, examine_network, examine_node
+
+
+@click.command()
+@click.option(
+    "--data-dir", type=click.Path(path_type=Path, file_okay=False), help="Look at this one node, not at a network."
+)
+@folder_option
+@json_option
+@plain_errors
+def doctor(data_dir: Path | None, folder: Path | None, as_json: bool) -> None:
+    """Find what is wrong: nodes, clocks, certificates, disks, ports, ledgers, differing states. Exit code 1 if anything is.
+
+    Example: blockrobot doctor --json
+    """
+    examination = examine_node(data_dir) if data_dir is not None else examine_network(network_folder(folder))
+    if as_json:
+        findings = [finding.to_json() for finding in examination.findings]
+        kept = list(examination.blocks_kept)
+        print_json({"ok": examination.ok, "nodes": list(examination.nodes), "findings": findings, "blocks_kept": kept})
+    else:
+        _print(examination)
+    if not examination.ok:
+        sys.exit(EXIT_FAILED)
+
+
+def _print(examination: Examination) -> None:
+    looked_at = ", ".join(examination.nodes)
+    for line in examination.blocks_kept:
+        console.print(escape(line), soft_wrap=True)
+    if not examination.findings:
+        console.print(f"Nothing is wrong with {escape(looked_at)}.")
+        return
+    table = plain_table(f"Looked at {escape(looked_at)}", ["", "node", "finding", "what was seen"])
+    for finding in examination.findings:
+        mark = "[red]problem[/red]" if finding.kind.severity == "problem" else "[yellow]warning[/yellow]"
+        table.add_row(mark, escape(finding.node or "-"), finding.code, escape(finding.detail))
+    console.print(table)
+    console.print("What to do:")
+    told = set()
+    for finding in examination.findings:
+        step = f"  {finding.code}{f' ({finding.node})' if finding.node else ''}: {finding.next_step}"
+        if step not in told:
+            told.add(step)
+            console.print(escape(step))

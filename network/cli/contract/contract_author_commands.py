@@ -1,0 +1,156 @@
+"""`blockrobot contract new | test`: begin a contract, and prove what it does. Must never change a source.
+
+`test` runs pytest in a process of its own with the kit's plugin, which writes down the gas and the lines of each call.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.visible_text import split_lines
+from contracts.kit.sources import is_contract_file, read_source
+from contracts.kit.template import project_files, write_project
+from contracts.vm import compile_contract
+from network.cli.governance.governance_signer import plain_table
+
+PLUGIN = "contracts.kit.plugin"
+# What a plugin for other tests says where a project has no settings for it.
+_NOISE = 'ignore:The configuration option "asyncio_default_fixture_loop_scope" is unset'
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--dir", "folder", type=click.Path(path_type=Path, file_okay=False), help="Where to write it (default: ./NAME)."
+)
+@json_option
+@plain_errors
+def new(name: str, folder: Path | None, as_json: bool) -> None:
+    """Begin a contract: a source that works, its test, and what editors and mypy need to know the language.
+
+    Example: blockrobot contract new visitor_log
+    """
+    compile_contract(project_files(name)[f"{name}.py"], name)
+    place = folder or Path(name)
+    written = write_project(place, name)
+    if as_json:
+        print_json({"ok": True, "folder": str(place), "files": [str(path) for path in written]})
+        return
+    for path in written:
+        console.print(escape(str(path)))
+    console.print(escape(f"Next step: blockrobot contract test {place}"))
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("path", type=click.Path(path_type=Path, exists=True), default=Path())
+@click.option("--lines", is_flag=True, help="Show every source with the runs and the gas of each line.")
+@click.option("-k", "chosen", metavar="WORDS", help="Only tests whose names match, as pytest reads it.")
+@json_option
+@plain_errors
+def test(path: Path, lines: bool, chosen: str | None, as_json: bool) -> None:
+    """Run the tests of contracts with pytest; show the gas of each entry and what no test has run.
+
+    Tests take the fixture `chain`: the real interpreter, without nodes. Exit code 1 if a test fails.
+
+    Example: blockrobot contract test visitor_log --lines
+    """
+    if path.is_file() and is_contract_file(path):
+        raise click.UsageError(f"{path} is a contract: name its test, or the folder of both.")
+    if importlib.util.find_spec("pytest") is None:
+        raise BlockRobotError("CONTRACT_KIT_INCOMPLETE", "pytest is not installed.")
+    with tempfile.TemporaryDirectory() as scratch:
+        place = Path(scratch) / "report.json"
+        code, output = _run_pytest(path, chosen, place, quiet=as_json)
+        sources: list[dict[str, Any]] = []
+        if place.exists():
+            sources = json.loads(place.read_text(encoding="utf-8"))["sources"]
+    if as_json:
+        print_json({"ok": code == 0, "exit_code": code, "output": output, "sources": sources})
+    else:
+        _print_gas(sources)
+        _print_coverage(sources)
+        if lines:
+            for source in sources:
+                _print_lines(source)
+    if code:
+        sys.exit(1)
+
+
+def _run_pytest(path: Path, chosen: str | None, report: Path, *, quiet: bool) -> tuple[int, str]:
+    """Run pytest on a path; return its exit code, and what it printed if that is not to be seen."""
+    command = [sys.executable, "-W", _NOISE, "-m", "pytest", str(path), "--contract-report", str(report), "-q"]
+    # Named as pytest names it, for it would not take the same plugin a second time under another name.
+    command += ["-p", "blockrobot" if importlib.metadata.entry_points(group="pytest11", name="blockrobot") else PLUGIN]
+    if chosen is not None:
+        command += ["-k", chosen]
+    sys.stdout.flush()
+    done = subprocess.run(command, check=False, text=True, stdout=subprocess.PIPE if quiet else None)
+    return done.returncode, done.stdout or ""
+
+
+def _print_gas(sources: list[dict[str, Any]]) -> None:
+    rows = [(source, entry) for source in sources for entry in source["entries"]]
+    if not rows:
+        return
+    columns = ["entry", "calls", "least", "median", "most"]
+    names = [source["contract"] for source in sources]
+    has_versions = len(set(names)) < len(names)
+    table = plain_table("Gas of the calls that succeeded", [*columns, "source"] if has_versions else columns)
+    for source, entry in rows:
+        figures = [str(entry[name]) for name in ("calls", "gas_min", "gas_median", "gas_max")]
+        place = [_shown_file(source)] if has_versions else []
+        table.add_row(f"{source['contract']}.{entry['name']}", *figures, *place)
+    console.print(table)
+
+
+def _print_coverage(sources: list[dict[str, Any]]) -> None:
+    if not sources:
+        return
+    table = plain_table("Lines that tests ran", ["source", "lines", "ran", "share", "not run"])
+    for source in sources:
+        count, covered = source["lines_count"], source["covered"]
+        share = f"{100 * covered // count}%" if count else ""
+        table.add_row(_shown_file(source), str(count), str(covered), share, ranges(source["missing"]))
+    console.print(table)
+
+
+def _shown_file(source: dict[str, Any]) -> str:
+    if not source["file"]:
+        return str(source["contract"])
+    path = Path(source["file"])
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
+
+
+def ranges(numbers: list[int]) -> str:
+    """Return numbers as text, runs of them as 3-7."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and parts[-1][1] == number - 1:
+            parts[-1][1] = number
+        else:
+            parts.append([number, number])
+    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in parts)
+
+
+def _print_lines(source: dict[str, Any]) -> None:
+    """Print a source with the runs and the gas of each line; a line that could run and never did has 0."""
+    if not source["file"]:
+        return
+    console.print(escape(f"\n{_shown_file(source)}\n   runs      gas"))
+    figures = {line["line"]: line for line in source["lines"]}
+    for number, text in enumerate(split_lines(read_source(Path(source["file"]))), 1):
+        found = figures.get(number)
+        before = " " * 15 if found is None else f"{found['runs']:>7} {found['gas']:>7}"
+        console.print(escape(f"{before}  {number:>4}  {text}"))

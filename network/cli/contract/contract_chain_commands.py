@@ -1,0 +1,210 @@
+"""`blockrobot contract call | query`: use a contract on a running network. Must never sign what the ABI does not take."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.chain.receipts import FinalReceipt
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.exit_codes import EXIT_REFUSED
+from consensus.primitives.encoding import decode_value
+from consensus.primitives.keys import PrivateKey
+from contracts.kit.arguments import find_entry, read_arguments, signature_of
+from contracts.kit.sources import read_source
+from contracts.kit.telling import told
+from network.cli.contract.contract_forms import ContractForm, find_form
+from network.cli.contract.contract_signers import (
+    find_signers,
+    read_with_first,
+    signer_options,
+    take_signer,
+    with_network,
+)
+from network.cli.governance.governance_signer import to_json
+
+MISFITS = frozenset({"ARGUMENTS_INVALID", "ENTRY_UNKNOWN", "CONTRACT_UNKNOWN"})
+
+source_option = click.option(
+    "--source",
+    "source_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Read the arguments by this source, not by the version that the chain has.",
+)
+
+
+class TypedCommand(click.Command):
+    """A command whose arguments may be negative numbers: says how those are written, where one is taken for an option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """See click.Command.parse_args."""
+        written = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            if not error.option_name[1:2].isdigit():
+                raise
+            given = next((text for text in written if text.startswith(error.option_name)), error.option_name)
+            sentence = f"{given} is taken for an option: write -- before the first argument that begins with a minus."
+            raise click.UsageError(sentence, ctx) from None
+
+
+@click.command(cls=TypedCommand)
+@click.argument("contract")
+@click.argument("view")
+@click.argument("arguments", nargs=-1)
+@source_option
+@signer_options
+@json_option
+@plain_errors
+def query(
+    contract: str,
+    view: str,
+    arguments: Sequence[str],
+    source_file: Path | None,
+    folder: Path | None,
+    officer: str | None,
+    key_file: Path | None,
+    wallet_profile: str | None,
+    as_json: bool,
+) -> None:
+    """Ask a view of a contract. One node answers; its answer is not proved.
+
+    Arguments are read by the view's types: numbers, text, bytes as 0x... or text:..., lists and objects as JSON.
+
+    Example: blockrobot contract query settings in_force --json
+    """
+    signers = find_signers(folder, officer, key_file, wallet_profile)
+    source = _read_source(source_file)
+
+    async def read(client: NetworkClient, key: PrivateKey) -> Any:
+        form = await find_form(client, key, contract, source)
+        values = read_arguments(find_entry(form.abi, view, "view"), arguments)
+        return await client.query(contract, view, values, key)
+
+    result = read_with_first(signers, read)
+    if as_json:
+        print_json({"ok": True, "contract": contract, "view": view, "result": to_json(result)})
+        return
+    console.print(escape(told(result)))
+
+
+@click.command(cls=TypedCommand)
+@click.argument("contract")
+@click.argument("entry")
+@click.argument("arguments", nargs=-1)
+@source_option
+@signer_options
+@json_option
+@plain_errors
+def call(
+    contract: str,
+    entry: str,
+    arguments: Sequence[str],
+    source_file: Path | None,
+    folder: Path | None,
+    officer: str | None,
+    key_file: Path | None,
+    wallet_profile: str | None,
+    as_json: bool,
+) -> None:
+    """Sign a call of a contract's entry, wait until it is final, and show the proved receipt.
+
+    Arguments are read by the entry's types: numbers, text, bytes as 0x... or text:..., lists and objects as JSON.
+
+    Example: blockrobot contract call settings propose heartbeat_ms 9000 --as hospital
+    """
+    signer = take_signer(find_signers(folder, officer, key_file, wallet_profile))
+    source = _read_source(source_file)
+
+    async def send(client: NetworkClient) -> tuple[FinalReceipt, ContractForm | None]:
+        form = await find_form(client, signer.key, contract, source)
+        values = read_arguments(find_entry(form.abi, entry, "export"), arguments)
+        transaction = client.transactions.build(signer.key, contract, entry, values)
+        try:
+            receipt = await client.submit_and_wait(transaction)
+        except asyncio.CancelledError:
+            click.echo(f"No longer waiting; it may still become final: txid {transaction.txid.hex()}", err=True)
+            raise
+        if receipt.ok or (source is not None and receipt.code not in MISFITS):
+            return receipt, form
+        return receipt, await _form_now(client, signer.key, contract)
+
+    receipt, form = with_network(signer, send)
+    next_step = "" if receipt.ok else _next_step(receipt, form, contract, entry)
+    if as_json:
+        print_json(_receipt_json(receipt, next_step))
+    else:
+        _print_receipt(receipt, form, next_step)
+    if not receipt.ok:
+        raise click.exceptions.Exit(EXIT_REFUSED)
+
+
+def _read_source(path: Path | None) -> str | None:
+    return None if path is None else read_source(path)
+
+
+async def _form_now(client: NetworkClient, key: PrivateKey, contract: str) -> ContractForm | None:
+    """Return the form that a call was refused by: another version may have come since the arguments were read.
+
+    None if it cannot be read.
+    """
+    try:
+        await client.catch_up(key)
+        return await find_form(client, key, contract, None)
+    except BlockRobotError:
+        return None
+
+
+def _receipt_json(receipt: FinalReceipt, next_step: str) -> dict[str, Any]:
+    detail = f"{receipt.code}: {receipt.message}" if receipt.message else receipt.code
+    error = {"code": "CALL_REFUSED", "detail": detail, "next_step": next_step}
+    return {
+        "ok": receipt.ok,
+        "txid": receipt.txid.hex(),
+        "height": receipt.height,
+        "index": receipt.index,
+        "code": receipt.code,
+        "message": receipt.message,
+        "line": receipt.line,
+        "gas_used": receipt.gas_used,
+        "events": [
+            {"contract": event.contract, "name": event.name, "data": to_json(decode_value(event.data))}
+            for event in receipt.events
+        ],
+    } | ({} if receipt.ok else {"error": error})
+
+
+def _print_receipt(receipt: FinalReceipt, form: ContractForm | None, next_step: str) -> None:
+    place = f"final at height {receipt.height}, {receipt.gas_used} gas, txid {receipt.txid.hex()}"
+    if receipt.ok:
+        console.print(f"OK: {place}")
+        for event in receipt.events:
+            console.print(escape(f"  {event.contract}.{event.name} {told(decode_value(event.data))}"))
+        return
+    console.print(escape(f"Refused: {receipt.sentence}"))
+    if form is not None and receipt.line is not None and not receipt.message.startswith("In contract "):
+        console.print(escape(f"  {form.abi.contract}:{receipt.line}: {form.line(receipt.line)}"))
+    console.print(f"  {place}")
+    console.print(escape(f"Next step: {next_step}"))
+
+
+def _next_step(receipt: FinalReceipt, form: ContractForm | None, contract: str, entry: str) -> str:
+    if receipt.code in {"OUT_OF_GAS", "MEMORY_BUDGET", "WRITE_BUDGET", "EVENT_BUDGET"}:
+        return "let one call do less: give it less data, or split the entry."
+    if receipt.code not in MISFITS:
+        return f"nothing was changed; see why: blockrobot contract trace {receipt.txid.hex()}"
+    shown = f"blockrobot contract show {contract} --abi"
+    if form is None:
+        return f"compare with what the chain has: {shown}"
+    found = next((one for one in form.abi.entries if (one.name, one.kind) == (entry, "export")), None)
+    if found is None:
+        return f"the chain's version has no entry {entry} any more; see what it has: {shown}"
+    return f"compare with what the chain has: {signature_of(found)}."

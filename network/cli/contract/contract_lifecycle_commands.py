@@ -1,0 +1,302 @@
+"""`blockrobot contract propose | approve | ...`: how organisations change contracts. Must never decide what the chain does.
+
+What may be deployed, and when it takes effect, is the contract `lifecycle`'s to say.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.chain.governance import Decision, Governor, MembershipView
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from contracts.kit.sources import read_source
+from contracts.lifecycle.registry import compute_source_hash
+from contracts.vm import compile_contract
+from network.cli.contract.contract_room import require_room
+from network.cli.contract.contract_waiting import Arrival, await_change, no_wait_option
+from network.cli.governance.governance_signer import (
+    Seat,
+    Told,
+    decide_on_proposal,
+    governing_options,
+    proposal_json,
+    propose_once,
+    report_decision,
+    summary_of,
+    take_seat,
+    with_client,
+)
+from network.contracts.chain_contracts import read_contracts
+
+PART_BYTES = 6000
+
+height_option = click.option(
+    "--height", type=click.IntRange(min=0), default=0, help="Not before this height (it also waits for the approval)."
+)
+delay_option = click.option(
+    "--delay", type=click.IntRange(min=0), default=0, help="So many blocks after the approval, at least one."
+)
+note_option = click.option("--note", default="", help="Why; kept on the chain, at most 280 characters.")
+
+
+version_option = click.option(
+    "--version", type=click.IntRange(min=1), help="The version that is meant, if not the one in force now."
+)
+
+
+def when_options(command: Any) -> Any:
+    """Add --height, --delay and --note."""
+    for option in (note_option, delay_option, height_option):
+        command = option(command)
+    return command
+
+
+def _propose(seat: Seat, kind: str, arguments: dict[str, Any]) -> Told:
+    return propose_once(seat, "lifecycle", kind, arguments, lambda governor: governor.propose_contract(kind, arguments))
+
+
+def _version_in_force(seat: Seat, name: str) -> int:
+    """Return the version that is in force, or was when the contract was disabled; 0 of one that is not there."""
+
+    async def read(client: NetworkClient) -> int:
+        row = (await read_contracts(client, seat.key)).find(name)
+        return 0 if row is None else row.version
+
+    return with_client(seat, read)
+
+
+def _report(seat: Seat, told: Told, what: str, name: str, *, wait: bool, as_json: bool) -> None:
+    """Tell what a call came to: proposed, or decided and (if it is waited for) what became of the contract.
+
+    Raises CONTRACT_CHANGE_FAILED.
+    """
+    decision = told.decision
+    if not as_json and (told.proposal is not None or decision.due_height is None):
+        report_decision(told, what, "contract", as_json=False)
+        return
+    if not as_json:
+        console.print(
+            f"{escape(what)}: decided at height {decision.height}, takes effect with block {decision.due_height}."
+        )
+    arrival = _await_arrival(seat, name, decision) if wait else None
+    if arrival is not None and arrival.state == "failed":
+        raise BlockRobotError(
+            "CONTRACT_CHANGE_FAILED",
+            f"{name} version {arrival.version} failed at block {decision.due_height}: {arrival.failure}",
+        )
+    if as_json:
+        print_json(_told_json(told, arrival))
+        return
+    if arrival is not None:
+        console.print(escape(_told_arrival(name, arrival)))
+    console.print(f"Next step: blockrobot contract show {escape(name)}")
+
+
+def _await_arrival(seat: Seat, name: str, decision: Decision) -> Arrival | None:
+    def tell(line: str) -> None:
+        click.echo(line, err=True)
+
+    return with_client(seat, lambda client: await_change(client, seat.key, name, decision, tell))
+
+
+def _told_arrival(name: str, arrival: Arrival) -> str:
+    words = {
+        "in force": f"{name} version {arrival.version} is in force.",
+        "disabled": f"{name} is disabled.",
+    }
+    return words.get(arrival.state, f"Another change of {name} has taken its place.")
+
+
+def _told_json(told: Told, arrival: Arrival | None) -> dict[str, Any]:
+    decision = told.decision
+    return {
+        "ok": True,
+        "height": decision.height,
+        "txid": decision.txid.hex(),
+        "executed": decision.executed,
+        "due_height": decision.due_height,
+        "state": None if arrival is None else arrival.state,
+        "version": None if arrival is None else arrival.version,
+        "proposal": None if told.proposal is None else proposal_json(told.proposal, told.membership.majority),
+    }
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.option("--name", help="The contract's name, if it is not the file's.")
+@when_options
+@no_wait_option
+@governing_options
+@json_option
+@plain_errors
+def propose(
+    file: Path,
+    name: str | None,
+    height: int,
+    delay: int,
+    note: str,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    no_wait: bool,
+    as_json: bool,
+) -> None:
+    """Upload a source and propose it: a new contract, or a new version of one.
+
+    The source is checked here first; every part of at most 6,000 bytes is a transaction of its own, and so is the check
+    by the network. With the approval of a majority the version takes effect at the beginning of a block; if it has a
+    @migrate entry, that runs then.
+
+    \b
+    Example: blockrobot contract propose visitors.py --as hospital
+    Example: blockrobot contract propose visitors.py --as hospital --height 5000 --note "floors"
+    """
+    source, contract = read_source(file), name or file.stem
+    compile_contract(source, contract)
+    data, source_hash = source.encode(), compute_source_hash(source)
+    parts = [data[first : first + PART_BYTES] for first in range(0, len(data), PART_BYTES)]
+
+    arguments = {"name": contract, "source_hash": source_hash, "height": height, "delay": delay, "note": note}
+
+    async def work(governor: Governor) -> Decision:
+        for place, part in enumerate(parts):
+            await governor.upload_part(source_hash, len(parts), place, part)
+        await governor.check_upload(source_hash)
+        return await governor.propose_contract("deploy", arguments)
+
+    seat = take_seat(folder, organisation, key_file)
+
+    async def look(client: NetworkClient, before: MembershipView) -> None:
+        await require_room(client, seat, before, source_hash)
+
+    told = propose_once(seat, "lifecycle", "deploy", arguments, work, look)
+    _report(seat, told, f"deploy {contract}", contract, wait=not no_wait, as_json=as_json)
+    if told.proposal is not None and not as_json:
+        shown = told.proposal.id.hex()[:12]
+        console.print(f"They can read it first: blockrobot contract show {contract} --proposal {shown} --source")
+
+
+@click.command()
+@click.argument("proposal")
+@no_wait_option
+@governing_options
+@json_option
+@plain_errors
+def approve(
+    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, no_wait: bool, as_json: bool
+) -> None:
+    """Stand behind a proposed change of a contract; with a majority it is decided.
+
+    Example: blockrobot contract approve 3fa2c19b07de --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.approve(found))
+    _report(seat, told, summary_of(row), row.arguments["name"], wait=not no_wait, as_json=as_json)
+
+
+@click.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def withdraw(
+    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Take back a change of a contract that your own organisation proposed.
+
+    Example: blockrobot contract withdraw 3fa2c19b07de --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.withdraw(found))
+    report_decision(told, f"Withdrawal of {summary_of(row)}", "contract", as_json=as_json, needs_others=False)
+
+
+@click.command()
+@click.argument("name")
+@click.argument("version", type=click.IntRange(min=1))
+@when_options
+@no_wait_option
+@governing_options
+@json_option
+@plain_errors
+def activate(
+    name: str,
+    version: int,
+    height: int,
+    delay: int,
+    note: str,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    no_wait: bool,
+    as_json: bool,
+) -> None:
+    """Propose to bring a version back: to roll an upgrade back, or to end a disabled contract's rest.
+
+    If that version has a @migrate entry it runs again, on the state as it is then.
+
+    Example: blockrobot contract activate visitors 1 --as hospital
+    """
+    arguments = {"name": name, "version": version, "height": height, "delay": delay, "note": note}
+    seat = take_seat(folder, organisation, key_file)
+    told = _propose(seat, "activate", arguments)
+    _report(seat, told, f"activate {name} version {version}", name, wait=not no_wait, as_json=as_json)
+
+
+@click.command()
+@click.argument("name")
+@version_option
+@when_options
+@no_wait_option
+@governing_options
+@json_option
+@plain_errors
+def disable(
+    name: str,
+    version: int | None,
+    height: int,
+    delay: int,
+    note: str,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    no_wait: bool,
+    as_json: bool,
+) -> None:
+    """Propose that a contract answers nobody any more; what it keeps stays, and changes of it that wait are dropped.
+
+    Example: blockrobot contract disable visitors --as hospital --note "wrong floors"
+    """
+    seat = take_seat(folder, organisation, key_file)
+    number = version or _version_in_force(seat, name)
+    arguments = {"name": name, "version": number, "height": height, "delay": delay, "note": note}
+    told = _propose(seat, "disable", arguments)
+    _report(seat, told, f"disable {name} version {number}", name, wait=not no_wait, as_json=as_json)
+
+
+@click.command()
+@click.argument("name")
+@version_option
+@governing_options
+@json_option
+@plain_errors
+def keep(
+    name: str, version: int | None, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Propose to keep a version that is on trial: of forms, identity, lifecycle, membership, producers or settings.
+
+    A new version of these goes by itself after 24 hours unless a majority keeps it. The decision is about this version:
+    if another takes its place before a majority approved, it counts no more.
+
+    Example: blockrobot contract keep membership --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    number = version or _version_in_force(seat, name)
+    told = _propose(seat, "keep", {"name": name, "version": number})
+    _report(seat, told, f"keep {name} version {number}", name, wait=False, as_json=as_json)

@@ -1,0 +1,372 @@
+"""`blockrobot contract list | show | diff`: what the chain has, what is proposed, what differs. Must never show a value
+that was not proved.
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+from rich.syntax import Syntax
+
+from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProposalRow, find_proposal
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from contracts.kit.sources import read_source
+from contracts.lifecycle.describing import ChangeDue, EntryRow, VersionRow
+from contracts.lifecycle.registry import compute_source_hash
+from network.cli.governance.governance_signer import (
+    governing_options,
+    plain_table,
+    print_proposals,
+    proposal_json,
+    read_with_any,
+    shown_id,
+    summary_of,
+    to_json,
+)
+from network.contracts.chain_contracts import (
+    ContractsView,
+    Edition,
+    compare_interfaces,
+    edition_of_source,
+    read_contracts,
+    read_edition,
+    read_proposed,
+    signature_of,
+)
+from pages.moments import show_moment
+
+
+def _due_json(change: ChangeDue) -> dict[str, Any]:
+    return {name: getattr(change, name) for name in ChangeDue.__dataclass_fields__}
+
+
+def _due_text(change: ChangeDue) -> str:
+    when = f"with block {change.from_height}" if change.from_height else f"at {show_moment(change.from_ms)}"
+    words = {
+        "activate": f"version {change.version}",
+        "disable": "disabled",
+        "keep": f"version {change.version} kept",
+        "return": f"back to {change.version}",
+    }
+    return f"{words[change.kind]} {when}"
+
+
+def _failed_json(row: VersionRow) -> dict[str, Any]:
+    return {name: getattr(row, name) for name in ("name", "version", "since_height", "failure")}
+
+
+def _print_failed(row: VersionRow) -> None:
+    """Say that the newest version of a contract is not the one in force, and why."""
+    text = f"{row.name} version {row.version} failed at height {row.since_height}: {row.failure}"
+    console.print(f"[bold]{escape(text)}[/bold]")
+
+
+def _told_proposal(row: ProposalRow) -> str:
+    note = f": {row.arguments['note']}" if row.arguments.get("note") else ""
+    return f"Proposal {shown_id(row.id)}: {summary_of(row)}, proposed by {row.organisation}{note}"
+
+
+def _asked_json(row: ProposalRow) -> dict[str, Any]:
+    asked = {"id": row.id.hex(), "kind": row.kind, "organisation": row.organisation}
+    return asked | {"arguments": to_json(dict(row.arguments))}
+
+
+def _print_proposal(row: ProposalRow, needed: int) -> None:
+    """Say what a proposal asks for, who proposed it and who stands behind it."""
+    arguments = row.arguments
+    console.print(escape(_told_proposal(row)))
+    when = [f"not before block {arguments['height']}"] if arguments.get("height") else []
+    when += [f"{arguments['delay']} blocks after the decision"] if arguments.get("delay") else []
+    voices = (
+        f"approved by {', '.join(row.approvals) or 'nobody'}, {needed} needed, open until {show_moment(row.expires_ms)}"
+    )
+    console.print(escape("; ".join([voices, *when])))
+
+
+@click.command("list")
+@governing_options
+@json_option
+@plain_errors
+def list_contracts(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Show the chain's contracts, their versions, what is due and what is proposed, checked against proofs.
+
+    Example: blockrobot contract list --json
+    """
+    view: ContractsView = read_with_any(folder, organisation, key_file, read_contracts)
+    if as_json:
+        print_json(
+            {
+                "ok": True,
+                "height": view.height,
+                "contracts": [
+                    {
+                        "name": row.name,
+                        "version": row.version,
+                        "versions": row.versions,
+                        "enabled": row.enabled,
+                        "since_height": row.since_height,
+                        "source_hash": row.source_hash.hex(),
+                    }
+                    for row in view.contracts
+                ],
+                "due": [_due_json(change) for change in view.due],
+                "failed": [_failed_json(row) for row in view.failed],
+                "proposals": [proposal_json(row, view.membership.majority) for row in view.proposals],
+            }
+        )
+        return
+    columns = ["contract", "version", "of", "state", "since", "source", "due"]
+    table = plain_table(f"Contracts, as of height {view.height}", columns)
+    known = {row.name for row in view.contracts}
+    for row in view.contracts:
+        due = ", ".join(_due_text(change) for change in view.due if change.name == row.name)
+        state = "answers" if row.enabled else "disabled"
+        cells = [row.name, str(row.version), str(row.versions), state, str(row.since_height), shown_id(row.source_hash)]
+        table.add_row(*map(escape, cells), due)
+    for change in view.due:
+        if change.name not in known:
+            table.add_row(escape(change.name), "", "", "to come", "", "", _due_text(change))
+    console.print(table)
+    for row_failed in view.failed:
+        _print_failed(row_failed)
+    for proposal in view.proposals:
+        console.print(escape(_told_proposal(proposal)))
+    print_proposals(view.proposals, view.membership.majority, "contract")
+
+
+def _entry_json(entry: EntryRow) -> dict[str, Any]:
+    return {
+        "name": entry.name,
+        "kind": entry.kind,
+        "parameters": [{"name": name, "type": kind} for name, kind in entry.params],
+        "required": entry.required,
+        "returns": entry.returns,
+    }
+
+
+def _row_json(row: VersionRow) -> dict[str, Any]:
+    plain = ("version", "status", "since_height", "failure", "size_bytes", "migrates", "note", "organisation")
+    return {name: getattr(row, name) for name in plain} | {
+        "source_hash": row.source_hash.hex(),
+        "proposal_id": row.proposal_id.hex(),
+        "approved_height": row.approved_height,
+    }
+
+
+@click.command()
+@click.argument("name")
+@click.option("--version", type=click.IntRange(min=1), help="Another version than the one in force.")
+@click.option("--proposal", help="What this open proposal would deploy.")
+@click.option("--source", "with_source", is_flag=True, help="Print the source and nothing else.")
+@click.option("--abi", "with_abi", is_flag=True, help="Print the entries and nothing else.")
+@governing_options
+@json_option
+@plain_errors
+def show(
+    name: str,
+    version: int | None,
+    proposal: str | None,
+    with_source: bool,
+    with_abi: bool,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Show a contract: its version, who proposed it, its entries; with --source its text. All of it is proved.
+
+    \b
+    Example: blockrobot contract show visitors
+    Example: blockrobot contract show visitors --version 1 --source
+    """
+
+    async def read(client: NetworkClient, key: PrivateKey) -> tuple[Edition, ContractsView]:
+        view = await read_contracts(client, key)
+        if proposal is not None:
+            return await read_proposed(client, key, _proposal_about(view, name, proposal)), view
+        return await read_edition(client, key, name, version or 0), view
+
+    edition, view = read_with_any(folder, organisation, key_file, read)
+    needed = view.membership.majority
+    due = [change for change in view.due if change.name == name]
+    if as_json:
+        print_json(
+            {
+                "ok": True,
+                "name": name,
+                "height": view.height,
+                **({} if edition.row is None else _row_json(edition.row)),
+                "due": [_due_json(change) for change in due],
+                "failed": next((_failed_json(row) for row in view.failed if row.name == name), None),
+                "proposal": None if edition.proposal is None else proposal_json(edition.proposal, needed),
+                "abi": [_entry_json(entry) for entry in edition.abi],
+                "source": edition.source,
+            }
+        )
+        return
+    if with_source:
+        click.echo(edition.source, nl=not edition.source.endswith("\n"))
+        return
+    if not with_abi:
+        _print_facts(edition, view, due)
+    for entry in edition.abi:
+        console.print(escape(f"  {entry.kind:<6}  {signature_of(entry)}"), soft_wrap=True)
+
+
+def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) -> None:
+    console.print(f"[bold]{escape(edition.title)}[/bold], as of height {view.height}")
+    row = edition.row
+    if edition.proposal is not None:
+        _print_proposal(edition.proposal, view.membership.majority)
+    if row is not None:
+        since = f" since height {row.since_height}" if row.since_height or row.status == "active" else ""
+        console.print(f"{row.status}{since}; {row.size_bytes} bytes, source {shown_id(row.source_hash)}")
+        origin = "shipped with BlockRobot" if not row.organisation else f"proposed by {row.organisation}"
+        note = "" if row.note in ("", "Shipped with BlockRobot.") else f": {row.note}"
+        console.print(escape(f"{origin}, decided at height {row.approved_height}{note}"))
+        if row.failure:
+            console.print(escape(f"It did not take effect: {row.failure}"))
+            console.print("Next step: mend the source and propose it anew.")
+        for failed in view.failed:
+            if failed.name == row.name and failed.version != row.version:
+                _print_failed(failed)
+                console.print("Next step: mend the source and propose it anew.")
+    for change in due:
+        console.print(escape(f"Due: {_due_text(change)}"))
+        if change.kind == "return":
+            console.print(f"Next step: blockrobot contract keep {change.name} --as ORG, if it is to stay.")
+
+
+@click.command()
+@click.argument("name")
+@click.argument("old")
+@click.argument("new", required=False)
+@click.option("--exit-code", "with_exit_code", is_flag=True, help="Exit with 1 if they differ.")
+@governing_options
+@json_option
+@plain_errors
+def diff(
+    name: str,
+    old: str,
+    new: str | None,
+    with_exit_code: bool,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Compare two versions of a contract: what changes for callers, and the sources line by line.
+
+    OLD and NEW are version numbers, files, or the ids of open proposals. With one of them only, it is compared with the
+    version in force. They are equal only if their hashes are; letters beyond ASCII, which may look like others, are told
+    by their numbers. Exit code 0, also if they differ; with --exit-code 1 if they do.
+
+    \b
+    Example: blockrobot contract diff visitors 1 2 --exit-code
+    Example: blockrobot contract diff visitors visitors.py
+    Example: blockrobot contract diff visitors 3fa2c19b07de
+    """
+
+    files = {text: _read_file(name, text) for text in (old, new or "")}
+
+    async def find(client: NetworkClient, key: PrivateKey, text: str) -> Edition:
+        return files[text] or await _find_edition(client, key, name, text)
+
+    async def read(client: NetworkClient, key: PrivateKey) -> tuple[Edition, Edition]:
+        if new is None:
+            return await read_edition(client, key, name, 0), await find(client, key, old)
+        return await find(client, key, old), await find(client, key, new)
+
+    before, after = read_with_any(folder, organisation, key_file, read)
+    proposals = [edition.proposal for edition in (before, after) if edition.proposal is not None]
+    changes = compare_interfaces(before, after)
+    lines = diff_lines(before, after)
+    is_equal = compute_source_hash(before.source) == compute_source_hash(after.source)
+    if as_json:
+        print_json(
+            {
+                "ok": True,
+                "name": name,
+                "old": before.title,
+                "new": after.title,
+                "old_hash": compute_source_hash(before.source).hex(),
+                "new_hash": compute_source_hash(after.source).hex(),
+                "equal": is_equal,
+                "abi": [{"change": kind, "entry": text} for kind, text in changes],
+                "diff": lines,
+                "proposals": [_asked_json(row) for row in proposals],
+            }
+        )
+    else:
+        for row in proposals:
+            console.print(escape(_told_proposal(row)))
+        if is_equal:
+            console.print(escape(f"{before.title} and {after.title} are equal."))
+        else:
+            _print_diff(lines, changes)
+    if with_exit_code and not is_equal:
+        sys.exit(EXIT_FAILED)
+
+
+def diff_lines(before: Edition, after: Edition) -> list[str]:
+    """Return what differs, as a unified diff: none only if the texts are the same, to the last line's end."""
+    old, new = before.source.split("\n"), after.source.split("\n")
+    return list(difflib.unified_diff(old, new, before.title, after.title, lineterm=""))
+
+
+def beyond_ascii(lines: list[str]) -> list[str]:
+    """Return for each changed line with letters beyond ASCII which they are: some look like others."""
+    changed = [line for line in lines[2:] if line[:1] in ("+", "-") and not line.isascii()]
+    return [f"{line[0]} {' '.join(f'U+{ord(one):04X}' for one in line if ord(one) > 127)}" for line in changed]
+
+
+def _print_diff(lines: list[str], changes: list[tuple[str, str]]) -> None:
+    console.print("[bold]For callers[/bold]" if changes else "Nothing changes for callers.")
+    for kind, text in changes:
+        console.print(escape(f"  {kind:<10}  {text}"), soft_wrap=True)
+    if console.is_terminal:
+        console.print(Syntax("\n".join(lines), "diff", background_color="default", word_wrap=True))
+    else:
+        click.echo("\n".join(lines))
+    strange = beyond_ascii(lines)
+    if strange:
+        console.print("Letters beyond ASCII in changed lines, in their order:")
+    for line in strange:
+        console.print(escape(f"  {line}"), soft_wrap=True)
+
+
+def _read_file(name: str, text: str) -> Edition | None:
+    """Return a file's source, or None if there is no such file."""
+    path = Path(text)
+    return edition_of_source(read_source(path), name, text) if text and path.is_file() else None
+
+
+def _proposal_about(view: ContractsView, name: str, text: str) -> ProposalRow:
+    """Return the open proposal that is named, if it is about this contract. Raises GOVERNANCE_PROPOSAL_CLOSED."""
+    found = find_proposal(view.proposals, text)
+    if found.arguments["name"] != name:
+        raise BlockRobotError(
+            "GOVERNANCE_PROPOSAL_CLOSED", f"The proposal {text!r} is about {found.arguments['name']}."
+        )
+    return found
+
+
+async def _find_edition(client: NetworkClient, key: PrivateKey, name: str, text: str) -> Edition:
+    """Return what is named: a version by its number, or an open proposal by the first digits of its id."""
+    if text.isdigit() and len(text) < ID_PREFIX_MIN_CHARS:
+        return await read_edition(client, key, name, int(text))
+    view = await read_contracts(client, key)
+    try:
+        proposal = _proposal_about(view, name, text)
+    except BlockRobotError as error:
+        known = f"{text!r} is no version's number, no file, and no open proposal about {name}."
+        raise BlockRobotError(error.code, known) from None
+    return await read_proposed(client, key, proposal)

@@ -1,0 +1,123 @@
+"""Who signs a call, and whose session asks: an officer, a member, a wallet. Must never print a key, nor take one as text.
+
+`--as hospital` is the admin of an organisation, `--as hospital/registrar` its registrar, `--key FILE` any key of raw 32
+bytes (a robot's, an admin's elsewhere), `--wallet PROFILE` the person whose wallet that is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import home_folder, load_genesis
+from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from clients.wallet.cli.wallet_context import read_passphrase
+from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.member_keys import derive_keys
+from consensus.chain.genesis import Genesis
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.governance.governance_signer import admin_keys, read_private_key
+
+T = TypeVar("T")
+OFFICES = ("", "admin", "registrar")
+
+
+@dataclass(frozen=True, slots=True)
+class Signer:
+    """Who speaks to which network: its folder and genesis, a name for the key, the key."""
+
+    folder: Path
+    genesis: Genesis
+    name: str
+    key: PrivateKey
+
+
+def signer_options(command: Any) -> Any:
+    """Add --dir, --as, --key and --wallet."""
+    options = (
+        click.option("--wallet", "wallet_profile", metavar="PROFILE", help="The person whose wallet this is."),
+        click.option(
+            "--key", "key_file", type=click.Path(path_type=Path, dir_okay=False), help="A key file of raw 32 bytes."
+        ),
+        click.option(
+            "--as", "officer", metavar="ORG[/ROLE]", help="An organisation's admin, or its registrar as ORG/registrar."
+        ),
+        folder_option,
+    )
+    for option in options:
+        command = option(command)
+    return command
+
+
+def find_signers(
+    folder: Path | None, officer: str | None, key_file: Path | None, wallet_profile: str | None
+) -> list[Signer]:
+    """Return who could speak: the one that is named, else every admin whose key is in the network's folder.
+
+    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID, and what opening a wallet raises.
+    """
+    place = network_folder(folder)
+    if not (place / "genesis.json").exists():
+        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {place}.")
+    genesis = load_genesis(place / "genesis.json")
+    if sum(item is not None for item in (officer, key_file, wallet_profile)) > 1:
+        raise click.UsageError("Say once who signs: --as, --key or --wallet.")
+    if key_file is not None:
+        return [Signer(place, genesis, key_file.stem, read_private_key(key_file))]
+    if wallet_profile is not None:
+        path = home_folder() / "wallets" / f"{wallet_profile}.wallet"
+        if not path.exists():
+            raise BlockRobotError("WALLET_NOT_FOUND", f"There is no wallet at {path}.")
+        words = Keystore.open(path, read_passphrase()).content.words
+        return [Signer(place, genesis, wallet_profile, derive_keys(words).identity)]
+    if officer is not None:
+        organisation, _, role = officer.partition("/")
+        path = place / "organisations" / organisation / f"{role or 'admin'}.key"
+        known = sorted(folder.name for folder in (place / "organisations").glob("*") if folder.is_dir())
+        if organisation not in known or role not in OFFICES:
+            there = ", ".join(known) or "none"
+            raise BlockRobotError(
+                "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {officer!r} in {place}; organisations: {there}."
+            )
+        return [Signer(place, genesis, officer, read_private_key(path))]
+    found = [Signer(place, genesis, name, read_private_key(path)) for name, path in admin_keys(place).items()]
+    if not found:
+        raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key in {place / 'organisations'}.")
+    return found
+
+
+def take_signer(signers: list[Signer]) -> Signer:
+    """Return the one who signs. A usage error if there could be several."""
+    if len(signers) > 1:
+        names = " | ".join(signer.name for signer in signers)
+        raise click.UsageError(f"Say who signs: --as {names} (or --key FILE, --wallet PROFILE).")
+    return signers[0]
+
+
+def with_network(signer: Signer, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
+    """Run work with a client of the signer's network."""
+
+    async def run() -> T:
+        async with open_pinned_client(signer.genesis, signer.folder / PIN_FILE) as client:
+            return await work(client)
+
+    return asyncio.run(run())
+
+
+def read_with_first(signers: list[Signer], work: Callable[[NetworkClient, PrivateKey], Awaitable[T]]) -> T:
+    """Read as the first of them whom the nodes let in: what is read is the same for all."""
+    for place, signer in enumerate(signers):
+        try:
+            return with_network(signer, lambda client, key=signer.key: work(client, key))  # type: ignore[misc]
+        except BlockRobotError as error:
+            if error.code != "SESSION_REFUSED" or place == len(signers) - 1:
+                raise
+    raise AssertionError("there is at least one signer")

@@ -1,0 +1,57 @@
+"""`blockrobot contract trace`: why a transaction came to what it came to, line by line. Must never send anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.markup import escape
+
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.primitives.keys import PrivateKey
+from network.cli.contract.contract_signers import find_signers, read_with_first, signer_options
+from network.contracts.contract_tracing import TracedTransaction, trace_transaction
+
+TXID_BYTES = 32
+
+
+@click.command()
+@click.argument("txid")
+@signer_options
+@json_option
+@plain_errors
+def trace(
+    txid: str,
+    folder: Path | None,
+    officer: str | None,
+    key_file: Path | None,
+    wallet_profile: str | None,
+    as_json: bool,
+) -> None:
+    """Execute a final transaction again and show the lines that ran, their gas, and the values after each.
+
+    The chain is executed from genesis up to that transaction, here; what nodes have pruned cannot be traced. The trace
+    of a call in a test is shown by that test when it fails.
+
+    Example: blockrobot contract trace 3fa2c19b07de... --as hospital
+    """
+    try:
+        wanted = bytes.fromhex(txid.removeprefix("0x"))
+    except ValueError:
+        wanted = b""
+    if len(wanted) != TXID_BYTES:
+        raise click.BadParameter("a transaction's id has 64 hexadecimal digits", param_hint="TXID")
+    signers = find_signers(folder, officer, key_file, wallet_profile)
+
+    async def read(client: NetworkClient, key: PrivateKey) -> TracedTransaction:
+        with console.status("Executing the chain ...") as status:
+            return await trace_transaction(
+                client, key, wanted, lambda done, last: status.update(f"Executing block {done} of {last} ...")
+            )
+
+    found = read_with_first(signers, read)
+    if as_json:
+        print_json({"ok": True, "txid": txid, "height": found.receipt.height, **found.trace.document()})
+        return
+    console.print(escape(found.trace.text()))

@@ -1,0 +1,203 @@
+"""`blockrobot custody`: how custodians stand, the proof of what they hold, and the mending of it. Must never show a token.
+
+Who may: whoever may read a custodian's data directory, for the operator's token lies there.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from clients.sdk.terminal.lazy_group import CommandPlace, LazyGroup
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
+from consensus.errors import BlockRobotError
+from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.node.node_commands import find_node
+from network.cluster import Cluster
+from network.custody.asking import ask_all, run_work
+from network.custody.telling import describe_position, rebuild_sentences, scrub_sentences, status_sentences
+from node.config import NodeConfig, load_genesis
+
+_PLACES = {
+    "status": CommandPlace(
+        "network.cli.custody.custody_commands:status",
+        "Show how far each custodian is behind the chain, what it holds and lacks, and which erasures are overdue.",
+    ),
+    "scrub": CommandPlace(
+        "network.cli.custody.custody_commands:scrub",
+        "Prove now that chain and store agree, and that of what was erased no ciphertext and no key is left.",
+    ),
+    "rebuild": CommandPlace(
+        "network.cli.custody.custody_commands:rebuild",
+        "Make a custodian's index again from the chain's state, erase what the chain has erased, fetch what is missing.",
+    ),
+    "hunt": CommandPlace(
+        "network.cli.custody.custody_hunt_command:hunt",
+        "Search every file and database of a local network for anything of these records, and say what may be there.",
+    ),
+}
+
+
+@click.group(cls=LazyGroup, places=_PLACES)
+def custody() -> None:
+    """See what custodians keep, prove what they erased, and mend what they lost.
+
+    NODE is a node's data directory, or its name in the local network; without one, all custodians of the network.
+
+    Example: blockrobot custody status
+    """
+
+
+def _custodians(node: str | None, folder: Path | None) -> list[NodeConfig]:
+    """Return the custodians that a command means. Raises NOT_FOUND, CLUSTER_NOT_RUNNING, CUSTODY_ELSEWHERE."""
+    configs = [find_node(node, folder)] if node else list(Cluster(network_folder(folder)).configs.values())
+    found = [config for config in configs if config.custodian_key_path is not None]
+    if not found:
+        named = f"{configs[0].name} keeps no clips." if node else "No node here keeps clips."
+        raise BlockRobotError("CUSTODY_ELSEWHERE", named)
+    return found
+
+
+@click.command()
+@click.argument("node", required=False)
+@folder_option
+@json_option
+@plain_errors
+def status(node: str | None, folder: Path | None, as_json: bool) -> None:
+    """Show how far each custodian is behind the chain, what it holds and lacks, and which erasures are overdue.
+
+    Exits 0 if every custodian answers, is up to date and owes no overdue erasure; 1 otherwise.
+
+    Example: blockrobot custody status --json
+    """
+    configs = _custodians(node, folder)
+    answers = asyncio.run(ask_all(configs))
+    if len(configs) == 1 and isinstance(answers[0], BlockRobotError):
+        raise answers[0]
+    members = {each.custodian_key.hex(): each.name for each in load_genesis(configs[0]).custodians}
+    sentences = status_sentences([config.name for config in configs], answers, members)
+    if as_json:
+        rows = [
+            {"name": config.name, "error": answer.code} if isinstance(answer, BlockRobotError) else answer
+            for config, answer in zip(configs, answers, strict=True)
+        ]
+        print_json({"ok": not sentences, "custodians": rows, "problems": sentences})
+    else:
+        _print_status(configs, answers)
+        for sentence in sentences:
+            console.print(escape(sentence))
+    if sentences:
+        sys.exit(EXIT_FAILED)
+
+
+def _print_status(configs: list[NodeConfig], answers: list[dict[str, Any] | BlockRobotError]) -> None:
+    table = Table(title="Custodians", title_justify="left", pad_edge=False, collapse_padding=True)
+    for column in ("node", "position"):
+        table.add_column(column, no_wrap=True)
+    for column in ("held", "staged", "missing", "erased", "owed", "overdue", "keys", "store"):
+        table.add_column(column, justify="right")
+    for config, answer in zip(configs, answers, strict=True):
+        if isinstance(answer, BlockRobotError):
+            table.add_row(config.name, "silent" if answer.code == "NODE_UNREACHABLE" else answer.code, *"--------")
+            continue
+        counts = [answer[f"clips_{kind}"] for kind in ("held", "staged", "missing", "erased")]
+        overdue = len(answer["waiting_for"].get(answer["member"], {}).get("overdue", []))
+        size = "-" if answer["store_bytes"] is None else f"{answer['store_bytes'] / 1e6:.1f} MB"
+        cells = [*counts, answer["owed"], overdue, answer["slots_used"], size]
+        table.add_row(config.name, describe_position(answer), *(str(cell) for cell in cells))
+    console.print(table)
+    _print_uploads(configs, answers)
+
+
+def _print_uploads(configs: list[NodeConfig], answers: list[dict[str, Any] | BlockRobotError]) -> None:
+    """Print who brought how much, and how long the room lasts."""
+    table = Table(title="Uploads", title_justify="left", pad_edge=False, collapse_padding=True)
+    for column in ("node", "organisation", "robot"):
+        table.add_column(column, no_wrap=True)
+    for column in ("staged", "held", "today", "a day", "refused"):
+        table.add_column(column, justify="right")
+    told = []
+    for config, answer in zip(configs, answers, strict=True):
+        if isinstance(answer, BlockRobotError):
+            continue
+        for row in answer["uploads"]:
+            sizes = [
+                f"{row[name] / 1e6:.1f} MB" for name in ("staged_bytes", "held_bytes", "today_bytes", "bytes_a_day")
+            ]
+            robot = f"{row['robot'][:12]}..." if row["robot"] else "(fetched)"
+            table.add_row(config.name, escape(row["organisation"]), robot, *sizes, str(row["refused"]))
+        if answer["disk_free_bytes"] is not None:
+            days = answer["days_until_reserve"]
+            lasts = "" if days is None else f", which last {days} days at {answer['bytes_a_day'] / 1e9:.2f} GB a day"
+            free, reserve = (answer[f"disk_{what}_bytes"] / 1e9 for what in ("free", "reserve"))
+            told.append(f"{config.name}: {free:.1f} GB are free, {reserve:.1f} GB of them are kept back{lasts}.")
+    if table.row_count:
+        console.print(table)
+    for line in told:
+        console.print(escape(line))
+
+
+def _run(configs: list[NodeConfig], work: str, *, as_json: bool) -> list[dict[str, Any]]:
+    """Let the custodians do one thing after another, saying on a terminal how far each is."""
+    reports = []
+    with status_line("Asking ...", as_json=as_json) as show:
+
+        def tell(name: str, what: str, done: int, total: int) -> None:
+            show(f"{name}: {what} {done}{f' of {total}' if total else ''}")
+
+        for config in configs:
+            tell(config.name, work, 0, 0)
+            reports.append(asyncio.run(run_work(config, work, tell)))
+    return reports
+
+
+@click.command()
+@click.argument("node", required=False)
+@folder_option
+@json_option
+@plain_errors
+def scrub(node: str | None, folder: Path | None, as_json: bool) -> None:
+    """Prove now that chain and store agree, and that of what was erased no ciphertext and no key is left.
+
+    Looks at every record both ways, every frame's bytes, every slot of the erase keys and, in SQLite, every free page.
+    Changes nothing but that it lists as missing what is missing. Exits 0 if all is as it must be, 1 otherwise.
+
+    Example: blockrobot custody scrub node-1
+    """
+    reports = _run(_custodians(node, folder), "scrub", as_json=as_json)
+    _finish(reports, scrub_sentences, as_json=as_json)
+
+
+@click.command()
+@click.argument("node")
+@folder_option
+@json_option
+@plain_errors
+def rebuild(node: str, folder: Path | None, as_json: bool) -> None:
+    """Make a custodian's index again from the chain's state, erase what the chain has erased, fetch what is missing.
+
+    The node goes on meanwhile; its custodian follows no block while the index is made. Can be repeated at any time.
+    Exits 0 if the store then has all that the chain says and no more, 1 otherwise.
+
+    Example: blockrobot custody rebuild node-2
+    """
+    reports = _run(_custodians(node, folder), "rebuild", as_json=as_json)
+    _finish(reports, rebuild_sentences, as_json=as_json)
+
+
+def _finish(reports: list[dict[str, Any]], sentences: Any, *, as_json: bool) -> None:
+    is_well = all(report["ok"] for report in reports)
+    if as_json:
+        print_json({"ok": is_well, "custodians": reports})
+    else:
+        for report in reports:
+            for sentence in sentences(report):
+                console.print(escape(sentence))
+    if not is_well:
+        sys.exit(EXIT_FAILED)

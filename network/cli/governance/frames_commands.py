@@ -1,0 +1,206 @@
+"""`blockrobot frames`: which pictures of an empty scene a robot may publish. Must never approve what nobody looked at."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+from rich.markup import escape
+
+from clients.sdk.chain.empty_frames import approve_frames, read_approved, withdraw_frames
+from clients.sdk.chain.receipts import FinalReceipt
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
+from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.state.records import EmptyFrameRow
+from network.cli.governance.governance_signer import (
+    governing_options,
+    plain_table,
+    read_with_any,
+    shown_id,
+    take_seat,
+    with_client,
+)
+from pages.moments import show_moment
+
+_KEY_BYTES = 33
+
+
+@click.group()
+def frames() -> None:
+    """The empty frames of a robot: pictures that show nobody, on which everybody's own are shown.
+
+    Example: blockrobot frames approve ~/.local/share/blockrobot/robots/robot/empty-frames --as hospital
+    """
+
+
+def _read_hex(text: str, size: int, what: str) -> bytes:
+    try:
+        found = bytes.fromhex(text.strip())
+    except ValueError:
+        found = b""
+    if len(found) != size:
+        raise click.UsageError(f"{what} has {2 * size} hexadecimal digits.")
+    return found
+
+
+def _read_folder(folder: Path, robot: str | None) -> tuple[bytes, list[bytes]]:
+    """Return whose frames lie in a folder, and their bytes. Raises BACKGROUND_NOT_FOUND."""
+    pictures = [path for path in sorted(folder.glob("*.png")) if path.name != PREVIEW_FILE]
+    if not pictures:
+        raise BlockRobotError("BACKGROUND_NOT_FOUND", f"There are no empty frames in {folder}.")
+    known = folder / ROBOT_FILE
+    if robot is None and not known.exists():
+        raise click.UsageError(f"Say whose they are, since {known} is not there: --robot MEMBER_KEY.")
+    contents = [path.read_bytes() for path in pictures]
+    member = _read_hex(robot or known.read_text(encoding="ascii", errors="replace"), _KEY_BYTES, "A member key")
+    return member, contents
+
+
+def _look_at(place: Path, preview: bytes) -> None:
+    """Have a person look at the preview that was drawn of the frames read, which nobody can exchange meanwhile.
+
+    Without a terminal it is left beside the frames for her. Raises Abort for a no.
+    """
+    if not sys.stdin.isatty():
+        file = place / PREVIEW_FILE
+        file.unlink(missing_ok=True)  # what lies there may be a link to elsewhere
+        with file.open("xb") as opened:
+            opened.write(preview)
+        raise click.UsageError(
+            f"There is no terminal to ask: look at {file}, which was drawn just now, and give --yes."
+        )
+    with TemporaryDirectory(prefix="blockrobot-frames-") as own:
+        file = Path(own) / PREVIEW_FILE
+        file.write_bytes(preview)
+        ask(f"Have you looked at {file}, and is nobody in it?", err=True)
+
+
+def _require_shown(place: Path, preview: bytes) -> None:
+    """Refuse frames that the preview beside them does not show. Raises BACKGROUND_PREVIEW_DIFFERS."""
+    try:
+        shown = (place / PREVIEW_FILE).read_bytes()
+    except OSError:
+        shown = b""
+    if shown != preview:
+        raise BlockRobotError("BACKGROUND_PREVIEW_DIFFERS")
+
+
+def _report(receipt: FinalReceipt | None, what: str, digests: list[bytes], *, as_json: bool) -> None:
+    if as_json:
+        height = None if receipt is None else receipt.height
+        print_json({"ok": True, "height": height, "frames": [digest.hex() for digest in digests]})
+    elif receipt is None:
+        console.print("They are approved already: nothing was left to do.")
+    else:
+        console.print(f"{what}, final at height {receipt.height}.")
+
+
+@frames.command()
+@click.argument("place", metavar="FOLDER", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--robot", metavar="MEMBER_KEY", help="Whose frames they are, if no robot.txt is beside them.")
+@click.option("--yes", is_flag=True, help="Do not ask: you have looked at the preview.png beside the frames.")
+@governing_options
+@json_option
+@plain_errors
+def approve(
+    place: Path,
+    robot: str | None,
+    yes: bool,
+    *,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Let a robot publish the frames in FOLDER: you have looked at them, and nobody is in them.
+
+    A robot whose frames are not approved writes them there and says so. For an admin of its organisation. The preview to
+    look at is drawn of the very frames that are approved; with --yes the one beside them has to be the same.
+
+    Example: blockrobot frames approve robots/robot/empty-frames --as hospital
+    """
+    member, contents = _read_folder(place, robot)
+    preview, digests = draw_preview(contents), [sha256(content) for content in contents]
+    if yes:
+        _require_shown(place, preview)
+    else:
+        _look_at(place, preview)
+    seat = take_seat(folder, organisation, key_file)
+    receipt = with_client(seat, lambda client: approve_frames(client, seat.key, member, digests))
+    _report(receipt, f"Approved: {len(digests)} empty frames of robot {shown_id(member)}", digests, as_json=as_json)
+
+
+@frames.command("list")
+@click.argument("robot", metavar="MEMBER_KEY")
+@governing_options
+@json_option
+@plain_errors
+def list_frames(
+    robot: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Show which frames a robot may publish, who approved them and when, as the chain proves it.
+
+    Example: blockrobot frames list 02ab... --json
+    """
+    member = _read_hex(robot, _KEY_BYTES, "A member key")
+
+    async def read(client: NetworkClient, key: PrivateKey) -> list[EmptyFrameRow]:
+        return await read_approved(client, member, key)
+
+    rows = read_with_any(folder, organisation, key_file, read)
+    if as_json:
+        told = [{"sha256": row.digest.hex(), "approver": row.approver.hex(), "approved_ms": row.time} for row in rows]
+        print_json({"ok": True, "frames": told})
+        return
+    if not rows:
+        console.print("None is approved. The robot names those that it needs when it starts.")
+        return
+    table = plain_table(f"Empty frames of robot {shown_id(member)}", ["sha256", "approved by", "at"])
+    for row in rows:
+        table.add_row(row.digest.hex(), escape(shown_id(row.approver)), show_moment(row.time))
+    console.print(table)
+
+
+@frames.command()
+@click.argument("robot", metavar="MEMBER_KEY")
+@click.argument("digests", metavar="[SHA256]...", nargs=-1)
+@click.option("--all", "takes_all", is_flag=True, help="Withdraw all that are approved for the robot.")
+@governing_options
+@json_option
+@plain_errors
+def withdraw(
+    robot: str,
+    digests: tuple[str, ...],
+    takes_all: bool,
+    *,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Take frames back: every custodian deletes them, and what stood on them is shown without a room.
+
+    Example: blockrobot frames withdraw 02ab... 5f3c... --as hospital
+    """
+    member = _read_hex(robot, _KEY_BYTES, "A member key")
+    if takes_all == bool(digests):
+        raise click.UsageError("Name the frames by their SHA256, or give --all.")
+    named = [_read_hex(text, HASH_SIZE_BYTES, "A SHA256") for text in digests]
+    seat = take_seat(folder, organisation, key_file)
+
+    async def work(client: NetworkClient) -> FinalReceipt | None:
+        if takes_all:
+            named.extend(row.digest for row in await read_approved(client, member, seat.key))
+        return await withdraw_frames(client, seat.key, member, named)
+
+    receipt = with_client(seat, work)
+    if receipt is None and not as_json:
+        console.print("None is approved: nothing was left to do.")
+        return
+    _report(receipt, f"Withdrawn: {len(named)} empty frames; custodians delete them", named, as_json=as_json)

@@ -1,0 +1,354 @@
+"""What the commands of governance share: whose key signs, which network, how a decision is told. Must never print a key.
+
+The admin's key of an organisation lies in the network's folder, `organisations/<name>/admin.key` (raw 32 bytes).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from clients.sdk.chain.governance import (
+    Decision,
+    Governor,
+    MembershipView,
+    ProposalRow,
+    find_closed,
+    find_proposal,
+    read_membership,
+)
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import console, load_genesis, print_json
+from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from consensus.chain.genesis import Genesis
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from network.cli.cluster.cluster_commands import folder_option, network_folder
+from pages.moments import show_day, show_moment
+
+ADMIN_KEY_FILE = "admin.key"
+ID_SHOWN_CHARS = 12
+_GROUPS = {"membership": "org", "settings": "settings", "lifecycle": "contract"}
+T = TypeVar("T")
+
+as_option = click.option("--as", "organisation", metavar="ORG", help="The organisation that you speak for.")
+key_option = click.option(
+    "--key",
+    "key_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The admin's key file, if it does not lie in the network's folder.",
+)
+
+
+def governing_options(command: Any) -> Any:
+    """Add --dir, --as and --key."""
+    for option in (key_option, as_option, folder_option):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """Who speaks: the network's folder and genesis, the organisation's name, the admin's key."""
+
+    folder: Path
+    genesis: Genesis
+    organisation: str
+    key: PrivateKey
+
+
+def admin_keys(folder: Path) -> dict[str, Path]:
+    """Return the key files of the organisations that can speak on this machine, by name."""
+    found = sorted((folder / "organisations").glob(f"*/{ADMIN_KEY_FILE}"))
+    return {path.parent.name: path for path in found}
+
+
+def read_private_key(path: Path) -> PrivateKey:
+    """Read a key file of raw 32 bytes. Raises ORGANISATION_KEY_NOT_FOUND, KEY_INVALID."""
+    try:
+        return PrivateKey(path.read_bytes())
+    except FileNotFoundError:
+        raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key file {path}.") from None
+
+
+def _open_network(folder: Path | None) -> tuple[Path, Genesis]:
+    place = network_folder(folder)
+    if not (place / "genesis.json").exists():
+        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {place}.")
+    return place, load_genesis(place / "genesis.json")
+
+
+def take_seat(folder: Path | None, organisation: str | None, key_file: Path | None) -> Seat:
+    """Find who speaks; if several organisations could, it must be said which.
+
+    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID; a usage error if it is not said.
+    """
+    seats = _find_seats(folder, organisation, key_file)
+    if len(seats) > 1:
+        names = " | ".join(seat.organisation for seat in seats)
+        raise click.UsageError(f"Say for which organisation you speak: --as {names}.")
+    return seats[0]
+
+
+def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | None) -> list[Seat]:
+    """Return all who could speak, those of the genesis file first."""
+    place, genesis = _open_network(folder)
+    if key_file is not None:
+        return [Seat(place, genesis, organisation or "", read_private_key(key_file))]
+    known = admin_keys(place)
+    first = [entry.name for entry in genesis.organisations if entry.name in known]
+    names = list(dict.fromkeys([*first, *known])) if organisation is None else [organisation]
+    if not names or not set(names) <= set(known):
+        wanted = "any organisation" if organisation is None else repr(organisation)
+        raise BlockRobotError(
+            "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {wanted} in {place / 'organisations'}."
+        )
+    return [Seat(place, genesis, name, read_private_key(known[name])) for name in names]
+
+
+def with_client(seat: Seat, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
+    """Run work with a client of the seat's network. Raises GOVERNANCE_NOT_ADMIN if its key may not even ask."""
+
+    async def run() -> T:
+        async with open_pinned_client(seat.genesis, seat.folder / PIN_FILE) as client:
+            return await work(client)
+
+    try:
+        return asyncio.run(run())
+    except BlockRobotError as error:
+        if error.code == "SESSION_REFUSED":
+            raise BlockRobotError("GOVERNANCE_NOT_ADMIN") from None
+        raise
+
+
+async def _work_as(
+    client: NetworkClient, work: Callable[[NetworkClient, PrivateKey], Awaitable[T]], key: PrivateKey
+) -> T:
+    return await work(client, key)
+
+
+def read_with_any(
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    work: Callable[[NetworkClient, PrivateKey], Awaitable[T]],
+) -> T:
+    """Read as any organisation whose key is here: what is proved is the same for all of them."""
+    seats = _find_seats(folder, organisation, key_file)
+    for place, seat in enumerate(seats):
+        try:
+            return with_client(seat, partial(_work_as, work=work, key=seat.key))
+        except BlockRobotError as error:
+            if error.code != "GOVERNANCE_NOT_ADMIN" or place == len(seats) - 1:
+                raise
+    raise AssertionError("there is at least one seat")
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A decision, the membership after it, and the proposal it is about (None once it is closed)."""
+
+    decision: Decision
+    membership: MembershipView
+    proposal: ProposalRow | None
+
+
+def decide(
+    seat: Seat,
+    work: Callable[[Governor], Awaitable[Decision]],
+    check: Callable[[NetworkClient], Awaitable[None]] | None = None,
+) -> Told:
+    """Let the seat's admin decide something (after a check, if asked to), wait until it is final, read what follows."""
+
+    async def run(client: NetworkClient) -> Told:
+        if check is not None:
+            await check(client)
+        decision = await work(Governor(client, seat.key))
+        membership = await read_membership(client, seat.key)
+        found = [row for row in membership.proposals if row.id == decision.proposal_id]
+        return Told(decision, membership, found[0] if found else None)
+
+    return with_client(seat, run)
+
+
+def propose_once(
+    seat: Seat,
+    contract: str,
+    kind: str,
+    arguments: Mapping[str, Any],
+    work: Callable[[Governor], Awaitable[Decision]],
+    check: Callable[[NetworkClient, MembershipView], Awaitable[None]] | None = None,
+) -> Told:
+    """Let the seat's admin propose something that is not proposed already (after a check, if asked to).
+
+    Raises GOVERNANCE_PROPOSED_ALREADY, and what `decide` raises.
+    """
+
+    async def look(client: NetworkClient) -> None:
+        before = await read_membership(client, seat.key)
+        _refuse_twice(seat, before, contract, kind, arguments)
+        if check is not None:
+            await check(client, before)
+
+    return decide(seat, work, look)
+
+
+def _refuse_twice(
+    seat: Seat, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
+) -> None:
+    """Refuse what is open already: two proposals of one change would share its voices out. Raises as above.
+
+    An organisation that revokes a certificate of its own needs nobody: whatever is open, its own word counts at once.
+    """
+    if kind == "revoke_certificate" and seat.organisation in {"", arguments["organisation"]}:
+        return
+    for row in membership.proposals:
+        is_same = all(row.arguments.get(name) == value for name, value in arguments.items() if name != "note")
+        if (row.contract, row.kind) == (contract, kind) and is_same:
+            command = f"blockrobot {_GROUPS[contract]} approve {shown_id(row.id)} --as"
+            way = f"Approve it: {command} {seat.organisation or 'ORG'}"
+            if seat.organisation in row.approvals:
+                way = f"{seat.organisation} stands behind it already; another organisation approves it: {command} ORG"
+            state = f"is proposed already, by {row.organisation}, and open until {show_moment(row.expires_ms)}"
+            raise BlockRobotError("GOVERNANCE_PROPOSED_ALREADY", f"{summary_of(row)} {state}. {way}")
+
+
+async def _tell_closed(client: NetworkClient, key: PrivateKey, text: str) -> None:
+    """Say of a proposal that was open how it ended. Raises GOVERNANCE_PROPOSAL_CLOSED if it is still known."""
+    row = await find_closed(client, key, text)
+    if row is not None:
+        ended = {"executed": "was decided", "withdrawn": "was withdrawn", "expired": "expired"}.get(
+            row.status, "closed"
+        )
+        sentence = f"The proposal {shown_id(row.id)} ({summary_of(row)}) {ended} at height {row.closed_height}."
+        raise BlockRobotError("GOVERNANCE_PROPOSAL_CLOSED", sentence)
+
+
+def decide_on_proposal(
+    seat: Seat,
+    contract: str,
+    text: str,
+    work: Callable[[Governor, ProposalRow], Awaitable[Decision]],
+    check: Callable[[NetworkClient, MembershipView, ProposalRow], Awaitable[None]] | None = None,
+) -> tuple[Told, ProposalRow]:
+    """Find the open proposal of a contract by the first digits of its id, check it if asked to, and decide on it."""
+
+    async def run(client: NetworkClient) -> tuple[Told, ProposalRow]:
+        before = await read_membership(client, seat.key)
+        try:
+            proposal = find_proposal([row for row in before.proposals if row.contract == contract], text)
+        except BlockRobotError:
+            await _tell_closed(client, seat.key, text)
+            raise
+        if check is not None:
+            await check(client, before, proposal)
+        decision = await work(Governor(client, seat.key), proposal)
+        after = await read_membership(client, seat.key)
+        found = [row for row in after.proposals if row.id == proposal.id]
+        return Told(decision, after, found[0] if found else None), proposal
+
+    return with_client(seat, run)
+
+
+# Telling
+
+
+def command_group(contract: str) -> str:
+    """Return the group of commands that is about the proposals of a contract."""
+    return _GROUPS[contract]
+
+
+def shown_id(identifier: bytes) -> str:
+    """Return the first digits of an id or key, enough to name it on the command line."""
+    return identifier.hex()[:ID_SHOWN_CHARS]
+
+
+def to_json(value: Any) -> Any:
+    """Return a value with bytes as hexadecimal text."""
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, dict):
+        return {str(name): to_json(item) for name, item in value.items()}
+    return [to_json(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def proposal_json(row: ProposalRow, needed: int) -> dict[str, Any]:
+    """Return an open proposal for `--json`."""
+    return {
+        "id": row.id.hex(),
+        "kind": row.kind,
+        "arguments": to_json(dict(row.arguments)),
+        "organisation": row.organisation,
+        "approvals": list(row.approvals),
+        "needed": needed,
+        "height": row.height,
+        "expires_ms": row.expires_ms,
+    }
+
+
+def summary_of(row: ProposalRow) -> str:
+    """Say in a few words what a proposal asks for."""
+    arguments = row.arguments
+    if row.kind == "set":
+        return f"{arguments['name']} = {arguments['value']}"
+    named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
+    version = f" version {arguments['version']}" if "version" in arguments else ""
+    return f"{row.kind.replace('_', '-')} {named}{version}"
+
+
+def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:
+    """Print open proposals as a table, with how to approve them."""
+    if not rows:
+        console.print("No open proposals.")
+        return
+    table = plain_table("Open proposals", ["id", "what", "approved by", "of", "expires"])
+    for row in rows:
+        cells = [shown_id(row.id), summary_of(row), ", ".join(row.approvals), str(needed)]
+        table.add_row(*map(escape, cells), show_day(row.expires_ms))
+    console.print(table)
+    console.print(f"Approve with: blockrobot {group} approve {shown_id(rows[0].id)} --as ORG")
+
+
+def plain_table(title: str, columns: list[str]) -> Table:
+    """Return an empty table in the house's style; what is too long for the terminal is folded, never cut off."""
+    table = Table(title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table
+
+
+def report_decision(told: Told, what: str, group: str, *, as_json: bool, needs_others: bool = True) -> None:
+    """Tell what a call came to: in force at a height, or waiting for other organisations."""
+    decision, proposal, needed = told.decision, told.proposal, told.membership.majority
+    if as_json:
+        print_json(
+            {
+                "ok": True,
+                "height": decision.height,
+                "txid": decision.txid.hex(),
+                "executed": decision.executed,
+                "epoch": decision.epoch,
+                "proposal": None if proposal is None else proposal_json(proposal, needed),
+            }
+        )
+        return
+    if proposal is not None:
+        voices = f"{len(proposal.approvals)} of the {needed} organisations needed stand behind it"
+        console.print(f"Proposed: {escape(what)}. Its id is {shown_id(proposal.id)}; {voices}.")
+        console.print(
+            "Next step: an admin of another organisation says "
+            f"blockrobot {group} approve {shown_id(proposal.id)} --as ORG, by {show_moment(proposal.expires_ms)}."
+        )
+        return
+    state = "in force" if decision.executed or not needs_others else "final"
+    console.print(f"{escape(what)}: {state} since height {decision.height}.")
+    if decision.epoch is not None:
+        console.print(f"Epoch {decision.epoch} begins with the block after that height.")

@@ -1,0 +1,244 @@
+"""`blockrobot notice`: what an organisation tells people, and its register of processing. Must never publish what is not
+complete, nor show words that the chain does not prove.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+
+import click
+from rich.markup import escape
+
+from clients.sdk.chain.governance import read_membership
+from clients.sdk.chain.notices import read_notice, read_version
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.rights.notices import (
+    Notice,
+    PublishedNotice,
+    encode_notice,
+    notice_digest,
+    notice_from,
+    tell_changes,
+    tell_notice,
+)
+from consensus.state import identity
+from consensus.visible_text import split_lines
+from network.cli.cluster.cluster_commands import folder_option
+from network.cli.governance.governance_signer import (
+    Seat,
+    governing_options,
+    read_with_any,
+    shown_id,
+    take_seat,
+    with_client,
+)
+from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice_text
+from network.notices.notice_publishing import publish_notice
+from network.notices.processing_register import Activities, read_activities, tell_activities
+from pages.moments import show_moment
+
+_new_file = click.Path(path_type=Path, dir_okay=False)
+_file = click.Path(path_type=Path, exists=True, dir_okay=False)
+
+
+def is_at_terminal() -> bool:
+    """Tell whether somebody is there who can be asked."""
+    return sys.stdin.isatty()
+
+
+@click.group()
+def notice() -> None:
+    """What people are told before anything is recorded of them (GDPR Art. 13 and 14), and the register of Art. 30.
+
+    Example: blockrobot notice publish notice.toml --as hospital
+    """
+
+
+def read_notice_file(path: Path) -> Notice:
+    """Read a notice from its TOML file. Raises NOTICE_INVALID with what is missing."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        line = path.read_bytes()[: error.start].count(b"\n") + 1
+        raise BlockRobotError("NOTICE_INVALID", f"{path} is no text: line {line} is not UTF-8.") from None
+    try:
+        return notice_from(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        last = f"at line {len(split_lines(text))}, the last one: is the file whole?"
+        detail = str(error).replace("at end of document", last)
+        raise BlockRobotError("NOTICE_INVALID", f"{path} is no TOML file: {detail}.") from None
+
+
+@notice.command()
+@click.argument("file", type=_new_file)
+@json_option
+@plain_errors
+def new(file: Path, as_json: bool) -> None:
+    """Write the demonstration hospital's notice to FILE, to be changed into your own.
+
+    Example: blockrobot notice new notice.toml
+    """
+    try:
+        with file.open("x", encoding="utf-8") as written:
+            written.write(demo_notice_text())
+    except FileExistsError:
+        raise BlockRobotError("FILE_EXISTS", f"{file} is there already; nothing was written.") from None
+    if as_json:
+        print_json({"ok": True, "file": str(file)})
+        return
+    console.print(
+        f"The demonstration's notice is in {escape(str(file))}. Change every line of it; have your data protection "
+        f"officer read it.\nNext step: blockrobot notice check {escape(str(file))}"
+    )
+
+
+@notice.command()
+@click.argument("file", type=_file)
+@json_option
+@plain_errors
+def check(file: Path, as_json: bool) -> None:
+    """Check that a notice says all that has to be said, and show it as people will read it.
+
+    Example: blockrobot notice check notice.toml
+    """
+    found = read_notice_file(file)
+    document = encode_notice(found)
+    if as_json:
+        print_json({"ok": True, "hash": notice_digest(document).hex(), "bytes": len(document)})
+        return
+    for line in tell_notice(found):
+        console.print(escape(line))
+    console.print(
+        f"\nIt is complete ({len(document)} bytes). Whether it is true, and lawful, no program can tell.\n"
+        f"Next step: blockrobot notice publish {escape(str(file))} --as ORG"
+    )
+
+
+async def _own_organisation(client: NetworkClient, seat: Seat) -> str:
+    name = await client.state_value(identity.ADMIN.key(seat.key.public_key), seat.key)
+    if not isinstance(name, str):
+        raise BlockRobotError("GOVERNANCE_NOT_ADMIN")
+    return name
+
+
+def _ask_to_publish(organisation: str, before: PublishedNotice | None, found: Notice, *, yes: bool) -> None:
+    """Show what people would read, or what would change of it, and ask unless `yes`. Nothing if it is in force already."""
+    if yes or (before is not None and before.notice == found):
+        return
+    lines = tell_notice(found) if before is None else tell_changes(before.notice, found)
+    for line in lines:
+        click.echo(line, err=True)
+    version = 1 if before is None else before.row.version + 1
+    click.echo(f"\nThis is what {organisation} tells people as version {version}. It stays for ever.", err=True)
+    ask("Publish it?", err=True)
+
+
+@notice.command()
+@click.argument("file", type=_file)
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@governing_options
+@json_option
+@plain_errors
+def publish(
+    file: Path, yes: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Publish a notice as the next version of what your organisation tells people. It stays on the chain for ever.
+
+    It shows what changes, and asks. Wallets show it before anybody registers, and tell those who are registered that it
+    changed. It ends no consent: if what you do changes, ask people again.
+
+    Example: blockrobot notice publish notice.toml --as hospital
+    """
+    found = read_notice_file(file)
+    encode_notice(found)
+    if not yes and not is_at_terminal():
+        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+    seat = take_seat(folder, organisation, key_file)
+
+    async def work(client: NetworkClient) -> tuple[PublishedNotice, bool]:
+        name = seat.organisation or await _own_organisation(client, seat)
+        _ask_to_publish(name, await read_notice(client, name), found, yes=yes)
+        return await publish_notice(client, seat.key, name, found)
+
+    published, is_new = with_client(seat, work)
+    row = published.row
+    if as_json:
+        told = {"organisation": row.organisation, "version": row.version, "hash": row.digest.hex()}
+        print_json({"ok": True, **told, "height": row.height, "is_new": is_new})
+        return
+    state = "is published" if is_new else "was in force already"
+    console.print(
+        f"Version {row.version} of what {escape(row.organisation)} tells people {state}, since block {row.height} "
+        f"(hash {shown_id(row.digest)}).\nWhoever consented under an earlier one is told by her wallet what changed."
+    )
+
+
+@notice.command()
+@click.argument("organisation", default=DEMO_ORGANISATION)
+@click.option("--version", type=click.IntRange(min=1), help="An earlier version.")
+@folder_option
+@json_option
+@plain_errors
+def show(organisation: str, version: int | None, folder: Path | None, as_json: bool) -> None:
+    """Show what an organisation tells people, proved against the chain.
+
+    Example: blockrobot notice show hospital --version 1
+    """
+
+    async def read(client: NetworkClient, _: object) -> PublishedNotice | None:
+        return (
+            await read_notice(client, organisation)
+            if version is None
+            else await read_version(client, organisation, version)
+        )
+
+    found = read_with_any(folder, None, None, read)
+    if found is None:
+        raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} has published none.")
+    row = found.row
+    if as_json:
+        told = {"organisation": row.organisation, "version": row.version, "hash": row.digest.hex()}
+        print_json(
+            {"ok": True, **told, "height": row.height, "time_ms": row.time_ms, "lines": tell_notice(found.notice)}
+        )
+        return
+    console.print(f"Version {row.version}, of {show_moment(row.time_ms)}, block {row.height}:")
+    for line in tell_notice(found.notice):
+        console.print(escape(line))
+
+
+@notice.command()
+@click.option("--out", type=_new_file, help="Write it here, as Markdown.")
+@governing_options
+@json_option
+@plain_errors
+def activities(
+    out: Path | None, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Make the register of processing activities (GDPR Art. 30) from the chain and the notice in force.
+
+    What no program knows of your organisation it names as open: a register is kept by people.
+
+    Example: blockrobot notice activities --as hospital --out register.md
+    """
+    seat = take_seat(folder, organisation, key_file)
+
+    async def read(client: NetworkClient) -> Activities:
+        name = seat.organisation or await _own_organisation(client, seat)
+        return await read_activities(client, name, await read_membership(client, seat.key))
+
+    found = with_client(seat, read)
+    if out is not None:
+        out.write_text(tell_activities(found), encoding="utf-8")
+    if as_json:
+        print_json({"ok": True, **found.as_json(), "file": None if out is None else str(out)})
+    elif out is not None:
+        console.print(
+            f"The register is in {escape(str(out))}, as of block {found.height}. Fill in what it names as open."
+        )
+    else:
+        click.echo(tell_activities(found), nl=False)

@@ -1,0 +1,389 @@
+"""`blockrobot org`: organisations and nodes, proposed, approved and listed. Must never send a private key anywhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.chain.proof_of_possession import prove_possession
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import is_public_key
+from consensus.state.membership import NodeRow, OrganisationRow
+from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.governance.governance_signer import (
+    decide_on_proposal,
+    governing_options,
+    plain_table,
+    print_proposals,
+    proposal_json,
+    propose_once,
+    read_private_key,
+    read_with_any,
+    report_decision,
+    shown_id,
+    summary_of,
+    take_seat,
+)
+from network.cli.governance.quorum_check import anyway_option, check_membership_change
+from network.provisioning.authority_check import check_authority_change
+from network.provisioning.exchange_files import (
+    ORGANISATION_ENTRY_FILE,
+    read_authority_certificates,
+    read_node_entry,
+    read_organisation_entry,
+)
+from network.provisioning.network_layout import create_organisation
+from network.provisioning.node_joining import check_api_url
+
+_file = click.Path(path_type=Path, exists=True, dir_okay=False)
+
+
+@click.group()
+def org() -> None:
+    """The organisations of the network and their nodes.
+
+    Example: blockrobot org propose remove-node node-5 --as hospital
+    """
+
+
+def _organisation_json(row: OrganisationRow, nodes: tuple[NodeRow, ...]) -> dict[str, Any]:
+    own = [node.name for node in nodes if node.organisation == row.name]
+    return {"name": row.name, "status": row.status, "since_height": row.since_height, "nodes": own}
+
+
+def _node_json(row: NodeRow) -> dict[str, Any]:
+    return {
+        "name": row.name,
+        "organisation": row.organisation,
+        "host": row.host,
+        "p2p_port": row.p2p_port,
+        "api_url": row.api_url,
+        "producer_key": row.producer_key.hex(),
+        "custodian_key": row.custodian_key.hex(),
+        "since_height": row.since_height,
+    }
+
+
+@org.command("list")
+@governing_options
+@json_option
+@plain_errors
+def list_organisations(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Show organisations, nodes and open proposals, checked against proofs.
+
+    Example: blockrobot org list --json
+    """
+    view = read_with_any(folder, organisation, key_file, read_membership)
+    proposals = [row for row in view.proposals if row.contract == "membership"]
+    if as_json:
+        document = {
+            "ok": True,
+            "height": view.height,
+            "majority": view.majority,
+            "organisations": [_organisation_json(row, view.nodes) for row in view.organisations],
+            "nodes": [_node_json(row) for row in view.nodes],
+            "proposals": [proposal_json(row, view.majority) for row in proposals],
+        }
+        print_json(document)
+        return
+    title = f"Organisations, as of height {view.height}; {view.majority} make a majority"
+    table = plain_table(title, ["organisation", "since height", "nodes"])
+    for row in view.organisations:
+        own = [node.name for node in view.nodes if node.organisation == row.name]
+        table.add_row(escape(row.name), str(row.since_height), escape(", ".join(own)))
+    console.print(table)
+    table = plain_table("Nodes", ["node", "organisation", "peers", "since", "producer", "custodian"])
+    for node in view.nodes:
+        keys = [shown_id(key)[:8] if key else "-" for key in (node.producer_key, node.custodian_key)]
+        cells = [node.name, node.organisation, f"{node.host}:{node.p2p_port}", str(node.since_height), *keys]
+        table.add_row(*map(escape, cells))
+    console.print(table)
+    print_proposals(proposals, view.majority, "org")
+
+
+@org.command()
+@click.argument("name")
+@folder_option
+@json_option
+@plain_errors
+def new(name: str, folder: Path | None, as_json: bool) -> None:
+    """Make an organisation's folder on this machine: its certificate authority, an admin's and a registrar's key.
+
+    The folder stays with its owner. What others need of it is in organisation-entry.json, which holds no secret.
+
+    Example: blockrobot org new clinic
+    """
+    place = network_folder(folder)
+    _, entry = create_organisation(place, name)
+    path = place / "organisations" / name
+    public = path / ORGANISATION_ENTRY_FILE
+    if as_json:
+        admins = [key.hex() for key in entry.admins]
+        print_json({"ok": True, "folder": str(path), "entry": str(public), "admins": admins})
+        return
+    console.print(
+        f"The organisation {escape(name)} has its keys in {escape(str(path))}. Keep its folder secret and safe."
+    )
+    console.print(
+        f"Hand {ORGANISATION_ENTRY_FILE} from there to an organisation of the network: nothing in it is secret."
+    )
+    console.print(f"Next step, there: blockrobot org propose add-org --from {ORGANISATION_ENTRY_FILE} --as ORG")
+
+
+@org.command()
+@click.argument("proposal")
+@anyway_option
+@governing_options
+@json_option
+@plain_errors
+def approve(
+    proposal: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Stand behind a proposed change (named by the first digits of its id).
+
+    To take nodes out, or to replace a producer's key, is refused while too few of the others are well, unless you say
+    --anyway.
+
+    Example: blockrobot org approve 3fa2c19b07de --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+
+    async def look(client: NetworkClient, before: MembershipView, found: ProposalRow) -> None:
+        check_authority_change(found.kind, found.arguments, before.organisations)
+        if not anyway:
+            await check_membership_change(client, seat.folder, seat.key, before, found.kind, found.arguments)
+
+    told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.approve(found), look)
+    report_decision(told, summary_of(row), "org", as_json=as_json)
+
+
+@org.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def withdraw(
+    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Take back a change that your own organisation proposed.
+
+    Example: blockrobot org withdraw 3fa2c19b07de --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.withdraw(found))
+    report_decision(told, f"Withdrawal of {summary_of(row)}", "org", as_json=as_json, needs_others=False)
+
+
+def _propose(
+    kind: str,
+    arguments: dict[str, Any],
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    *,
+    as_json: bool,
+    anyway: bool = True,
+) -> None:
+    """Propose a change; unless `anyway`, look first whether the producers left over can go on."""
+    seat = take_seat(folder, organisation, key_file)
+
+    async def look(client: NetworkClient, before: MembershipView) -> None:
+        check_authority_change(kind, arguments, before.organisations)
+        if not anyway:
+            await check_membership_change(client, seat.folder, seat.key, before, kind, arguments)
+
+    told = propose_once(
+        seat, "membership", kind, arguments, lambda governor: governor.propose_membership(kind, arguments), look
+    )
+    named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
+    report_decision(told, f"{kind.replace('_', '-')} {named}", "org", as_json=as_json)
+
+
+@org.group()
+def propose() -> None:
+    """Propose a change of organisations or nodes; a majority of the organisations puts it into force.
+
+    Example: blockrobot org propose remove-org clinic --as hospital
+    """
+
+
+@propose.command("add-org")
+@click.argument("name", required=False)
+@click.option(
+    "--from",
+    "source",
+    type=_file,
+    help=f"The newcomer's {ORGANISATION_ENTRY_FILE} (see org new); else NAME's in the network's folder.",
+)
+@governing_options
+@json_option
+@plain_errors
+def add_org(
+    name: str | None,
+    source: Path | None,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose a new organisation by its entry: certificate authority and public keys, nothing secret.
+
+    Example: blockrobot org propose add-org --from organisation-entry.json --as hospital
+    """
+    if source is None and name is None:
+        raise click.UsageError(f"Name the newcomer's {ORGANISATION_ENTRY_FILE} with --from FILE.")
+    place = source or network_folder(folder) / "organisations" / str(name) / ORGANISATION_ENTRY_FILE
+    arguments = read_organisation_entry(place)
+    if name is not None and arguments["name"] != name:
+        raise BlockRobotError("FILE_UNUSABLE", f"{place} is the entry of {arguments['name']!r}, not of {name!r}.")
+    _propose("add_org", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("remove-org")
+@click.argument("name")
+@anyway_option
+@governing_options
+@json_option
+@plain_errors
+def remove_org(
+    name: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Propose to remove an organisation with its nodes, keys and voice.
+
+    Example: blockrobot org propose remove-org clinic --as hospital
+    """
+    _propose("remove_org", {"name": name}, folder, organisation, key_file, as_json=as_json, anyway=anyway)
+
+
+@propose.command("replace-ca")
+@click.argument("name")
+@click.option("--certificate", required=True, type=_file, help="The new CA certificate (PEM).")
+@governing_options
+@json_option
+@plain_errors
+def replace_ca(
+    name: str,
+    certificate: Path,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose a new certificate authority for an organisation. Certificates of the old one count no more.
+
+    Only the certificates in the file are sent, written anew; a file that holds a private key too is refused.
+
+    Example: blockrobot org propose replace-ca hospital --certificate new-ca.crt.pem --as hospital
+    """
+    arguments = {"organisation": name, "ca_certificate": read_authority_certificates(certificate)}
+    _propose("replace_ca", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("replace-keys")
+@click.argument("name")
+@click.option(
+    "--admin", "admins", multiple=True, required=True, help="An admin's public key (hexadecimal); repeatable."
+)
+@click.option("--registrar", "registrars", multiple=True, help="A registrar's public key (hexadecimal); repeatable.")
+@governing_options
+@json_option
+@plain_errors
+def replace_keys(
+    name: str,
+    admins: tuple[str, ...],
+    registrars: tuple[str, ...],
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose new admins and registrars in place of all that an organisation has.
+
+    Example: blockrobot org propose replace-keys hospital --admin 02ab... --registrar 03cd... --as hospital
+    """
+    arguments = {
+        "organisation": name,
+        "admins": [_read_public_key(key, "--admin") for key in admins],
+        "registrars": [_read_public_key(key, "--registrar") for key in registrars],
+    }
+    _propose("replace_keys", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("add-node")
+@click.option("--from", "source", required=True, type=_file, help="The node's entry: JSON, as `node init` writes it.")
+@governing_options
+@json_option
+@plain_errors
+def add_node(source: Path, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Propose a new node. It produces nothing before it is voted in (producer propose).
+
+    Example: blockrobot org propose add-node --from node-5/node-entry.json --as hospital
+    """
+    arguments = read_node_entry(source)
+    check_api_url(str(arguments["name"]), str(arguments["api_url"]))
+    _propose("add_node", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("remove-node")
+@click.argument("name")
+@anyway_option
+@governing_options
+@json_option
+@plain_errors
+def remove_node(
+    name: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Propose to remove a node. Its certificate and votes count no more from the height at which that takes effect.
+
+    Example: blockrobot org propose remove-node node-5 --as hospital
+    """
+    _propose("remove_node", {"name": name}, folder, organisation, key_file, as_json=as_json, anyway=anyway)
+
+
+@propose.command("rekey-producer")
+@click.argument("node")
+@click.option("--producer-key", "secret", required=True, type=_file, help="The new producer key's file; stays here.")
+@anyway_option
+@governing_options
+@json_option
+@plain_errors
+def rekey_producer(
+    node: str,
+    secret: Path,
+    anyway: bool,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose a new producer key for a node, with proof that it is held. The old one counts no more.
+
+    The node is silent until it has the new key; that is refused while the others cannot do without it, unless you say
+    --anyway.
+
+    Example: blockrobot org propose rekey-producer node-2 --producer-key new-producer.key --as university
+    """
+    key = read_private_key(secret)
+    proof = prove_possession(key, node)
+    arguments = {"node": node, "producer_key": key.public_key, "producer_possession": proof}
+    _propose("rekey_producer", arguments, folder, organisation, key_file, as_json=as_json, anyway=anyway)
+
+
+def _read_hex(text: str, option: str) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise click.UsageError(f"{option} takes hexadecimal digits.") from None
+
+
+def _read_public_key(text: str, option: str) -> bytes:
+    key = _read_hex(text, option)
+    if not is_public_key(key):
+        raise click.UsageError(f"{option} takes a public key: 33 bytes that somebody can have the secret half of.")
+    return key

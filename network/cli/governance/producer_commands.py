@@ -1,0 +1,295 @@
+"""`blockrobot producer`: who produces blocks, who would, who lied. Must never judge: evidence is shown as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.chain.governance import (
+    CandidateRow,
+    Decision,
+    Governor,
+    MembershipView,
+    ProducersView,
+    read_membership,
+    read_producers,
+)
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES, PrivateKey
+from network.cli.governance.governance_signer import (
+    Seat,
+    governing_options,
+    plain_table,
+    read_with_any,
+    shown_id,
+    take_seat,
+    to_json,
+    with_client,
+)
+from network.cli.governance.quorum_check import TOLERANT_MIN_COUNT, anyway_option, require_live_quorum, seats_after
+
+
+@click.group()
+def producer() -> None:
+    """The producers of blocks: seats, votes, readiness, suspensions with their evidence.
+
+    Example: blockrobot producer approve node-5 --as university
+    """
+
+
+async def _read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, MembershipView]:
+    return await read_producers(client, key), await read_membership(client, key)
+
+
+def _row_json(row: CandidateRow) -> dict[str, Any]:
+    return {
+        "key": row.key.hex(),
+        "node": row.name,
+        "organisation": row.organisation,
+        "status": row.status,
+        "turn": row.turn,
+        "leads": row.leads,
+        "votes": list(row.votes),
+        "removals": list(row.removals),
+        "ready_height": row.ready_height,
+        "ready_ms": row.ready_ms,
+        "suspended_height": row.suspended_height,
+        "evidence": to_json(dict(row.evidence)) or None,
+    }
+
+
+def _ready(row: CandidateRow, view: ProducersView) -> str:
+    if row.status == "producing":
+        return "seated"
+    if row.ready_ms == 0:
+        return "not yet"
+    return f"at height {row.ready_height}, {max(0, view.timestamp_ms - row.ready_ms) // 1000} s ago"
+
+
+def _seat_of(row: CandidateRow) -> str:
+    if row.turn is None:
+        return "-"
+    return str(row.turn + 1) if row.leads else f"{row.turn + 1}*"
+
+
+def _print_evidence(row: CandidateRow) -> None:
+    """Two signatures of one producer over two ids in one round: all that an outsider needs to check them."""
+    told = row.evidence
+    console.print(
+        f"\n{escape(row.name)} signed two {told['kind']}s in epoch {told['epoch']}, round {told['round']}; "
+        f"entered on chain at height {told['height']} by key {shown_id(told['accuser'])}."
+    )
+    for which in ("first", "second"):
+        console.print(f"  {which}: block {told[which + '_id'].hex()}\n  signature {told[which + '_signature'].hex()}")
+
+
+@producer.command("list")
+@governing_options
+@json_option
+@plain_errors
+def list_producers(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Show seats, votes, who is ready and who is suspended with the evidence, checked against proofs.
+
+    Example: blockrobot producer list
+    """
+    view, membership = read_with_any(folder, organisation, key_file, _read)
+    needed = membership.majority
+    if as_json:
+        document = {
+            "ok": True,
+            "height": view.height,
+            "epoch": view.epoch.number,
+            "since_height": view.since_height,
+            "max_producers": view.max_producers,
+            "votes_needed": needed,
+            "producers": [_row_json(row) for row in view.candidates],
+        }
+        print_json(document)
+        return
+    seats = f"{view.max_producers} seats at most, {needed} votes to enter"
+    title = f"Producers of epoch {view.epoch.number}, as of height {view.height}; {seats}"
+    table = plain_table(title, ["turn", "node", "of", "status", "votes", "ready", "key"])
+    for row in view.candidates:
+        votes = "all" if len(row.votes) == len(membership.organisations) else ", ".join(row.votes) or "none"
+        if row.removals:
+            votes += f"; for removal: {', '.join(row.removals)}"
+        cells = [_seat_of(row), row.name, row.organisation, row.status, votes, _ready(row, view), shown_id(row.key)[:8]]
+        table.add_row(*map(escape, cells))
+    console.print(table)
+    if view.epoch.leaderless:
+        console.print("* keeps its seat and its vote, and leads nothing")
+    for row in view.candidates:
+        if row.evidence:
+            _print_evidence(row)
+    if any(row.status == "suspended" for row in view.candidates):
+        console.print(
+            "\nA majority of votes brings a suspended producer back: blockrobot producer approve NODE --as ORG"
+        )
+
+
+def _find_key(text: str, view: ProducersView, membership: MembershipView) -> bytes:
+    """Return the producer key that a node's name, a key or the first digits of a key stand for. Raises NOT_FOUND."""
+    known = {node.producer_key: node.name for node in membership.nodes if node.producer_key}
+    known.update({row.key: row.name for row in view.candidates})
+    wanted = text.strip().lower()
+    current = [node.producer_key for node in membership.nodes if node.name == text and node.producer_key]
+    found = current or [
+        key
+        for key, name in known.items()
+        if name == text
+        or (len(wanted) >= 8 and len(wanted) <= 2 * PUBLIC_KEY_SIZE_BYTES and key.hex().startswith(wanted))
+    ]
+    if len(found) != 1:
+        raise BlockRobotError(
+            "NOT_FOUND", f"No node with a producer key is called {text!r}; see blockrobot producer list."
+        )
+    return found[0]
+
+
+def _vote(
+    node: str,
+    seat: Seat,
+    what: str,
+    work: Callable[[Governor, bytes], Awaitable[Decision]],
+    *,
+    as_json: bool,
+    after: Callable[[ProducersView, bytes], list[CandidateRow]] | None = None,
+) -> None:
+    """Call for a candidate, wait until it is final, and tell how it stands now.
+
+    If the call may cost a seat, `after` tells who would have one then, and it is looked first whether they can go on.
+    Raises GOVERNANCE_QUORUM_UNWELL.
+    """
+
+    async def run(client: NetworkClient) -> tuple[Decision, ProducersView, MembershipView, bytes]:
+        view, membership = await _read(client, seat.key)
+        key = _find_key(node, view, membership)
+        if after is not None:
+            await require_live_quorum(client, seat.folder, view, after(view, key))
+        decision = await work(Governor(client, seat.key), key)
+        now, membership = await _read(client, seat.key)
+        return decision, now, membership, key
+
+    decision, view, membership, key = with_client(seat, run)
+    row = next((row for row in view.candidates if row.key == key), None)
+    if as_json:
+        document = {
+            "ok": True,
+            "height": decision.height,
+            "txid": decision.txid.hex(),
+            "epoch": decision.epoch,
+            "producer": None if row is None else _row_json(row),
+            "votes_needed": membership.majority,
+        }
+        print_json(document)
+        return
+    console.print(f"{what} {escape(node)}: final at height {decision.height}.")
+    if decision.epoch is not None:
+        console.print(f"Epoch {decision.epoch} begins with the block after that height: {_standing(row, view)}.")
+        if len(view.epoch.producers) < TOLERANT_MIN_COUNT:
+            count = len(view.epoch.producers)
+            console.print(f"With {count} producers, none of them may fail: the chain goes on only while all work.")
+    else:
+        console.print(f"Now: {_standing(row, view)}. {_next_step(node, row, membership)}")
+
+
+def _standing(row: CandidateRow | None, view: ProducersView) -> str:
+    seats = f"{len(view.epoch.producers)} producers"
+    if row is None:
+        return f"it is no candidate any more; {seats}"
+    ready = "" if row.status == "producing" else f", ready: {_ready(row, view)}"
+    return f"{row.status}, votes: {', '.join(row.votes) or 'none'}{ready}; {seats}"
+
+
+def _next_step(node: str, row: CandidateRow | None, membership: MembershipView) -> str:
+    if row is not None and row.removals:
+        return f"Next step for a removal: another organisation says blockrobot producer remove {node} --as ORG."
+    if row is None or row.status in {"producing", "removed"}:
+        return "Next step: see all with blockrobot producer list."
+    if len(row.votes) < membership.majority:
+        return f"Next step: another organisation says blockrobot producer approve {node} --as ORG."
+    return "Next step: its node says by itself that it is ready, once it runs and has caught up."
+
+
+@producer.command()
+@click.argument("node")
+@governing_options
+@json_option
+@plain_errors
+def propose(node: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Make a node a candidate, with your organisation's vote. The node must be in the network (org propose add-node).
+
+    Example: blockrobot producer propose node-5 --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    _vote(node, seat, "Proposed", lambda governor, key: governor.propose_producer(key), as_json=as_json)
+
+
+@producer.command()
+@click.argument("node")
+@governing_options
+@json_option
+@plain_errors
+def approve(node: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Vote for a candidate, or for a suspended producer's return.
+
+    Example: blockrobot producer approve node-5 --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+    _vote(node, seat, "Voted for", lambda governor, key: governor.approve_producer(key), as_json=as_json)
+
+
+@producer.command()
+@click.argument("node")
+@anyway_option
+@governing_options
+@json_option
+@plain_errors
+def withdraw(
+    node: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Take your organisation's vote back. A producer without any vote loses its seat.
+
+    Example: blockrobot producer withdraw node-5 --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+    _vote(
+        node,
+        seat,
+        "Vote withdrawn from",
+        lambda governor, key: governor.withdraw_producer(key),
+        as_json=as_json,
+        after=None if anyway else lambda view, key: seats_after(view, withdrawn=(key, seat.organisation)),
+    )
+
+
+@producer.command()
+@click.argument("node")
+@anyway_option
+@governing_options
+@json_option
+@plain_errors
+def remove(
+    node: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Stand for a producer's removal: one of your own goes at once, another's when a majority says so.
+
+    It is refused while too few of those who would be left are well, unless you say --anyway.
+
+    Example: blockrobot producer remove node-5 --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    _vote(
+        node,
+        seat,
+        "Removal of",
+        lambda governor, key: governor.remove_producer(key),
+        as_json=as_json,
+        after=None if anyway else lambda view, key: seats_after(view, leaving={key}),
+    )

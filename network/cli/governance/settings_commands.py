@@ -1,0 +1,181 @@
+"""`blockrobot settings`: the chain's settings, proposed, approved and listed. Must never check a value itself.
+
+What a setting may be is decided by the contract; the ranges shown here are for readers.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.chain.governance import (
+    MembershipView,
+    ProducersView,
+    ProposalRow,
+    read_membership,
+    read_producers,
+    settings_in_force,
+)
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.primitives.keys import PrivateKey
+from network.cli.governance.governance_signer import (
+    decide_on_proposal,
+    governing_options,
+    plain_table,
+    print_proposals,
+    proposal_json,
+    propose_once,
+    read_with_any,
+    report_decision,
+    summary_of,
+    take_seat,
+)
+from network.cli.governance.quorum_check import anyway_option, check_setting
+
+_NUMBER = re.compile(r"-?[0-9]{1,70}", re.ASCII)
+_MEANINGS = {
+    "base_timeout_ms": ("50 to the cap", "when a round is given up"),
+    "timeout_cap_ms": ("1000 to 60000", "that, after many lost rounds"),
+    "heartbeat_ms": ("1 to 3600000", "an idle chain's empty block"),
+    "min_block_interval_ms": ("below the base", "the pause between two blocks"),
+    "max_clock_drift_ms": ("500 to 60000", "how far ahead a block may be"),
+    "blocks_per_turn": ("1 to 100", "blocks before the next turn"),
+    "production": ("or interval:MS", "when blocks are made"),
+    "max_producers": ("1 to 21", "candidates with a seat"),
+    "robot_staged_max_mib": ("1 to 1048576", "a robot's clips that are not recorded yet"),
+    "robot_staged_max_count": ("1 to 1000000", "the same, their number"),
+    "robot_day_max_mib": ("1 to 1073741824", "what a robot may upload a day"),
+    "organisation_staged_max_mib": ("1 to 1048576", "all robots of an organisation: not recorded yet"),
+    "organisation_staged_max_count": ("1 to 1000000", "the same, their number"),
+    "organisation_day_max_mib": ("1 to 1073741824", "what they may upload a day"),
+}
+
+
+@click.group()
+def settings() -> None:
+    """The chain's settings: what is in force, and what organisations propose.
+
+    Example: blockrobot settings propose base_timeout_ms 800 --as hospital
+    """
+
+
+@settings.command("list")
+@governing_options
+@json_option
+@plain_errors
+def list_settings(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Show the settings in force and the open proposals, checked against proofs.
+
+    Example: blockrobot settings list --json
+    """
+
+    async def read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, MembershipView]:
+        return await read_producers(client, key), await read_membership(client, key)
+
+    producers, membership = read_with_any(folder, organisation, key_file, read)
+    values = settings_in_force(producers)
+    proposals = [row for row in membership.proposals if row.contract == "settings"]
+    if as_json:
+        document: dict[str, Any] = {
+            "ok": True,
+            "height": producers.height,
+            "epoch": producers.epoch.number,
+            "since_height": producers.since_height,
+            "settings": values,
+            "proposals": [proposal_json(row, membership.majority) for row in proposals],
+        }
+        print_json(document)
+        return
+    title = f"Settings of epoch {producers.epoch.number}, as of height {producers.height}"
+    table = plain_table(title, ["setting", "value", "may be", "meaning"])
+    for name, value in values.items():
+        table.add_row(name, escape(str(value)), *_MEANINGS.get(name, ("", "")))
+    console.print(table)
+    print_proposals(proposals, membership.majority, "settings")
+
+
+def _read_value(text: str) -> int | str:
+    return int(text) if _NUMBER.fullmatch(text) else text
+
+
+@settings.command(context_settings={"ignore_unknown_options": True})  # a value may begin with a minus
+@click.argument("name")
+@click.argument("value")
+@anyway_option
+@governing_options
+@json_option
+@plain_errors
+def propose(
+    name: str,
+    value: str,
+    anyway: bool,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose a value for a setting; a majority of the organisations puts it into force.
+
+    Fewer seats are refused while too few of the producers left over are well, unless you say --anyway.
+
+    Example: blockrobot settings propose base_timeout_ms 800 --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    wanted = _read_value(value.strip())
+
+    async def look(client: NetworkClient, _: MembershipView) -> None:
+        if not anyway:
+            await check_setting(client, seat.folder, seat.key, name, wanted)
+
+    arguments = {"name": name, "value": wanted}
+    told = propose_once(
+        seat, "settings", "set", arguments, lambda governor: governor.propose_setting(name, wanted), look
+    )
+    report_decision(told, f"{name} = {wanted}", "settings", as_json=as_json)
+
+
+@settings.command()
+@click.argument("proposal")
+@anyway_option
+@governing_options
+@json_option
+@plain_errors
+def approve(
+    proposal: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Stand behind a proposed setting (named by the first digits of its id).
+
+    Fewer seats are refused while too few of the producers left over are well, unless you say --anyway.
+
+    Example: blockrobot settings approve 3fa2c19b07de --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+
+    async def look(client: NetworkClient, _: MembershipView, found: ProposalRow) -> None:
+        if not anyway:
+            await check_setting(client, seat.folder, seat.key, found.arguments["name"], found.arguments["value"])
+
+    told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.approve(found), look)
+    report_decision(told, summary_of(row), "settings", as_json=as_json)
+
+
+@settings.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def withdraw(
+    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Take back a setting that your own organisation proposed.
+
+    Example: blockrobot settings withdraw 3fa2c19b07de --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.withdraw(found))
+    report_decision(told, f"Withdrawal of {summary_of(row)}", "settings", as_json=as_json, needs_others=False)

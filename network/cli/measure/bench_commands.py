@@ -1,0 +1,389 @@
+"""`blockrobot bench`: figures of what the network does. Must never exit 0 after an error."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from clients.sdk.terminal.safe_output import overwrite_line
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
+from network.bench.bench_ending import run_to_end
+
+LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
+HELD_MAX_COUNT = 1_000_000
+_TELL_PERSON_EVERY_S, _TELL_FILE_EVERY_S = 0.2, 15.0
+
+
+@click.group()
+def bench() -> None:
+    """Measure the network; exits 0 only if nothing failed.
+
+    Example: blockrobot bench tx --clients 16 --seconds 10 --json
+    """
+
+
+@bench.command()
+@click.option("--clients", default=16, show_default=True, type=click.IntRange(1, 256), help="Robots at once.")
+@click.option("--seconds", default=10.0, show_default=True, type=click.FloatRange(0.5, 240.0), help="How long.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="Node processes.")
+@click.option("--batch", default=16, show_default=True, type=click.IntRange(1, 256), help="Calls a request.")
+@json_option
+@plain_errors
+def tx(clients: int, seconds: float, nodes: int, batch: int, as_json: bool) -> None:
+    """Measure calls a second, and how long each takes, with many robots at once.
+
+    Example: blockrobot bench tx --clients 8 --batch 32
+    """
+    from network.bench.throughput import LoadOptions, run_tx_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    options = LoadOptions(clients=clients, seconds=seconds, nodes=nodes, batch=batch)
+    _finish(run_to_end(run_tx_benchmark(options)), as_json=as_json)
+
+
+@bench.command()
+@click.option("--count", default=100, show_default=True, type=click.IntRange(1, 5_000), help="How many calls.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="Node processes.")
+@json_option
+@plain_errors
+def latency(count: int, nodes: int, as_json: bool) -> None:
+    """Measure how long one call takes on an idle network, with the proof checked.
+
+    Example: blockrobot bench latency --count 200 --json
+    """
+    from network.bench.latency import run_latency_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    _finish(run_to_end(run_latency_benchmark(count=count, nodes=nodes)), as_json=as_json)
+
+
+@bench.command()
+@click.option("--repeats", default=3, show_default=True, type=click.IntRange(1, 100), help="How often each fault.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(4, 21), help="Node processes.")
+@json_option
+@plain_errors
+def faults(repeats: int, nodes: int, as_json: bool) -> None:
+    """Measure how long nothing becomes final when the leader is killed, and how soon it is back.
+
+    Example: blockrobot bench faults --repeats 5 --json
+    """
+    from network.bench.fault_recovery import run_faults_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    _finish(run_to_end(run_faults_benchmark(repeats=repeats, nodes=nodes)), as_json=as_json)
+
+
+@bench.command()
+@click.option(
+    "--seconds",
+    default=3.0,
+    show_default=True,
+    type=click.FloatRange(0.1, 120.0),
+    help="CPU time to spend, for each figure.",
+)
+@click.option("--profile", is_flag=True, help="Also show where the time of one call goes.")
+@click.option("--worst", is_flag=True, help="Instead: what a million gas is in time, program by program (minutes).")
+@click.option(
+    "--search",
+    "search_min",
+    type=click.FloatRange(0.05, 600.0),
+    help="With --worst: breed dearer programs for so many minutes of CPU time.",
+)
+@click.option("--seed", type=int, default=1, show_default=True, help="Of the search.")
+@json_option
+@plain_errors
+def vm(seconds: float, profile: bool, worst: bool, search_min: float | None, seed: int, as_json: bool) -> None:
+    """Measure the contract machine alone: no network, no signatures, no disk.
+
+    \b
+    Example: blockrobot bench vm --seconds 1 --profile
+    Example: blockrobot bench vm --worst --json
+    Example: blockrobot bench vm --worst --search 30 --seed 7 --json
+    """
+    if search_min is not None and not worst:
+        raise click.UsageError("--search needs --worst.")
+    if worst:
+        from network.bench.vm.vm_worst import run_worst_benchmark, run_worst_search  # noqa: PLC0415 - when it is needed
+
+        if search_min is None:
+            _finish(run_worst_benchmark(), as_json=as_json)
+        else:
+            _finish(run_worst_search(search_min, seed, lambda line: click.echo(line, err=True)), as_json=as_json)
+        return
+    from network.bench.vm.vm_bench import run_vm_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    result = run_vm_benchmark(seconds, profile=profile)
+    result["conditions"] = {"nodes": 0, "seed": None, **result["conditions"]}
+    _finish(result, as_json=as_json)
+
+
+@bench.command("sync")
+@click.option(
+    "--seconds", default=20.0, show_default=True, type=click.FloatRange(2.0, 900.0), help="How long it is down."
+)
+@click.option("--rate", default=100, show_default=True, type=click.IntRange(1, 1_000), help="Calls a second meanwhile.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(4, 21), help="Node processes.")
+@click.option("--new", is_flag=True, help="The node comes back with an empty ledger, and begins at genesis.")
+@json_option
+@plain_errors
+def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool) -> None:
+    """Measure how fast a node that was down catches up while the chain goes on.
+
+    Example: blockrobot bench sync --seconds 30 --json
+    """
+    from network.bench.catch_up import SyncOptions, run_sync_benchmark  # noqa: PLC0415 - only when it is needed
+
+    options = SyncOptions(seconds=seconds, rate=rate, nodes=nodes, new=new)
+    _finish(run_to_end(run_sync_benchmark(options)), as_json=as_json)
+
+
+def _read_counts(_context: click.Context, _option: click.Parameter, text: str | None) -> tuple[int, ...]:
+    """Read numbers with commas between them."""
+    counts = tuple(int(part) if part.isascii() and part.isdigit() else 0 for part in (text or "").split(",") if text)
+    if not all(0 < count <= HELD_MAX_COUNT for count in counts):
+        raise click.BadParameter(f"Write numbers from 1 to {HELD_MAX_COUNT:,}, such as 250,4000.")
+    return counts
+
+
+@bench.command("custody")
+@click.option(
+    "--store", default="sqlite", show_default=True, help="sqlite, mongodb (a server here), or mongodb://host:port."
+)
+@click.option("--erasures", default=50, show_default=True, type=click.IntRange(1, 10_000), help="One after another.")
+@click.option(
+    "--behind", default=10_000, show_default=True, type=click.IntRange(50, 1_000_000), help="Records to catch up."
+)
+@click.option("--held", callback=_read_counts, help="Only erasing, beside so many kept clips: 250,4000,100000. SQLite.")
+@json_option
+@plain_errors
+def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...], as_json: bool) -> None:
+    """Measure what custody costs: erasing until every receipt is final, following, catching up, scanning, room.
+
+    A server for --store has to run already; its databases are the benchmark's own and are dropped. A line of progress
+    goes to standard error. 10,000 records take a few minutes and about 3 GB of disk.
+
+    Example: blockrobot bench custody --store sqlite --json
+    """
+    from network.bench.custody.custody_bench import CustodyOptions, run_custody_benchmark  # noqa: PLC0415 - only when it is needed
+
+    uri = LOCAL_MONGO_URI if store == "mongodb" else store
+    if held and uri != "sqlite":
+        raise click.UsageError("--held measures the embedded store; leave --store out.")
+    options = CustodyOptions(store=uri, erasures=erasures, behind=behind, held=held)
+    _finish(run_to_end(run_custody_benchmark(options, _Teller())), as_json=as_json)
+
+
+@bench.command("flood")
+@click.option("--kind", default="all", show_default=True, help="What is sent (--list), several with commas, or all.")
+@click.option(
+    "--as",
+    "identity",
+    default="stranger",
+    show_default=True,
+    type=click.Choice(["stranger", "member", "robot", "node"]),
+    help="Whose keys the attacker has; a node's: of one that is known and does not run.",
+)
+@click.option("--seconds", default=6.0, show_default=True, type=click.FloatRange(1.0, 120.0), help="How long each.")
+@click.option("--list", "lists", is_flag=True, help="Only show what there is to send.")
+@json_option
+@plain_errors
+def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json: bool) -> None:
+    """Flood a network of four nodes, from one core and with at most 20 MB a second, and measure what it does to others.
+
+    Exits 1 if a goal is missed: finality at most five times as late (p95), `/status` within a second, the attacker named
+    in logs and by the doctor (unless nothing was refused or late), and all as before 2 s after the end. A line for each
+    kind goes to standard error.
+
+    Example: blockrobot bench flood --kind TRANSACTIONS --as node --json
+    """
+    from network.bench.flood.flood_bench import FloodOptions, run_flood_benchmark  # noqa: PLC0415 - only when it is needed
+    from network.bench.flood.flood_routes import kinds_of  # noqa: PLC0415
+
+    if lists:
+        click.echo("\n".join(kinds_of(identity)))
+        return
+    _finish(run_to_end(run_flood_benchmark(FloodOptions(kind, identity, seconds), _tell_line)), as_json=as_json)
+
+
+@bench.command("hiding")
+@click.option("--scenes", default=200, show_default=True, type=click.IntRange(1, 10_000), help="Scenes to judge.")
+@click.option("--seeds", default=5, show_default=True, type=click.IntRange(1, 100), help="Over how many seeds.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="The first seed.")
+@click.option(
+    "--learning-scenes",
+    default=40,
+    show_default=True,
+    type=click.IntRange(4, 1_000),
+    help="To train on, for each seed.",
+)
+@click.option("--people", default=8, show_default=True, type=click.IntRange(2, 64), help="To tell apart by their gait.")
+@click.option(
+    "--matcher-tracks", default=0, type=click.IntRange(0, 1_000_000), help="Also judge the matcher on drawn tracks."
+)
+@click.option(
+    "--companion-scenes", default=0, type=click.IntRange(0, 10_000), help="Also judge companions, scenes of each kind."
+)
+@click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
+@json_option
+@plain_errors
+def hiding(as_json: bool, **options: int) -> None:
+    """Judge hiding: what hand-made and learned attackers recover of the people whom a robot hides.
+
+    Exits 1 if a goal is missed. Needs the extra `attack` (scikit-learn). A line of progress goes to standard error.
+
+    Example: blockrobot bench hiding --scenes 200 --json
+    """
+    from network.lab.hiding.judge import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
+
+    _finish(run_hiding_benchmark(HidingOptions(**options), _Teller()), as_json=as_json)
+
+
+@bench.command("matcher")
+@click.option(
+    "--tracks", default=2_000, show_default=True, type=click.IntRange(1, 1_000_000), help="Drawn tracks, each group."
+)
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0), help="What is drawn.")
+@click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
+@json_option
+@plain_errors
+def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) -> None:
+    """Measure how often the robot would take a tag's bearer for somebody else, and how much it withholds.
+
+    Exits 1 if a goal is missed. 10,000 tracks take a few minutes on two cores.
+
+    Example: blockrobot bench matcher --tracks 10000 --seed 1 --json
+    """
+    from network.lab.matcher.matcher_judge import judge_matcher  # noqa: PLC0415 - only when it is needed
+
+    def tell(done: int, of: int) -> None:
+        if sys.stderr.isatty():
+            overwrite_line(f"drawn and judged: {done} of {of} hundreds", ends=done == of)
+
+    _finish(judge_matcher(tracks, seed, workers=workers, progress=tell), as_json=as_json)
+
+
+def _tell_line(line: str) -> None:
+    click.echo(line, err=True)
+
+
+class _Teller:
+    """Says on standard error how far a measurement is: one moving line for a person, a line now and then for a file."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+
+    def __call__(self, line: str) -> None:
+        moving = sys.stderr.isatty()
+        if time.monotonic() - self._last < (_TELL_PERSON_EVERY_S if moving else _TELL_FILE_EVERY_S):
+            return
+        self._last = time.monotonic()
+        if moving:
+            overwrite_line(line)
+        else:
+            click.echo(line, err=True)
+
+
+@bench.command("companions")
+@click.option("--scenes", default=12, show_default=True, type=click.IntRange(1, 10_000), help="Scenes of each kind.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**20), help="What is drawn.")
+@click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
+@json_option
+@plain_errors
+def companions_command(scenes: int, seed: int, workers: int | None, as_json: bool) -> None:
+    """Measure how often two people in one silhouette are found, and single people taken for two.
+
+    Exits 1 if a goal is missed.
+
+    Example: blockrobot bench companions --scenes 40 --seed 2 --json
+    """
+    from network.lab.hiding.companions import judge_companions  # noqa: PLC0415 - only when it is needed
+
+    _finish(judge_companions(seed, scenes=scenes, workers=workers), as_json=as_json)
+
+
+@bench.command("pedestrians")
+@click.option("--tags", default=12, show_default=True, type=click.IntRange(1, 64), help="Drawn tags.")
+@click.option(
+    "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the readings are drawn from."
+)
+@click.option(
+    "--film", default=None, type=click.Path(path_type=Path), help="The film. [default: opencv-doc's vtest.avi]"
+)
+@click.option("--picture", default=None, type=click.Path(path_type=Path), help="Write what is shown to whom, as a PNG.")
+@json_option
+@plain_errors
+def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path | None, as_json: bool) -> None:
+    """Measure how many real pedestrians stay visible to whom, on a film of them.
+
+    The film is vtest.avi of Debian's opencv-doc: colour without depth, from a high camera. Depth is worked out from flat
+    ground, tags are drawn for those who are followed longest. Exits 1 if anybody is visible to somebody else.
+
+    Example: blockrobot bench pedestrians --picture shown.png
+    """
+    from network.lab.pedestrians.film import FILM  # noqa: PLC0415 - only when it is needed
+    from network.lab.pedestrians.judge import judge_pedestrians  # noqa: PLC0415
+
+    result = judge_pedestrians(seed, tags=tags, film_file=film or FILM, picture=picture, tell=_Teller())
+    _finish(result, as_json=as_json)
+
+
+@bench.command("robot")
+@click.option("--seconds", default=60.0, show_default=True, type=click.FloatRange(2.0, 3_600.0), help="How long.")
+@click.option("--robots", default=1, show_default=True, type=click.IntRange(1, 16), help="Robots at once.")
+@click.option("--fps", default=30, show_default=True, type=click.IntRange(1, 60), help="Frames a second, each robot.")
+@click.option("--cut", default=0.0, type=click.FloatRange(0.0, 600.0), help="Seconds without a network, in the middle.")
+@click.option(
+    "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from."
+)
+@json_option
+@plain_errors
+def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, as_json: bool) -> None:
+    """Measure whether a robot keeps up with its camera, two registered people in view; no frame may be lost or doubled.
+
+    A stretch of at most 20 s is rendered once, kept, and looped; then robots, nodes and wallets run for real. At the
+    end each person's wallet opens every picture of hers. A line of progress goes to standard error.
+
+    \b
+    Example: blockrobot bench robot --seconds 60 --robots 1 --json
+    Example: blockrobot bench robot --seconds 180 --cut 60
+    """
+    from network.bench.robot.robot_bench import RobotOptions, run_robot_benchmark  # noqa: PLC0415 - only when it is needed
+
+    if cut >= seconds:
+        raise click.UsageError("--cut is a part of --seconds, and must be shorter.")
+    options = RobotOptions(
+        seconds=seconds, robots=robots, fps=fps, cut_s=cut, seed=seed, cache=home_folder() / "recordings"
+    )
+    _finish(run_to_end(run_robot_benchmark(options, _Teller())), as_json=as_json)
+
+
+def _finish(result: dict[str, Any], *, as_json: bool) -> None:
+    """Print a result and exit 1 if it is not `ok`."""
+    if as_json:
+        print_json(result)
+    else:
+        console.print(_table(result))
+    if not result["ok"]:
+        sys.exit(EXIT_FAILED)
+
+
+def _table(result: dict[str, Any]) -> Table:
+    table = Table(title=f"{result['name']}: {'ok' if result['ok'] else 'FAILED'}", title_justify="left")
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    for name, value in result["figures"].items():
+        table.add_row(name, str(value))
+    table.add_section()
+    for name, value in result["conditions"].items():
+        table.add_row(name, str(value))
+    if "programs" in result:
+        table.add_section()
+        for program in result["programs"]:
+            table.add_row(f"ms a million gas: {program['name']}", str(program["ms_per_million_gas"]))
+    if "profile" in result:
+        table.add_section()
+        for name, value in result["profile"].items():
+            table.add_row(f"us a call in {name}", str(value))
+    return table

@@ -1,0 +1,198 @@
+"""`blockrobot certificate`: the certificates by which nodes know one another. Must never print a key.
+
+An organisation issues and renews with its own authority, on its own machine; revoking is a transaction, so that it
+counts on every node from the same height on.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.markup import escape
+
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.governance.governance_signer import (
+    governing_options,
+    plain_table,
+    propose_once,
+    report_decision,
+    take_seat,
+)
+from network.cli.node.node_commands import find_node
+from network.cluster import Cluster
+from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS
+from network.provisioning.exchange_files import read_certificate
+from network.provisioning.node_certificates import (
+    find_authority,
+    issue_into,
+    now_ms,
+    parse_serial,
+    read_report,
+    renew,
+    serial_bytes,
+)
+from network.provisioning.node_joining import newest_directory, organisation_of
+from node.config import NodeConfig
+
+authority_option = click.option(
+    "--authority",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="The folder with ca.crt.pem and ca.key.pem, if it is not in the network's folder.",
+)
+_file = click.Path(path_type=Path, exists=True, dir_okay=False)
+days_option = click.option(
+    "--days", default=NODE_LIFETIME_DAYS, show_default=True, type=click.IntRange(1, 3650), help="How long it counts."
+)
+
+
+@click.group()
+def certificate() -> None:
+    """The certificates of nodes: list, issue, renew, revoke. NODE is a name in the network or a data directory.
+
+    Example: blockrobot certificate renew node-2
+    """
+
+
+@certificate.command("list")
+@folder_option
+@json_option
+@plain_errors
+def list_certificates(folder: Path | None, as_json: bool) -> None:
+    """Show each node's certificate: its serial number, until when it counts, whether it was revoked.
+
+    Example: blockrobot certificate list --json
+    """
+    cluster = Cluster(network_folder(folder))
+    directory = newest_directory(cluster.genesis, cluster.configs.values())
+    time_ms = now_ms()
+    rows = [read_report(config).to_json(time_ms, directory.revoked) for config in cluster.configs.values()]
+    if as_json:
+        print_json({"ok": all(row["state"] in {"valid", "expiring"} for row in rows), "certificates": rows})
+        return
+    table = plain_table(f"Certificates as of height {directory.height}", ["node", "of", "state", "expires", "serial"])
+    for row in rows:
+        state = f"{row['state']}: {row['trouble']}" if row["trouble"] else row["state"]
+        table.add_row(row["node"], row["organisation"], escape(state), row["expires"], row["serial"])
+    console.print(table)
+
+
+@certificate.command()
+@click.argument("name")
+@click.option("--organisation", required=True, help="Whose node it is.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="The node's address or host name.")
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Where the two files are made."
+)
+@days_option
+@authority_option
+@folder_option
+@json_option
+@plain_errors
+def issue(
+    name: str,
+    organisation: str,
+    host: str,
+    out: Path,
+    days: int,
+    authority: Path | None,
+    folder: Path | None,
+    as_json: bool,
+) -> None:
+    """Issue a certificate with a new key, as tls.crt.pem and tls.key.pem, for a node that has none.
+
+    Example: blockrobot certificate issue node-7 --organisation hospital --out keys/node-7
+    """
+    ca = find_authority(network_folder(folder), organisation, authority)
+    try:
+        serial = issue_into(out, ca, name, host, days)
+    except FileExistsError:
+        raise BlockRobotError("NODE_EXISTS", f"There is a certificate or a key in {out} already; renew it.") from None
+    if as_json:
+        print_json({"ok": True, "node": name, "serial": f"{serial:x}", "folder": str(out)})
+    else:
+        console.print(f"Issued {serial:x} for {escape(name)}: the certificate and its key are in {escape(str(out))}.")
+
+
+@certificate.command("renew")
+@click.argument("node")
+@click.option("--new-key", is_flag=True, help="Make a new key too: after a theft, or a revocation.")
+@days_option
+@authority_option
+@folder_option
+@json_option
+@plain_errors
+def renew_certificate(
+    node: str, new_key: bool, days: int, authority: Path | None, folder: Path | None, as_json: bool
+) -> None:
+    """Renew a node's certificate in its data directory. A running node takes it within a second.
+
+    Example: blockrobot certificate renew node-2 --days 365
+    """
+    config = find_node(node, folder)
+    organisation = _organisation(config, folder)
+    serial = renew(config, find_authority(network_folder(folder), organisation, authority), days=days, new_key=new_key)
+    report = read_report(config)
+    expires = "" if report.facts is None else report.facts.expires
+    if as_json:
+        print_json({"ok": True, "node": config.name, "serial": f"{serial:x}", "expires": expires})
+    else:
+        console.print(f"{config.name} has certificate {serial:x} now; it counts until {expires}.")
+
+
+@certificate.command()
+@click.argument("node", required=False)
+@click.option("--serial", help="The certificate by its serial number, in hexadecimal; else the one the node has now.")
+@click.option("--certificate", "file", type=_file, help="The certificate by its file (PEM).")
+@click.option(
+    "--of", "owner", metavar="ORG", help="With --serial or --certificate: whose authority issued it; else your own."
+)
+@governing_options
+@json_option
+@plain_errors
+def revoke(
+    node: str | None,
+    serial: str | None,
+    file: Path | None,
+    owner: str | None,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Revoke a certificate on the chain. An organisation revokes its own alone; another's needs a majority.
+
+    Example: blockrobot certificate revoke node-2 --as hospital
+    """
+    if sum(item is not None for item in (node, serial, file)) != 1:
+        raise click.UsageError("Name a node, or a certificate with --serial or --certificate.")
+    if node is not None:
+        config = find_node(node, folder)
+        facts = read_report(config).facts
+        if facts is None:
+            raise BlockRobotError("FILE_UNUSABLE", f"The certificate of {config.name} cannot be read; use --serial.")
+        number, owner = facts.serial, owner or _organisation(config, folder)
+    else:
+        number = parse_serial(str(serial) if file is None else f"{read_certificate(file).serial_number:x}")
+    seat = take_seat(folder, organisation or (owner if key_file is None else None), key_file)
+    owner = owner or seat.organisation
+    if not owner:
+        raise click.UsageError("Say whose authority issued it: --of ORG.")
+    arguments = {"organisation": owner, "serial": serial_bytes(number)}
+    told = propose_once(
+        seat,
+        "membership",
+        "revoke_certificate",
+        arguments,
+        lambda governor: governor.propose_membership("revoke_certificate", arguments),
+    )
+    report_decision(told, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
+
+
+def _organisation(config: NodeConfig, folder: Path | None) -> str:
+    """Return whose node it is. Raises NOT_FOUND."""
+    place = network_folder(folder)
+    known = list(Cluster(place).configs.values()) if (place / "genesis.json").is_file() else []
+    return organisation_of(config, [*known, config])

@@ -1,0 +1,67 @@
+"""`blockrobot node`: what is done to one node. Must never do work itself: it names the commands and where they live."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from clients.sdk.terminal.lazy_group import CommandPlace, LazyGroup
+from consensus.errors import BlockRobotError
+from network.cli.cluster.cluster_commands import network_folder
+from network.cluster import Cluster
+from node.config import CONFIG_FILE, NodeConfig, load_config
+
+_PLACES = {
+    "add": CommandPlace(
+        "network.cli.node.node_add_command:add",
+        "Add a node to the local network, in one go: for lessons, and for trying things out.",
+    ),
+    "init": CommandPlace(
+        "network.cli.node.node_setup_commands:init",
+        "Make the data directory of a node that joins a network which runs already.",
+    ),
+    "directory": CommandPlace(
+        "network.cli.node.node_setup_commands:directory",
+        "Show who the nodes are by a node's chain; with --out, write it for `node init --directory` elsewhere.",
+    ),
+    "run": CommandPlace(
+        "network.cli.node.node_run_command:run",
+        "Run a node until Ctrl-C or SIGTERM. NODE is its data directory, or its name in the local network.",
+    ),
+    "snapshot": CommandPlace(
+        "network.cli.node.snapshot_commands:snapshot", "Bring a node to a block's state without the blocks before it."
+    ),
+    "prune": CommandPlace(
+        "network.cli.node.ledger_commands:prune",
+        "Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.",
+    ),
+    "diff": CommandPlace(
+        "network.cli.node.ledger_commands:diff",
+        "Name the first block and state key on which nodes A and B differ, and the transaction that wrote it.",
+    ),
+}
+
+
+@click.group(cls=LazyGroup, places=_PLACES)
+def node() -> None:
+    """Work on one node: NODE is its data directory, or its name in the local network (see --dir).
+
+    Example: blockrobot node snapshot create node-1 --out backup/node-1
+    """
+
+
+def find_node(text: str, folder: Path | None) -> NodeConfig:
+    """Return the configuration of the node that a command means: a data directory, or a name in a network's folder.
+
+    Raises NOT_FOUND, DATA_DIRECTORY_INVALID, CONFIGURATION_INVALID.
+    """
+    place = Path(text)
+    if (place / CONFIG_FILE).is_file():
+        return load_config(place.resolve())
+    if place.is_dir():
+        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {CONFIG_FILE} in {place}.")
+    network = network_folder(folder)
+    if not (network / "genesis.json").is_file():
+        raise BlockRobotError("NOT_FOUND", f"{text} is no data directory, and there is no network in {network}.")
+    return Cluster(network).config(text)

@@ -1,0 +1,177 @@
+"""`blockrobot node init | directory`: a node that joins, and who is there. Must never print or send a private key."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import click
+from rich.markup import escape
+
+from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
+from consensus.chain.genesis import Genesis
+from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
+from network.cli.node.node_commands import find_node
+from network.cluster import Cluster
+from network.provisioning.node_certificates import find_authority
+from network.provisioning.node_joining import (
+    ENTRY_FILE,
+    Newcomer,
+    init_node,
+    newest_directory,
+    next_base_port,
+    of_chain,
+)
+from node.directory.directory_file import DIRECTORY_FILE, decode_directory, encode_directory
+
+
+@click.command()
+@click.argument("name")
+@click.option("--organisation", required=True, help="Whose node it is; its authority signs the certificate.")
+@click.option(
+    "--data-dir",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where the node keeps all that is its own; else nodes/NAME in the network's folder.",
+)
+@click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens, and peers reach it.")
+@click.option(
+    "--api-url",
+    default="",
+    metavar="URL",
+    help="Where clients reach it: needed, and https://, if --host is another machine's address.",
+)
+@click.option("--base-port", type=click.IntRange(1, 65_533), help="The first of its three ports; else the next free.")
+@click.option("--custodian", is_flag=True, help="It keeps off-chain data too.")
+@click.option("--store", default="sqlite", show_default=True, help="A custodian's store: sqlite or mongodb://...")
+@click.option("--authority", type=click.Path(path_type=Path, file_okay=False), help="The folder with the CA's files.")
+@click.option(
+    "--genesis", type=click.Path(path_type=Path, dir_okay=False), help="The genesis file; else the network folder's."
+)
+@click.option(
+    "--directory",
+    "directory_file",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help=f"A {DIRECTORY_FILE} of another machine (see node directory), if the network is older than its genesis file.",
+)
+@click.option(
+    "--faults", is_flag=True, help="Allow it to be broken on purpose (blockrobot fault). For experiments only."
+)
+@folder_option
+@json_option
+@plain_errors
+def init(
+    name: str,
+    organisation: str,
+    data_dir: Path | None,
+    host: str,
+    api_url: str,
+    base_port: int | None,
+    custodian: bool,
+    store: str,
+    authority: Path | None,
+    genesis: Path | None,
+    directory_file: Path | None,
+    faults: bool,
+    folder: Path | None,
+    as_json: bool,
+) -> None:
+    """Make the data directory of a node that joins a network which runs already.
+
+    It follows the chain once the organisations have agreed on it, and produces blocks once they vote for it.
+
+    Example: blockrobot node init node-5 --organisation hospital
+    """
+    network = network_folder(folder)
+    beginning = load_genesis(genesis or network / "genesis.json")
+    is_elsewhere = not _is_home(network, beginning)
+    if is_elsewhere and (data_dir is None or authority is None):
+        raise click.UsageError(f"{network} is another network: name --data-dir and --authority as well.")
+    configs = list(Cluster(network).configs.values()) if (network / "genesis.json").is_file() else []
+    known = newest_directory(beginning, of_chain(configs, beginning.chain_id))
+    if directory_file is not None:
+        told = decode_directory(directory_file.read_bytes(), beginning.chain_id)
+        known = max(known, told, key=lambda content: content.height)
+    newcomer = Newcomer(
+        name=name,
+        organisation=organisation,
+        host=host,
+        base_port=base_port or next_base_port(known, configs),
+        store=store,
+        is_custodian=custodian,
+        faults=faults,
+        api_url=api_url,
+    )
+    place = (data_dir or network / "nodes" / name).resolve()
+    entry = init_node(place, newcomer, beginning, find_authority(network, organisation, authority), known)
+    speaker = _speaker(organisation, None if is_elsewhere else network, authority)
+    steps = next_steps(name, speaker, place, None if data_dir is not None else network, folder)
+    if as_json:
+        keys = {"producer_key": entry.producer_key.hex(), "custodian_key": entry.custodian_key.hex()}
+        files = {"data_dir": str(place), "entry": str(place / ENTRY_FILE)}
+        print_json({"ok": True, "node": name, **files, **keys, "next_steps": steps})
+        return
+    console.print(f"The node {escape(name)} of {escape(organisation)} is in {escape(str(place))}. What is next:")
+    for number, step in enumerate(steps, 1):
+        console.print(f"  {number}. {escape(step)}")
+
+
+def _is_home(network: Path, beginning: Genesis) -> bool:
+    """Tell whether the network's folder is that of this genesis file, or of no network yet."""
+    path = network / "genesis.json"
+    return not path.is_file() or load_genesis(path).chain_id == beginning.chain_id
+
+
+def _speaker(organisation: str, network: Path | None, authority: Path | None) -> str:
+    """Return the option by which an admin speaks here: the node's organisation only if its admin's key is here."""
+    if network is not None and organisation in admin_keys(network):
+        return f"--as {organisation}"
+    if authority is not None and (authority / ADMIN_KEY_FILE).is_file():
+        return f"--key {shlex.quote(str(authority / ADMIN_KEY_FILE))}"
+    return "--as ORG"
+
+
+def next_steps(name: str, speaker: str, place: Path, network: Path | None, folder: Path | None) -> list[str]:
+    """Return what has to happen before a new node takes part, as commands that can be typed as they stand.
+
+    `speaker` is the option that says whose admin signs, `network` the local network that the node belongs to, if it
+    does; `folder` is what --dir said.
+    """
+    where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
+    run = shlex.quote(str(place)) if network is None else f"{name} --detach{where}"
+    return [
+        f"blockrobot org propose add-node --from {shlex.quote(str(place / ENTRY_FILE))} {speaker}{where}",
+        f"blockrobot org approve ID --as ORG{where}   (the id that propose prints; until a majority stands behind it)",
+        f"blockrobot node run {run}   (it fetches the chain and follows it)",
+        f"blockrobot producer propose {name} {speaker}{where}   (only if it is to produce blocks)",
+        f"blockrobot producer approve {name} --as ORG{where}   (until a majority has voted for it)",
+    ]
+
+
+@click.command("directory")
+@click.argument("node")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where to write it.")
+@folder_option
+@json_option
+@plain_errors
+def directory(node: str, out: Path | None, folder: Path | None, as_json: bool) -> None:
+    """Show who the nodes are by a node's chain; with --out, write it for `node init --directory` elsewhere.
+
+    Example: blockrobot node directory node-1 --out directory.json
+    """
+    config = find_node(node, folder)
+    genesis = load_genesis(config.genesis_path)
+    content = newest_directory(genesis, [config])
+    data = encode_directory(genesis.chain_id, content)
+    if out is not None:
+        out.write_bytes(data)
+    if as_json:
+        print_json({"ok": True, **json.loads(data)})
+        return
+    table = plain_table(f"Nodes as of height {content.height}", ["node", "organisation", "peers", "clients", "state"])
+    for item in content.nodes.values():
+        state = "active" if content.is_active(item) else "removed"
+        cells = [item.name, item.organisation, f"{item.host}:{item.p2p_port}", item.api_url, state]
+        table.add_row(*map(escape, cells))
+    console.print(table)

@@ -1,0 +1,210 @@
+"""The chain's contracts as proofs show them: versions, interfaces, sources, also of what is proposed. Must never believe
+a node: every value is proved, every source has the hash that the state names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
+from clients.sdk.chain.proved_rows import PROOF_KEYS_MAX_COUNT
+from clients.sdk.network_client import NetworkClient
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.state.lifecycle import (
+    DUE,
+    MACHINE_SOURCE,
+    MACHINE_SOURCE_PART,
+    MACHINE_TABLE,
+    MACHINE_TRIALS,
+    SOURCE,
+    SOURCE_PART,
+    UPLOAD_PART,
+    UPLOADS,
+    VERSION,
+    VERSIONS,
+)
+from contracts.lifecycle.changes import is_full_record
+from contracts.lifecycle.describing import (
+    ChangeDue,
+    ContractRow,
+    EntryRow,
+    VersionRow,
+    contract_rows,
+    due_rows,
+    read_newest,
+    version_row,
+)
+from contracts.lifecycle.registry import compute_source_hash, find_shipped_source
+from contracts.vm import compile_contract
+
+
+@dataclass(frozen=True, slots=True)
+class ContractsView:
+    """All contracts at a height, the changes that are due, the open proposals about contracts.
+
+    `failed` are newest versions of contracts that could not take effect.
+    """
+
+    height: int
+    contracts: tuple[ContractRow, ...]
+    due: tuple[ChangeDue, ...]
+    membership: MembershipView
+    failed: tuple[VersionRow, ...] = ()
+
+    @property
+    def proposals(self) -> list[ProposalRow]:
+        """The open proposals about contracts."""
+        return [row for row in self.membership.proposals if row.contract == "lifecycle"]
+
+    def find(self, name: str) -> ContractRow | None:
+        """Return a contract, or None."""
+        return next((row for row in self.contracts if row.name == name), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Edition:
+    """A source with what is known of it: a version of the chain, a proposed one, or a file (both without a row)."""
+
+    title: str
+    source: str
+    abi: tuple[EntryRow, ...]
+    row: VersionRow | None = None
+    proposal: ProposalRow | None = None
+
+
+async def _values(client: NetworkClient, keys: Iterable[bytes], key: PrivateKey) -> tuple[dict[bytes, Any], int]:
+    wanted, found, height = list(dict.fromkeys(keys)), {}, 0
+    for first in range(0, len(wanted), PROOF_KEYS_MAX_COUNT):
+        part = await client.state_values(wanted[first : first + PROOF_KEYS_MAX_COUNT], key)
+        found.update(part.values)
+        height = part.height
+    return found, height
+
+
+async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsView:
+    """Return all contracts with what is due and proposed. Raises NOT_FOUND on a chain without a lifecycle."""
+    membership = await read_membership(client, key)
+    found, _ = await _values(client, [MACHINE_TABLE.flat, DUE.flat, MACHINE_TRIALS.flat], key)
+    table = found[MACHINE_TABLE.flat]
+    if table is None:
+        raise BlockRobotError("NOT_FOUND", "This chain has no contract for its contracts; it is older than that.")
+    numbers = {name: VERSIONS.key(name) for name in table}
+    versions, height = await _values(client, numbers.values(), key)
+    rows = contract_rows(table, {name: read_newest(versions[place]) for name, place in numbers.items()})
+    return ContractsView(
+        height=height,
+        contracts=tuple(rows),
+        due=tuple(due_rows(found[DUE.flat], found[MACHINE_TRIALS.flat])),
+        membership=membership,
+        failed=await _read_failed(client, key, rows),
+    )
+
+
+async def _read_failed(client: NetworkClient, key: PrivateKey, rows: Iterable[ContractRow]) -> tuple[VersionRow, ...]:
+    """Return the newest versions that failed; an entry of another form says nothing."""
+    newest = {VERSION.key(row.name, row.versions): row for row in rows if row.versions > row.version}
+    records, _ = await _values(client, newest, key)
+    known = {place: record for place, record in records.items() if is_full_record(record)}
+    found = [version_row(newest[place].name, newest[place].versions, record) for place, record in known.items()]
+    return tuple(row for row in found if row.status == "failed")
+
+
+async def read_edition(client: NetworkClient, key: PrivateKey, name: str, version: int) -> Edition:
+    """Return a version of a contract with its source; 0 is the one in force. Raises CONTRACT_NOT_FOUND."""
+    count_key = VERSIONS.key(name)
+    found, _ = await _values(client, [MACHINE_TABLE.flat, count_key], key)
+    newest = read_newest(found[count_key])
+    number = version or (found[MACHINE_TABLE.flat] or {}).get(name, [newest])[0]
+    place = VERSION.key(name, number) if 0 < number <= newest else b""
+    record = (await _values(client, [place], key))[0][place] if place else None
+    if record is None:
+        what = f"contract {name!r}" if newest == 0 else f"version {version} of {name!r}, only 1 to {newest}"
+        raise BlockRobotError("CONTRACT_NOT_FOUND", f"The chain has no {what}.")
+    row = version_row(name, number, record)
+    source = find_shipped_source(row.source_hash)
+    if source is None:
+        kept, approved = MACHINE_SOURCE.key(row.source_hash), SOURCE.key(row.source_hash)
+        entries = (await _values(client, [kept, approved], key))[0]
+        # A version that was never in force stands only where it was approved.
+        place, part = (kept, MACHINE_SOURCE_PART) if entries[kept] is not None else (approved, SOURCE_PART)
+        count = 0 if entries[place] is None else entries[place]["parts"]
+        keys = [part.key(row.source_hash, number) for number in range(count)]
+        source = await _join(client, key, keys, row.source_hash)
+    return Edition(f"{name} version {number}", source, row.abi, row)
+
+
+async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: ProposalRow) -> Edition:
+    """Return what a proposal is about: the source that it would deploy, or the version that it names.
+
+    Raises CONTRACT_NOT_FOUND.
+    """
+    if proposal.kind != "deploy":
+        name, version = str(proposal.arguments["name"]), int(proposal.arguments.get("version", 0))
+        return replace(await read_edition(client, key, name, version), proposal=proposal)
+    source_hash, name = proposal.arguments["source_hash"], str(proposal.arguments["name"])
+    place = UPLOADS.key(proposal.organisation)
+    uploads = (await _values(client, [place], key))[0][place] or []
+    parts = next((entry["parts"] for entry in uploads if entry["source_hash"] == source_hash), 0)
+    keys = [UPLOAD_PART.key(proposal.organisation, source_hash, number) for number in range(parts)]
+    source = await _join(client, key, keys, source_hash)
+    edition = edition_of_source(source, name, f"{name} as proposed in {proposal.id.hex()[:12]}")
+    return replace(edition, proposal=proposal)
+
+
+async def _join(client: NetworkClient, key: PrivateKey, keys: list[bytes], source_hash: bytes) -> str:
+    found = (await _values(client, keys, key))[0] if keys else {}
+    try:
+        source = b"".join(found[place] or b"" for place in keys).decode()
+    except UnicodeDecodeError:
+        source = ""
+    if not keys or compute_source_hash(source) != source_hash:
+        raise BlockRobotError("CONTRACT_NOT_FOUND", "The source is not (or no longer) on the chain.")
+    return source
+
+
+def edition_of_source(source: str, name: str, title: str) -> Edition:
+    """Return a source of one's own as an edition. Raises CONTRACT_SOURCE_INVALID."""
+    entries = compile_contract(source, name).abi.entries
+    abi = tuple(
+        EntryRow(entry.name, entry.kind, entry.params, entry.required, entry.returns)
+        for entry in entries
+        if entry.kind in ("export", "view")
+    )
+    return Edition(title, source, abi)
+
+
+def signature_of(entry: EntryRow) -> str:
+    """Return how an entry is called: `name(a: int, b: str = ...) -> list`."""
+    params = [
+        f"{name}: {kind}" + ("" if place < entry.required else " = ...")
+        for place, (name, kind) in enumerate(entry.params)
+    ]
+    return f"{entry.name}({', '.join(params)}) -> {entry.returns}"
+
+
+def compare_interfaces(old: Edition, new: Edition) -> list[tuple[str, str]]:
+    """Return what a caller has to know, as (added | removed | changed | compatible, sentence), in order of names.
+
+    `compatible` is a change that takes every call which was taken before.
+    """
+    before, after = ({entry.name: entry for entry in edition.abi} for edition in (old, new))
+    changes: list[tuple[str, str]] = []
+    for name in sorted(before.keys() | after.keys()):
+        one, other = before.get(name), after.get(name)
+        if one is None and other is not None:
+            changes.append(("added", f"{other.kind} {signature_of(other)}"))
+        elif other is None and one is not None:
+            changes.append(("removed", f"{one.kind} {signature_of(one)}"))
+        elif one is not None and other is not None and one != other:
+            kind = "compatible" if _takes_all(one, other) else "changed"
+            changes.append((kind, f"{one.kind} {signature_of(one)}  ->  {other.kind} {signature_of(other)}"))
+    return changes
+
+
+def _takes_all(old: EntryRow, new: EntryRow) -> bool:
+    types = [kind for _, kind in old.params]
+    same = [kind for _, kind in new.params][: len(types)] == types
+    return old.kind == new.kind and old.returns == new.returns and same and new.required <= old.required

@@ -1,0 +1,122 @@
+"""Executes a final transaction again, watched: which lines ran, with which values. Must never trust a node's blocks.
+
+Every block from genesis on is executed on a state of its own, in a process behind the wall that nodes have; each has to
+give the root that its header names, so that what is traced is what the chain did. Nothing is sent to the network.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+from clients.sdk.chain.receipts import FinalReceipt
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.node_answers import Answer, read_answer, read_hex
+from consensus.chain.block import Block
+from consensus.chain.genesis import Genesis, genesis_to_json
+from consensus.chain.transaction import Transaction, decode_transaction
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode
+from consensus.primitives.keys import PrivateKey
+from contracts.kit.tracing import Trace
+from contracts.worker.walled_process import WalledProcess
+from network.contracts.tracing_worker import FROM_WORKER, Begin, Failed, NextBlock, Outcome, Traced, Walled, Went
+
+TRACER_MODULE = "network.contracts.tracing_worker"
+AT_ONCE_COUNT = 16
+FIND_TIMEOUT_MS = 5_000
+
+Progress = Callable[[int, int], None]
+
+
+class BlockDocument(Answer, frozen=True):
+    """A finalized block, in hexadecimal."""
+
+    block: str
+
+
+@dataclass(frozen=True, slots=True)
+class TracedTransaction:
+    """A final transaction with the proved receipt and how it went."""
+
+    receipt: FinalReceipt
+    transaction: Transaction
+    trace: Trace
+
+
+async def _fetch_blocks(client: NetworkClient, key: PrivateKey, first: int, last: int) -> list[bytes]:
+    async def fetch(height: int) -> bytes:
+        content = await client.ask_any(lambda node: client.ask_node(node, "GET", f"/v1/blocks/{height}", key=key))
+        return read_hex(read_answer(content, BlockDocument).block)
+
+    return list(await asyncio.gather(*[fetch(height) for height in range(first, last + 1)]))
+
+
+async def trace_transaction(
+    client: NetworkClient, key: PrivateKey, txid: bytes, progress: Progress = lambda _done, _all: None
+) -> TracedTransaction:
+    """Find a final transaction, and execute the chain up to it. `progress` is told the height and the last one.
+
+    Raises TRANSACTION_NOT_FINAL_IN_TIME for one that nobody knows, BLOCK_PRUNED where no node has all blocks,
+    BLOCK_INVALID if blocks do not give the roots that they name, CONTRACT_WORKER_FAILED.
+    """
+    try:
+        receipt = await client.wait_final(txid, FIND_TIMEOUT_MS)
+    except BlockRobotError as error:
+        if error.code != "TRANSACTION_NOT_FINAL_IN_TIME":
+            raise
+        raise BlockRobotError(error.code, "No node has it as final: it waits still, or was never sent here.") from None
+    with WalledTracer(client.genesis, receipt) as tracer:
+        parent_id = client.genesis.block_id
+        for first in range(1, receipt.height + 1, AT_ONCE_COUNT):
+            last = min(first + AT_ONCE_COUNT - 1, receipt.height)
+            for encoded in await _fetch_blocks(client, key, first, last):
+                block = decode(encoded, Block)
+                if block.header.parent_id != parent_id:
+                    raise BlockRobotError(
+                        "BLOCK_INVALID", f"Block {block.header.height} does not follow the one before it."
+                    )
+                parent_id = block.block_id
+                if block.header.height == receipt.height and block.block_id != receipt.block_id:
+                    raise BlockRobotError("BLOCK_INVALID", "The transaction's block is not the one that was proved.")
+                trace = await asyncio.to_thread(tracer.take, encoded)
+                if trace is not None:
+                    return TracedTransaction(receipt, decode_transaction(block.transactions[receipt.index]), trace)
+                progress(block.header.height, receipt.height)
+    raise BlockRobotError("NOT_FOUND", "Genesis has no transactions.")
+
+
+class WalledTracer:
+    """A process of its own that executes the chain behind the wall; a context. Sources of others run there alone."""
+
+    def __init__(self, genesis: Genesis, receipt: FinalReceipt) -> None:
+        wanted = Outcome(receipt.height, receipt.index, receipt.code, receipt.message, receipt.line, receipt.gas_used)
+        self._begin = Begin(genesis_to_json(genesis), wanted)
+
+    def __enter__(self) -> Self:
+        """Start it. Raises CONTRACT_WORKER_FAILED."""
+        self._process = WalledProcess(TRACER_MODULE)
+        try:
+            walled = self._ask(self._begin)
+        except BaseException:
+            self._process.close()
+            raise
+        self.parts = walled.parts if isinstance(walled, Walled) else ()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """End it."""
+        self._process.close()
+
+    def take(self, encoded: bytes) -> Trace | None:
+        """Execute one more block; return the trace if the transaction is in it. Raises BLOCK_INVALID."""
+        answer = self._ask(NextBlock(encoded))
+        return answer.trace if isinstance(answer, Traced) else None
+
+    def _ask(self, message: Begin | NextBlock) -> Walled | Went | Traced:
+        answer = self._process.ask(message, FROM_WORKER)
+        if isinstance(answer, Failed):
+            raise BlockRobotError(answer.code, answer.detail)
+        return answer

@@ -1,0 +1,185 @@
+"""`python -I -m network.contracts.tracing_worker`: executes a chain up to one transaction, behind the wall that nodes have.
+
+It is started with an empty environment and a pipe at each end, gets genesis and blocks one by one, and says how the last
+transaction went, line by line. Must never run a contract before the wall is closed, nor be given a key or a socket.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+import msgspec
+
+from consensus.chain.block import Block
+from consensus.chain.genesis import genesis_from_json
+from consensus.chain.transaction import decode_transaction
+from consensus.errors import BlockRobotError
+from consensus.limits import CALL_GAS_MAX
+from consensus.primitives.encoding import decode, decode_value
+from consensus.state.lifecycle import MACHINE_TABLE
+from contracts.execution.call_host import CallHost
+from contracts.execution.executor import execute_transaction
+from contracts.execution.machine import ContractMachine
+from contracts.execution.results import BlockContext
+from contracts.kit.engine import watched_stack
+from contracts.kit.recorder import Recorder
+from contracts.kit.telling import told_short
+from contracts.kit.tracing import Trace
+from contracts.lifecycle.catalogue import Catalogue, read_source_of
+from contracts.lifecycle.opening import open_block
+from contracts.state.view import MemoryState
+from contracts.vm import CompiledContract, InternalFault, compile_contract
+from contracts.worker.wall import close_wall
+from contracts.worker.wire import Pipe, WallPart
+from network.ledger_diff.block_replay import base_of_genesis, execute_on
+
+MEMORY_MAX_BYTES = 4 * 1024**3
+"""The whole state of the chain is held in memory."""
+
+
+class Outcome(msgspec.Struct, frozen=True):
+    """What a proved receipt says of the transaction to be traced."""
+
+    height: int
+    index: int
+    code: str
+    message: str
+    line: int | None
+    gas_used: int
+
+
+class Begin(msgspec.Struct, frozen=True, tag=True):
+    """The first message: the chain's genesis file, and what is to be traced."""
+
+    genesis_json: str
+    wanted: Outcome
+
+
+class NextBlock(msgspec.Struct, frozen=True, tag=True):
+    """The block after the last one, encoded."""
+
+    block: bytes
+
+
+class Walled(msgspec.Struct, frozen=True, tag=True):
+    """The wall is closed: its parts."""
+
+    parts: tuple[WallPart, ...]
+
+
+class Went(msgspec.Struct, frozen=True, tag=True):
+    """A block gave the root that it names."""
+
+    height: int
+
+
+class Traced(msgspec.Struct, frozen=True, tag=True):
+    """How the transaction went."""
+
+    trace: Trace
+
+
+class Failed(msgspec.Struct, frozen=True, tag=True):
+    """A block was not what the chain did, or the interpreter failed."""
+
+    code: str
+    detail: str
+
+
+TO_WORKER: msgspec.msgpack.Decoder[Begin | NextBlock] = msgspec.msgpack.Decoder(Begin | NextBlock)
+FROM_WORKER: msgspec.msgpack.Decoder[Walled | Went | Traced | Failed] = msgspec.msgpack.Decoder(
+    Walled | Went | Traced | Failed
+)
+
+
+class _Tracer:
+    """A chain from genesis on."""
+
+    def __init__(self, begin: Begin) -> None:
+        genesis = genesis_from_json(begin.genesis_json)
+        self._chain_id = genesis.chain_id
+        self._machine = ContractMachine.of_genesis(genesis)
+        self._state = base_of_genesis(genesis).state
+        self._wanted = begin.wanted
+
+    def take(self, block: Block) -> Went | Traced:
+        """Execute a block, or trace in it. Raises BLOCK_INVALID."""
+        if block.header.height == self._wanted.height:
+            return Traced(_trace_in(self._state, self._chain_id, block, self._wanted))
+        overlay, is_right = execute_on(self._machine, self._state, block)
+        if not is_right:
+            raise BlockRobotError("BLOCK_INVALID", f"Block {block.header.height} gives another state than it names.")
+        self._state.absorb(overlay.writes, overlay.page_writes, overlay.state_root)
+        return Went(block.header.height)
+
+
+def _trace_in(state: MemoryState, chain_id: bytes, block: Block, wanted: Outcome) -> Trace:
+    """Execute a block up to a transaction, and that one watched."""
+    header = block.header
+    context = BlockContext(chain_id=chain_id, height=header.height, time_ms=header.timestamp_ms)
+    host, catalogue = CallHost(state), Catalogue()
+    contracts = open_block(host, catalogue, context, gives_up=header.gives_up_change)
+    transactions = [decode_transaction(wire) for wire in block.transactions]
+    for before in transactions[: wanted.index]:
+        if execute_transaction(host, contracts, context, before, CALL_GAS_MAX).ok:
+            host.keep()
+    transaction, recorder = transactions[wanted.index], Recorder()
+    watched, sources = _watched(host, recorder)
+    with watched_stack():
+        recorder.begin(tracing=True)
+        again = execute_transaction(host, watched, context, transaction, CALL_GAS_MAX)
+        recorder.finish(transaction.body.contract, 0, again.gas_used)
+    if (again.code, again.gas_used) != (wanted.code, wanted.gas_used):
+        raise BlockRobotError("BLOCK_INVALID", f"Executed again it came to {again.code}, not to {wanted.code}.")
+    body = transaction.body
+    arguments = ", ".join(told_short(value) for value in transaction.arguments())
+    return Trace(
+        title=f"{body.contract}.{body.entry}({arguments}) by 0x{body.sender.hex()[:12]} in block {header.height}",
+        code=wanted.code,
+        message=wanted.message,
+        line=wanted.line,
+        gas_used=wanted.gas_used,
+        steps=tuple(recorder.steps),
+        left_out_count=recorder.left_out_count,
+        sources=sources,
+    )
+
+
+def _watched(state: CallHost, recorder: Recorder) -> tuple[dict[str, CompiledContract], dict[str, str]]:
+    """Compile the contracts that answer on a state so that they tell the recorder; also return their sources."""
+    table = decode_value(state.get(MACHINE_TABLE.flat) or b"\x80")
+    sources = {name: read_source_of(state, row[1]) for name, row in table.items() if row[2]}
+    return {
+        name: compile_contract(source, name, watch=recorder.watch(name)) for name, source in sources.items()
+    }, sources
+
+
+def main() -> int:
+    """Serve whoever asks for a trace at the other end of the standard input and output; return the exit code."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.umask(0o077)
+    pipe = Pipe(0, 1)
+    begin = pipe.receive(TO_WORKER)
+    if not isinstance(begin, Begin):
+        return 2
+    try:
+        tracer = _Tracer(begin)
+        pipe.send(Walled(close_wall((), MEMORY_MAX_BYTES)))
+        while True:
+            message = pipe.receive(TO_WORKER)
+            if not isinstance(message, NextBlock):
+                return 2
+            pipe.send(tracer.take(decode(message.block, Block)))
+    except BlockRobotError as error:
+        pipe.send(Failed(error.code, error.detail))
+    except InternalFault as error:
+        pipe.send(Failed("CONTRACT_WORKER_FAILED", str(error)))
+    except EOFError:
+        pass
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,176 @@
+"""Trains the companion model on synthetic scenes and writes it as the file that the robot reads.
+
+    python -m network.lab.hiding.companion_training --out clients/robot/hiding/companion-model.json
+
+Needs the extra `[attack]` (scikit-learn); the same scenes and seeds give the same trees. It must never draw a scene
+that the bench judges: its seeds lie below those of `network.lab.hiding.companions`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.hiding.companion import CUES, trees_of
+from clients.robot.synthetic.scenes import Stratum, draw_scene
+from network.bench.workers import worker_pool
+from network.lab.hiding.companions import ALONE_SHARE, SECOND_PERSON_SHARE, SEED_STRIDE, observe
+
+TRAINING_SEED, THRESHOLD_SEED = 100_000, 500_000
+SCENES_DEFAULT_COUNT = 1_000
+FRAMES_COUNT = 6
+NOISE_SEED = 1
+TREES_COUNT, TREE_DEPTH, LEARNING_RATE, LEAF_MIN_COUNT = 220, 4, 0.08, 10
+SUSPECT_FALSE_SHARE, CERTAIN_FALSE_SHARE = 0.004, 0.001
+AID_STRATA = ("wheelchair", "rollator")
+AID_FALSE_SHARE = 0.04
+DIGITS = 6
+# One round of strata; the scene's number chooses.
+ROUND: tuple[Stratum, ...] = (
+    "companion",
+    "single",
+    "wheelchair",
+    "companion",
+    "single",
+    "rollator",
+    "companion",
+    "single",
+    "iv-pole",
+    "companion",
+    "single",
+    "child",
+    "apart",
+    "companion",
+    "single",
+    "rollator",
+    "companion",
+    "single",
+    "iv-pole",
+    "stick",
+    "crossing",
+    "single",
+    "touching",
+    "rollator",
+    "wheelchair",
+)
+
+Floats = npt.NDArray[np.float64]
+
+
+def sample(seed: int) -> list[tuple[int, bool, Floats]]:
+    """Return (stratum's number, whether it is two people, cues) of a scene's silhouettes; doubtful ones are left out."""
+    stratum = ROUND[seed % len(ROUND)]
+    scenario = replace(draw_scene(seed, stratum), seed=NOISE_SEED)  # one camera's noise, made once
+    rng = np.random.default_rng([seed, 0x7A1E])
+    frames = sorted(int(i) for i in rng.choice(scenario.frame_count, FRAMES_COUNT, replace=False))
+    return [
+        (seed % len(ROUND), one.second_share >= SECOND_PERSON_SHARE, one.cues)
+        for one in observe(scenario, frames)
+        if not ALONE_SHARE < one.second_share < SECOND_PERSON_SHARE
+    ]
+
+
+def collect(first: int, scenes: int, workers: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], Floats]:
+    """Return (stratum, label, cues) of many scenes, in order of their seeds."""
+    with worker_pool(workers) as pool:
+        rows = [row for made in pool.map(sample, range(first, first + scenes), chunksize=8) for row in made]
+    return (
+        np.array([row[0] for row in rows], dtype=np.int64),
+        np.array([row[1] for row in rows], dtype=np.bool_),
+        np.array([row[2] for row in rows], dtype=np.float64).round(DIGITS),
+    )
+
+
+def train(labels: npt.NDArray[np.bool_], cues: Floats) -> dict[str, Any]:
+    """Return the trees of a gradient boosting model as the table that `trees_of` reads, without its thresholds."""
+    from sklearn.ensemble import GradientBoostingClassifier  # noqa: PLC0415 - the optional extra, only when used
+
+    model = GradientBoostingClassifier(
+        n_estimators=TREES_COUNT,
+        max_depth=TREE_DEPTH,
+        learning_rate=LEARNING_RATE,
+        min_samples_leaf=LEAF_MIN_COUNT,
+        subsample=0.7,
+        max_features=0.4,
+        random_state=1,
+    ).fit(cues.astype(np.float32), labels)
+    trees = [estimator.tree_ for estimator in model.estimators_[:, 0]]
+    width = max(tree.node_count for tree in trees)
+    table: dict[str, Any] = {"cues": list(CUES), "depth": TREE_DEPTH}
+    prior = float(np.mean(labels))
+    table["first"] = round(float(np.log(prior / (1 - prior))), DIGITS)
+    for name in ("feature", "threshold", "left", "right", "value"):
+        table[name] = []
+    for tree in trees:
+        leaf = tree.children_left < 0
+        own = np.arange(tree.node_count)
+        rows = {
+            "feature": np.where(leaf, 0, tree.feature),
+            "threshold": np.where(leaf, 0.0, tree.threshold).round(DIGITS),
+            "left": np.where(leaf, own, tree.children_left),
+            "right": np.where(leaf, own, tree.children_right),
+            "value": (LEARNING_RATE * tree.value[:, 0, 0] * leaf).round(DIGITS),
+        }
+        for name, row in rows.items():
+            table[name].append([*row.tolist(), *[0] * (width - tree.node_count)])
+    return table
+
+
+def with_thresholds(
+    table: dict[str, Any], strata: npt.NDArray[np.int64], labels: npt.NDArray[np.bool_], cues: Floats
+) -> dict[str, Any]:
+    """Return the table with the log-odds that few enough single people reach in scenes kept apart from training."""
+    trees = trees_of({**table, "suspect": 0.0, "certain": 0.0})
+    odds = np.array([trees.log_odds(row) for row in cues])
+    suspect = max(
+        _reached_by(odds[~labels], strata[~labels], ("single",), SUSPECT_FALSE_SHARE),
+        *(_reached_by(odds[~labels], strata[~labels], (name,), AID_FALSE_SHARE) for name in AID_STRATA),
+    )
+    certain = max(np.quantile(odds[~labels], 1 - CERTAIN_FALSE_SHARE), suspect)
+    return {**table, "suspect": round(float(suspect), 3), "certain": round(float(certain), 3)}
+
+
+def _reached_by(odds: Floats, strata: npt.NDArray[np.int64], names: Sequence[str], share: float) -> float:
+    """Return the log-odds that only a share of the single people of some strata reach; minus infinity for none."""
+    chosen = odds[np.isin(strata, [i for i, name in enumerate(ROUND) if name in names])]
+    return float(np.quantile(chosen, 1 - share)) if chosen.size else -math.inf
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Train, set the thresholds and write the file."""
+    parser = argparse.ArgumentParser(description="Train the model that tells companions in one silhouette.")
+    parser.add_argument("--out", type=Path, required=True, help="the model file to write")
+    parser.add_argument("--scenes", type=int, default=SCENES_DEFAULT_COUNT, help="scenes to learn from")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes that render")
+    parser.add_argument("--samples", type=Path, help="keep what was collected in this file, and take it from there")
+    options = parser.parse_args(arguments)
+    if not TRAINING_SEED + options.scenes <= THRESHOLD_SEED <= SEED_STRIDE - options.scenes:
+        parser.error("that many scenes would reach into the seeds that are judged")
+    if options.samples is not None and options.samples.is_file():
+        kept = np.load(options.samples)
+        learnt, held = [kept[f"a{i}"] for i in range(3)], [kept[f"b{i}"] for i in range(3)]
+    else:
+        learnt = [*collect(TRAINING_SEED, options.scenes, options.workers)]
+        held = [*collect(THRESHOLD_SEED, options.scenes // 2, options.workers)]
+        if options.samples is not None:
+            names = {f"a{i}": learnt[i] for i in range(3)} | {f"b{i}": held[i] for i in range(3)}
+            np.savez_compressed(options.samples, **names)
+    table = with_thresholds(train(learnt[1], learnt[2]), held[0], held[1], held[2])
+    options.out.write_text(json.dumps(table, separators=(",", ":")) + "\n", encoding="utf-8")
+    sys.stdout.write(
+        f"{len(learnt[1])} silhouettes, {int(np.sum(learnt[1]))} with companions; {len(held[1])} others.\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

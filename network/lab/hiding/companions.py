@@ -1,0 +1,175 @@
+"""Judges the cues for a companion in the same silhouette on scenes that the model has not seen, with the truth at hand.
+
+Figures for each kind of companion and of single person, per frame and per track, of what a robot makes of its frames:
+segmentation, then the watch that pools its suspicion. It must never take its scenes from the seeds of training, and it
+counts every silhouette that holds more than a trace of a second person, whatever the robot called it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.hiding.background import learn_background
+from clients.robot.hiding.companion import measure
+from clients.robot.hiding.companion_watch import CompanionWatch
+from clients.robot.hiding.segmentation import segment
+from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenario import Manner, Scenario
+from clients.robot.synthetic.scenes import Stratum, draw_scene
+from network.bench.conditions import build_result, measure_conditions
+from network.bench.workers import worker_pool
+
+BACKGROUND_FRAMES_COUNT = 7
+SECOND_PERSON_SHARE = 0.06  # of a silhouette's pixels: from here on it is a companion to learn from
+ALONE_SHARE = 0.015  # up to here it holds one person; from here on it is judged as two
+SEED_STRIDE = 1_000_000  # the bench's seed 0 draws scenes from 1,000,000 on; training stays below
+SEEDS_A_KIND = 100_000
+SINGLE_FACTOR = 4  # a rate of 1 % asks for more of them
+TRACK_FRAMES_COUNT, TRACK_STEP_FRAMES = 8, 2
+SCENES_DEFAULT_COUNT = 12
+
+# What is judged: name, stratum, manner and whether the companion is a child.
+COMPANIONS: tuple[tuple[str, Stratum, Manner | None, bool | None], ...] = (
+    ("arm in arm", "companion", "arm-in-arm", False),
+    ("embrace", "companion", "embrace", False),
+    ("pushing", "companion", "pushing", False),
+    ("close behind", "companion", "close-behind", False),
+    ("child by the hand", "companion", "arm-in-arm", True),
+)
+SINGLES: tuple[tuple[str, Stratum, Manner | None, bool | None], ...] = (
+    ("single", "single", None, None),
+    ("wheelchair", "wheelchair", None, None),
+    ("rollator", "rollator", None, None),
+    ("stick", "stick", None, None),
+    ("iv pole", "iv-pole", None, None),
+    ("child alone", "child", None, None),
+)
+GOAL_FOUND, GOAL_FALSE, GOAL_AIDS = 0.90, 0.01, 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observed:
+    """One silhouette with its cues, whose it is (label of the most pixels) and the second person's share of it."""
+
+    frame: int
+    person: int
+    second_share: float
+    trouble: str
+    cues: npt.NDArray[np.float64]
+
+
+def observe(scenario: Scenario, frames: Iterable[int], watch: CompanionWatch | None = None) -> Iterator[Observed]:
+    """Yield the silhouettes of some frames of a scene; what is mostly nobody's, such as a door, is left out.
+
+    With a `watch`, which sees all silhouettes, the trouble is what a robot would say; the frames are then in time order.
+    """
+    renderer = Renderer(scenario)
+    background = learn_background([renderer.empty_frame(i) for i in range(BACKGROUND_FRAMES_COUNT)])
+    for index in frames:
+        truth = renderer.truth(index)
+        found = segment(truth.depth, background, scenario.focal_px)
+        half = np.ascontiguousarray(truth.depth[::2, ::2])
+        seen = found.silhouettes
+        if watch is not None:
+            seen = watch.step(seen, round(index * 1000 / scenario.frame_rate))
+        for silhouette in seen:
+            assert found.labels is not None
+            left, top, width, height = silhouette.box
+            box = (slice(top, top + height), slice(left, left + width))
+            inside = found.labels[box] == silhouette.label
+            whose = np.bincount(truth.labels[::2, ::2][box][inside], minlength=3)
+            people = np.sort(whose[1:])[::-1]
+            if 2 * people.sum() < whose.sum():
+                continue
+            cues = measure(inside, half[box], left, top, half.shape, scenario.focal_px / 2)
+            share = float(people[1] / whose.sum())
+            yield Observed(index, int(whose[1:].argmax()) + 1, share, silhouette.trouble, cues)
+
+
+def _look(job: tuple[str, Stratum, Manner | None, bool | None, int]) -> tuple[str, int, list[Observed]]:
+    name, stratum, manner, child, seed = job
+    scenario = draw_scene(seed, stratum, manner=manner, child=child, third=False)
+    rng = np.random.default_rng([seed, 0x10CC])
+    first = int(rng.integers(scenario.frame_count - TRACK_FRAMES_COUNT * TRACK_STEP_FRAMES))
+    frames = range(first, first + TRACK_FRAMES_COUNT * TRACK_STEP_FRAMES, TRACK_STEP_FRAMES)
+    return name, seed, list(observe(scenario, frames, CompanionWatch()))
+
+
+def judge_companions(
+    seed: int = 1, *, scenes: int = SCENES_DEFAULT_COUNT, workers: int | None = None
+) -> dict[str, Any]:
+    """Return how often companions are found and single people taken for two: one object as every measurement has.
+
+    `scenes` scenes of each kind are judged, four times as many of single people without aid.
+    Under `strata` each kind, as a robot with the shipped model withholds it: `merged_frames` is the share of silhouettes
+    that are withheld as merged, `merged_tracks` that of followed people of whom any is; `shown_share` is the share of
+    silhouettes of two people that would be shown (`faint_shown` of them with less than 6 % of the second), and
+    `split_share` that of silhouettes of one person after all.
+    """
+    conditions = measure_conditions(nodes=0, seed=seed, scenes_a_kind=scenes, frames_a_scene=TRACK_FRAMES_COUNT)
+    jobs = [
+        (*kind, SEED_STRIDE * (seed + 1) + SEEDS_A_KIND * number + scene)
+        for number, kind in enumerate((*COMPANIONS, *SINGLES))
+        for scene in range(scenes * (SINGLE_FACTOR if kind[0] == "single" else 1))
+    ]
+    with worker_pool(workers or os.cpu_count() or 1) as pool:
+        seen = list(pool.map(_look, jobs, chunksize=4))
+    companions = {kind[0]: rates(kind[0], seen, pairs=True) for kind in COMPANIONS}
+    singles = {kind[0]: rates(kind[0], seen, pairs=False) for kind in SINGLES}
+    met = goals_met(companions, singles)
+    every = {**companions, **singles}
+    figures = {f"{name.replace(' ', '_')}_merged": kind["merged_frames"] for name, kind in every.items()}
+    result = build_result("companions", ok=all(met.values()), figures={**figures, **met}, conditions=conditions)
+    return {**result, "strata": every}
+
+
+def rates(name: str, seen: list[tuple[str, int, list[Observed]]], *, pairs: bool) -> dict[str, float | int | None]:
+    """Return the figures of one kind: of its silhouettes that hold two people, or one."""
+    tracks: dict[tuple[int, int], list[Observed]] = {}
+    split = total = 0
+    for kind, seed, observed in seen:
+        if kind != name:
+            continue
+        for one in observed:
+            total += 1
+            if (one.second_share >= ALONE_SHARE) if pairs else (one.second_share <= ALONE_SHARE):
+                tracks.setdefault((seed, one.person), []).append(one)
+            else:
+                split += 1
+    frames = [one for track in tracks.values() for one in track]
+    merged = [one.trouble == "merged" for one in frames]
+    figures: dict[str, float | int | None] = {
+        "frames": len(frames),
+        "tracks": len(tracks),
+        "merged_frames": _share(merged),
+        "merged_tracks": _share([any(one.trouble == "merged" for one in track) for track in tracks.values()]),
+    }
+    if pairs:
+        figures["split_share"] = round(split / total, 4) if total else None
+        figures["shown_share"] = _share([one.trouble == "" for one in frames])
+        figures["faint_shown"] = sum(one.trouble == "" and one.second_share < SECOND_PERSON_SHARE for one in frames)
+    else:
+        figures["withheld_frames"] = _share([one.trouble != "" for one in frames])
+    return figures
+
+
+def _share(flags: list[bool]) -> float | None:
+    return round(float(np.mean(flags)), 4) if flags else None
+
+
+def goals_met(companions: dict[str, Any], singles: dict[str, Any]) -> dict[str, bool]:
+    """Return which goals are met, per frame."""
+    wanted = [companions[name]["merged_frames"] for name in ("arm in arm", "embrace", "pushing")]
+    aids = [singles[name]["merged_frames"] for name in ("wheelchair", "rollator")]
+    return {
+        "companions_found": all(rate is not None and rate >= GOAL_FOUND for rate in wanted),
+        "single_false_alarms": singles["single"]["merged_frames"] is not None
+        and singles["single"]["merged_frames"] <= GOAL_FALSE,
+        "aids_not_taken_for_companions": all(rate is not None and rate <= GOAL_AIDS for rate in aids),
+    }

@@ -1,0 +1,114 @@
+"""Attacks that need no learning: difference to the empty scene, holes, edges, the bite in the owner's outline, and the
+outline itself. Pure; must never all leave the owner's outline out: another person may be inside of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.sensing.sensor_events import Mask
+from network.lab.hiding.views import View
+
+DIFFERENCE_MIN_MM = 70.0
+DIFFERENCE_SHARE = 0.035
+EDGE_MIN_MM = 60.0
+PIECE_MIN_PX = 60
+OWNER_MARGIN_PX = 2
+
+_OPEN = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3)), dtype=np.uint8)
+_CLOSE = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7)), dtype=np.uint8)
+
+
+def by_difference(view: View) -> Mask:
+    """Return what is nearer than the empty scene, without the owner."""
+    depth, empty = view.picture.astype(np.float32), view.empty.astype(np.float32)
+    near = (depth > 0) & (empty - depth > np.maximum(DIFFERENCE_MIN_MM, DIFFERENCE_SHARE * empty))
+    return _solid(near & ~_around(view.owner))
+
+
+def by_holes(view: View) -> Mask:
+    """Return where nothing was measured though the empty scene has a depth there."""
+    holes = (view.picture == 0) & (view.empty > 0) & ~_around(view.owner)
+    return _solid(_morph(holes, cv2.MORPH_CLOSE, _CLOSE))
+
+
+def by_edges(view: View) -> Mask:
+    """Return what is enclosed by edges that the empty scene does not have."""
+    shown, before = _steepness(view.picture), _steepness(view.empty)
+    edges = (shown > EDGE_MIN_MM) & (shown > 2 * before) & ~_around(view.owner)
+    return _filled(_morph(edges, cv2.MORPH_CLOSE, _CLOSE))
+
+
+def by_bite(view: View) -> Mask:
+    """Return what is missing from the owner's convex outline: whoever stood in front left a bite there."""
+    if not view.owner.any():
+        return np.zeros(view.owner.shape, dtype=bool)
+    points = cv2.findNonZero(view.owner.astype(np.uint8))
+    hull = np.zeros(view.owner.shape, dtype=np.uint8)
+    cv2.fillConvexPoly(hull, np.asarray(cv2.convexHull(points), dtype=np.int32), 1)
+    return _largest(_morph((hull > 0) & ~view.owner, cv2.MORPH_OPEN, _OPEN))
+
+
+def by_outline(view: View) -> Mask:
+    """Return the owner's outline: whoever was cut out with the owner is inside of it."""
+    return view.owner.copy()
+
+
+Attack = Callable[[View], Mask]
+HAND_MADE: Final[dict[str, Attack]] = {
+    "difference": by_difference,
+    "holes": by_holes,
+    "edges": by_edges,
+    "bite": by_bite,
+    "outline": by_outline,
+}
+
+
+def _around(owner: Mask) -> Mask:
+    size = 2 * OWNER_MARGIN_PX + 1
+    return np.asarray(cv2.dilate(owner.astype(np.uint8), np.ones((size, size), np.uint8))) > 0
+
+
+def _morph(mask: Mask, how: int, kernel: npt.NDArray[np.uint8]) -> Mask:
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), how, kernel)) > 0
+
+
+def _solid(mask: Mask) -> Mask:
+    return _pieces(_morph(mask, cv2.MORPH_OPEN, _OPEN))
+
+
+def _pieces(mask: Mask) -> Mask:
+    """Keep the pieces that are not specks."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    large = np.asarray(stats)[:, cv2.CC_STAT_AREA] >= PIECE_MIN_PX
+    large[0] = False
+    return np.asarray(large[np.asarray(labels)], dtype=bool)
+
+
+def _largest(mask: Mask) -> Mask:
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if count < 2:
+        return np.zeros(mask.shape, dtype=bool)
+    best = 1 + int(np.argmax(np.asarray(stats)[1:, cv2.CC_STAT_AREA]))
+    return np.asarray(np.asarray(labels) == best, dtype=bool)
+
+
+def _filled(edges: Mask) -> Mask:
+    outlines, _ = cv2.findContours(edges.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    filled = np.zeros(edges.shape, dtype=np.uint8)
+    for outline in outlines:
+        if cv2.contourArea(outline) >= PIECE_MIN_PX:
+            cv2.drawContours(filled, [outline], -1, 1, thickness=cv2.FILLED)
+    return filled > 0
+
+
+def _steepness(depth: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
+    """Return how much a smoothed picture rises and falls around each pixel (mm), holes counted as the local median."""
+    smooth = np.asarray(cv2.medianBlur(depth, 5))
+    steep = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    return np.asarray(steep, dtype=np.float32)

@@ -1,0 +1,134 @@
+"""The judge of hiding: draws scenes, trains attackers on others, attacks what was released, and sums it all up.
+
+Deterministic for a seed, whatever the number of processes. Must never leave out a scene because it went badly.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+
+from network.bench.conditions import build_result, measure_conditions
+from network.bench.workers import worker_pool
+from network.lab.hiding.attacks import ON_OURS, ON_RAW, Examples, SceneReport, judge_scene, learn_from
+from network.lab.hiding.companions import judge_companions
+from network.lab.hiding.figures import summarise
+from network.lab.hiding.gait import GaitReport, judge_gait
+from network.lab.hiding.learned import LearnedAttacker, require_learning, train
+from network.lab.hiding.scenes import JUDGING, LEARNING, draw_scenes
+from network.lab.matcher.matcher_judge import judge_matcher
+
+Progress = Callable[[str], None]
+PARTS = ("matcher", "companions")
+
+
+@dataclass(frozen=True, slots=True)
+class HidingOptions:
+    """How many scenes are judged in sum, over how many seeds, from which first seed, by how many processes."""
+
+    scenes: int = 200
+    learning_scenes: int = 40  # for each seed
+    seeds: int = 5
+    seed: int = 1
+    processes: int = 0
+    people: int = 8  # in each population of the re-identification
+    matcher_tracks: int = 0  # also judge the matcher alone on so many drawn tracks
+    companion_scenes: int = 0  # also judge the cues for companions on so many scenes of each kind
+
+
+def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
+    """Judge hiding; return name, ok, figures and conditions. Raises EXTRA_MISSING.
+
+    `ok`: every scene was judged, every goal holds, and so do those of the parts that were asked for.
+    """
+    require_learning()
+    conditions = measure_conditions(nodes=0, seed=options.seed)
+    processes = options.processes or conditions["cores"] or 1
+    seeds = range(options.seed, options.seed + options.seeds)
+    reports: list[SceneReport] = []
+    gaits: list[GaitReport] = []
+    with worker_pool(processes, _one_thread_each) as pool:
+        attackers = _train_all(pool, seeds, options.learning_scenes, progress)
+        waiting: list[Future[SceneReport | GaitReport]] = []
+        waiting += [pool.submit(judge_gait, seed, options.people, attackers[seed]) for seed in seeds]
+        for seed, count in zip(seeds, _shares(options.scenes, options.seeds), strict=True):
+            waiting += [pool.submit(judge_scene, scene, attackers[seed]) for scene in draw_scenes(seed, count, JUDGING)]
+        for done, future in enumerate(as_completed(waiting), start=1):
+            result = future.result()
+            if isinstance(result, GaitReport):
+                gaits.append(result)
+            else:
+                reports.append(result)
+            progress(f"judged {done} of {len(waiting)}")
+    reports.sort(key=lambda report: (report.seed, report.number))
+    gaits.sort(key=lambda report: report.seed)
+    figures = summarise(reports, gaits, seed=options.seed)
+    figures |= _judge_parts(options, processes, progress)
+    more = {
+        "scenes": len(reports),
+        "seeds": options.seeds,
+        "learning_scenes_a_seed": options.learning_scenes,
+        "processes": processes,
+        "frame": "640x480",
+    }
+    ok = len(reports) == options.scenes and holds(figures)
+    return build_result("hiding", ok=ok, figures=figures, conditions={**conditions, **more})
+
+
+def holds(figures: dict[str, Any]) -> bool:
+    """Return whether every goal was met, those of parts that were judged alone included."""
+    parts = [figures[name]["ok"] for name in PARTS if name in figures]
+    return all(figures["goals"].values()) and all(parts)
+
+
+def _judge_parts(options: HidingOptions, processes: int, progress: Progress) -> dict[str, Any]:
+    """Return the figures of parts that are judged alone, where the options ask for them."""
+    parts: dict[str, Any] = {}
+    if options.matcher_tracks:
+        matcher = judge_matcher(
+            options.matcher_tracks,
+            options.seed,
+            workers=processes,
+            progress=lambda done, of: progress(f"judged {done} of {of} hundreds of the matcher's tracks"),
+        )
+        parts["matcher"] = {"ok": matcher["ok"], **matcher["figures"]}
+    if options.companion_scenes:
+        progress("judging the cues for companions")
+        companions = judge_companions(options.seed, scenes=options.companion_scenes, workers=processes)
+        parts["companions"] = {"ok": companions["ok"], **companions["figures"]}
+    return parts
+
+
+def _shares(total: int, parts: int) -> list[int]:
+    return [total // parts + (part < total % parts) for part in range(parts)]
+
+
+def _train_all(
+    pool: ProcessPoolExecutor, seeds: range, scenes: int, progress: Progress
+) -> dict[int, dict[str, LearnedAttacker]]:
+    """Return for each seed the attacker that learned from raw scenes and the one that learned from our renditions."""
+    drawn = [scene for seed in seeds for scene in draw_scenes(seed, scenes, LEARNING)]
+    learned: dict[int, list[Examples]] = {seed: [] for seed in seeds}
+    for done, (scene, examples) in enumerate(zip(drawn, pool.map(learn_from, drawn), strict=True), start=1):
+        learned[scene.seed].append(examples)
+        progress(f"rendered {done} of {len(drawn)} scenes to learn from")
+    jobs = {}
+    for seed, found in learned.items():
+        jobs[seed, ON_RAW] = pool.submit(train, [one for some in found for one in some.raw], seed=seed)
+        jobs[seed, ON_OURS] = pool.submit(train, [one for some in found for one in some.ours], seed=seed)
+    attackers: dict[int, dict[str, LearnedAttacker]] = {seed: {} for seed in seeds}
+    for done, ((seed, name), job) in enumerate(jobs.items(), start=1):
+        attackers[seed][name] = job.result()
+        progress(f"trained {done} of {len(jobs)} attackers")
+    return attackers
+
+
+def _one_thread_each() -> None:
+    """Keep a worker to one core: the processes are the parallelism."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    cv2.setNumThreads(1)

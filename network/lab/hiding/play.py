@@ -1,0 +1,264 @@
+"""Plays a scene through the hider that robots run, and notes what it released, to whom, and what it cost.
+
+Must never hide anyone by other means than the robot's own: its segmentation, tracks, matcher and cut.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from clients.robot.hiding.background import Background, fits, learn_background
+from clients.robot.hiding.companion_watch import CompanionWatch
+from clients.robot.hiding.cut import CutOut, cut_out
+from clients.robot.hiding.hider import Hider, Kept, Output, Reason, Withheld
+from clients.robot.hiding.matcher import Matcher
+from clients.robot.hiding.segmentation import Segmented, Silhouette, segment
+from clients.robot.hiding.tracking import Tracker
+from clients.robot.sensing.sensor_events import Depth, Frame, Mask, Sighting
+from clients.robot.synthetic.corridor import Labels
+from clients.robot.synthetic.render import Renderer, readings
+from clients.sdk.pictures.rendition_picture import decode_depth_png
+from network.lab.hiding.scenes import Scene
+
+FRAMES_A_SECOND = 5  # of the camera's 30: what the tracks need, at a sixth of the cost
+EMPTY_FRAMES_COUNT = 12
+VISIBLE_MIN_PX = 600  # of the whole frame; fewer pixels of a person are not a silhouette to recover
+
+
+# The matcher's reasons: the silhouette itself may well be clean.
+DOUBTS = (Reason.AMBIGUOUS, Reason.NO_DISTANCE, Reason.NO_SILHOUETTE)
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A rendition with others near: frame, owner, and how near the next person was in the picture (px).
+
+    `kept` is what was released; None where only the matcher was in doubt, so that the cut alone is to be judged.
+    """
+
+    index: int
+    alias: str
+    kept: Kept | None
+    gap_px: float
+
+
+@dataclass(slots=True)
+class Played:
+    """What became of a scene's covered frames, counted for each owner, and what was released with others in view.
+
+    `foreign_px` and `foreign_share` are the worst of all released renditions: pixels of anybody else in them, and how
+    much of the others' visible silhouettes that is.
+    """
+
+    covered: int = 0
+    visible: int = 0
+    withheld: Counter[str] = field(default_factory=Counter)
+    kept: int = 0
+    wrong: int = 0
+    foreign_px: int = 0
+    foreign_share: float = 0.0
+    shown: list[Shown] = field(default_factory=list)
+
+
+class Stage:
+    """A scene's renderer, its empty frames and what a robot learns from them."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.renderer = Renderer(scene.scenario)
+        self.empty = [self.renderer.empty_frame(i) for i in range(EMPTY_FRAMES_COUNT)]
+        self.background: Background = learn_background(self.empty)
+        self.focal_px = scene.scenario.focal_px
+
+    def control(self, alias: str) -> Renderer:
+        """Return the renderer of the same scene in which only `alias` ever was."""
+        alone = copy.copy(self.renderer)  # with the same camera and the same noise, which take long to draw
+        alone.scenario = self.scene.alone(alias)
+        return alone
+
+    def frame_indices(self) -> range:
+        """Return which of the camera's frames are played."""
+        return range(0, self.scene.scenario.frame_count, max(1, self.scene.scenario.frame_rate // FRAMES_A_SECOND))
+
+    def at_ms(self, index: int) -> int:
+        """Return when a frame was captured."""
+        return round(index * 1000 / self.scene.scenario.frame_rate)
+
+
+def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
+    """Return all readings of a scene as (arrival in ms, alias, sighting), in the order of their arrival."""
+    made = []
+    for reading in readings(scene.scenario):
+        at_ms = round(reading.at_s * 1000)
+        seen = Sighting(
+            at_ms,
+            at_ms,
+            "",
+            reading.antenna,
+            reading.facing,
+            reading.rssi_dbm,
+            reading.distance_m,
+            reading.sigma_m,
+        )
+        made.append((round(reading.arrives_s * 1000), reading.alias, seen))
+    return made
+
+
+def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Labels], None]) -> list[Output]:
+    """Run frames of a scene and all its readings, as they arrive, through the robot's hider; return its verdicts.
+
+    `see` is told of each frame and its truth before the hider gets it.
+    """
+    hider = Hider(stage.background, focal_px=stage.focal_px)
+    waiting = sightings(stage.scene)[::-1]
+    outputs: list[Output] = []
+    for index in indices:
+        depth, labels = stage.renderer.frame_with_truth(index)
+        see(index, depth, labels)
+        at_ms = stage.at_ms(index)
+        while waiting and waiting[-1][0] <= at_ms:
+            outputs += hider.push_sighting(*waiting.pop()[1:])
+        outputs += hider.push_frame(Frame(at_ms, index, depth))
+    for _, alias, seen in reversed(waiting):
+        outputs += hider.push_sighting(alias, seen)
+    outputs += hider.flush()
+    return outputs
+
+
+def play(stage: Stage, timed: Timed | None = None) -> Played:
+    """Run a scene through the robot's hider and judge every verdict against the truth."""
+    truths: dict[int, Labels] = {}
+
+    def see(index: int, depth: Depth, labels: Labels) -> None:
+        truths[index] = labels.copy()
+        if timed is not None:
+            timed.step(depth, stage.at_ms(index))
+
+    return _judge(stage.scene, release(stage, stage.frame_indices(), see), truths)
+
+
+def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Played:
+    played = Played()
+    owners = scene.owners
+    for output in outputs:
+        if not isinstance(output, Kept | Withheld):
+            continue
+        labels, label = truths[output.sequence], owners[output.alias]
+        others = (labels != 0) & (labels != label)
+        others_px = int(np.count_nonzero(others))
+        played.covered += 1
+        seen = int(np.count_nonzero(labels == label)) >= VISIBLE_MIN_PX
+        played.visible += seen
+        if isinstance(output, Kept):
+            shown = placed(output, labels.shape) > 0
+            foreign = int(np.count_nonzero(shown & others))
+            played.kept += 1
+            played.wrong += 2 * int(np.count_nonzero(shown & (labels == label))) <= int(np.count_nonzero(shown))
+            played.foreign_px = max(played.foreign_px, foreign)
+            if others_px >= VISIBLE_MIN_PX:
+                played.foreign_share = max(played.foreign_share, foreign / others_px)
+        elif seen:
+            played.withheld[str(output.reason)] += 1
+        if others_px < VISIBLE_MIN_PX:
+            continue
+        gap = gap_px((labels == label)[::2, ::2], others[::2, ::2])
+        if isinstance(output, Kept):  # also where the owner is hardly in view: whom does it show then?
+            played.shown.append(Shown(output.sequence, output.alias, output, gap))
+        elif seen and output.reason in DOUBTS:
+            played.shown.append(Shown(output.sequence, output.alias, None, gap))
+    return played
+
+
+def placed(kept: Kept, shape: tuple[int, ...]) -> Depth:
+    """Return the owner's pixels of a rendition in a frame of `shape`, 0 elsewhere."""
+    whole = np.zeros(shape, dtype=np.uint16)
+    cut = kept.cut
+    whole[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width] = decode_depth_png(cut.pixels_png)
+    return whole
+
+
+def gap_px(owner: Mask, others: Mask) -> float:
+    """Return the distance between two half-resolution silhouettes in whole pixels; infinite where one is empty."""
+    if not owner.any() or not others.any():
+        return float("inf")
+    away = cv2.distanceTransform((~owner).astype(np.uint8), cv2.DIST_L2, 3)
+    return 2 * float(np.asarray(away)[others].min())
+
+
+def owner_cut(stage: Stage, depth: Depth, labels: Labels, label: int, *, troubled: bool) -> Depth | None:
+    """Return what is cut out for `label` in a frame, 0 elsewhere, or None where the robot would cut nothing.
+
+    `troubled` says whether a silhouette that is in trouble counts as well (for controls, where nobody can be hidden).
+    """
+    segmented = segment(depth, stage.background, stage.focal_px)
+    silhouette = _silhouette_of(segmented, labels, label)
+    if silhouette is None or (silhouette.trouble and not troubled):
+        return None
+    return spread(cut_out(depth, stage.background, segmented, silhouette), depth.shape)
+
+
+def spread(out: CutOut, shape: tuple[int, ...]) -> Depth:
+    """Return a cut in a frame of `shape`, 0 elsewhere."""
+    whole = np.zeros(shape, dtype=np.uint16)
+    height, width = out.pixels.shape
+    whole[out.y : out.y + height, out.x : out.x + width] = out.pixels
+    return whole
+
+
+def _silhouette_of(segmented: Segmented, labels: Labels, label: int) -> Silhouette | None:
+    """Return the silhouette most of whose pixels are `label`'s and that holds most of them."""
+    if segmented.labels is None:
+        return None
+    own = labels[::2, ::2] == label
+    best, best_count = None, 0
+    for silhouette in segmented.silhouettes:
+        inside = segmented.labels == silhouette.label
+        count = int(np.count_nonzero(inside & own))
+        if count > best_count and 2 * count > int(np.count_nonzero(inside)):
+            best, best_count = silhouette, count
+    return best
+
+
+class Timed:
+    """What a robot runs on each frame, in the hider's order, with the time that it takes; encoding is not in it."""
+
+    def __init__(self, stage: Stage) -> None:
+        self.cpu_ms: list[float] = []
+        self.wall_ms: list[float] = []
+        self._stage = stage
+        self._companions, self._tracker, self._matcher = CompanionWatch(), Tracker(), Matcher()
+        self._waiting = sightings(stage.scene)[::-1]
+
+    def step(self, depth: Depth, at_ms: int) -> None:
+        """Note the milliseconds of a frame, CPU and wall: its fit, segments, companions, tracks, matcher and all cuts.
+
+        All readings that arrived since the frame before are weighed with it. Frames must come in time order; those in
+        which nobody was found (or the robot moved) cost next to nothing and are not noted.
+        """
+        background = self._stage.background
+        cpu, wall = time.thread_time(), time.perf_counter()
+        while self._waiting and self._waiting[-1][0] <= at_ms:
+            self._matcher.add_sighting(*self._waiting.pop()[1:])
+        silhouettes: tuple[Silhouette, ...] = ()
+        if fits(background, depth):
+            segmented = segment(depth, background, self._stage.focal_px)
+            silhouettes = self._companions.step(segmented.silhouettes, at_ms)
+            tracks = self._tracker.step(silhouettes, at_ms)
+            for silhouette, track in zip(silhouettes, tracks, strict=True):
+                if track is None:
+                    continue
+                self._matcher.add_track(track)
+                if not silhouette.trouble:
+                    cut_out(depth, background, segmented, silhouette)
+        self._matcher.advance(at_ms)
+        if not silhouettes:
+            return
+        self.cpu_ms.append(1000 * (time.thread_time() - cpu))
+        self.wall_ms.append(1000 * (time.perf_counter() - wall))

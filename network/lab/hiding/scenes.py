@@ -1,0 +1,48 @@
+"""Scenes for the judge: drawn by seed and stratum, with disjoint draws for learning and for judging.
+
+Must never let a scene be judged by an attacker that has learned from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clients.robot.synthetic.scenario import Scenario, without
+from clients.robot.synthetic.scenes import PAIR_STRATA, draw_scene
+
+LEARNING, JUDGING = 1, 2
+DURATION_S = 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """One drawn scene: which run's seed it belongs to, its number there, its stratum and its scenario."""
+
+    seed: int
+    number: int
+    stratum: str
+    scenario: Scenario
+
+    @property
+    def owners(self) -> dict[str, int]:
+        """Alias of everyone with a tag, and their label in the truth."""
+        return {person.alias: n for n, person in enumerate(self.scenario.people, start=1) if person.tagged}
+
+    def alone(self, alias: str) -> Scenario:
+        """Return the control: the same scene in which nobody but `alias` ever was."""
+        return without(self.scenario, *(person.alias for person in self.scenario.people if person.alias != alias))
+
+
+def draw_scenes(seed: int, count: int, purpose: int, *, duration_s: float = DURATION_S) -> list[Scene]:
+    """Return `count` scenes of two or three people of a seed, the strata in turn.
+
+    No scene of one purpose is drawn for another.
+    """
+    scenes = []
+    for number in range(count):
+        stratum = PAIR_STRATA[number % len(PAIR_STRATA)]
+        entropy = int(np.random.SeedSequence([seed, purpose, number]).generate_state(1)[0])
+        scenes.append(Scene(seed, number, stratum, draw_scene(entropy, stratum, duration_s=duration_s)))
+    return scenes

@@ -1,0 +1,50 @@
+"""Scores of what was recovered, what was kept, and how sure a difference is. Pure; must never round a leak away."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clients.robot.sensing.sensor_events import Mask
+
+BOOTSTRAP_COUNT = 4_000
+UPPER_SHARE = 0.95
+
+
+def iou(found: Mask, true: Mask) -> float:
+    """Return intersection over union of two masks; 0.0 where both are empty."""
+    union = int(np.count_nonzero(found | true))
+    return int(np.count_nonzero(found & true)) / union if union else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """A mean over scenes and its upper 95 % bound (one-sided, bootstrap over scenes)."""
+
+    mean: float
+    upper: float
+    count: int
+
+
+def paired_bound(differences: Sequence[float], *, seed: int) -> Bound:
+    """Return the mean of one difference a scene, and its upper 95 % bound; zeros for no scene at all."""
+    if not differences:
+        return Bound(0.0, 0.0, 0)
+    values = np.asarray(differences, dtype=np.float64)
+    rng = np.random.default_rng([seed, 0xB007])
+    draws = rng.integers(values.size, size=(BOOTSTRAP_COUNT, values.size))
+    means = values[draws].mean(axis=1)
+    return Bound(float(values.mean()), float(np.quantile(means, UPPER_SHARE)), values.size)
+
+
+def mean_of(values: Sequence[float]) -> float | None:
+    """Return the mean rounded to 4 places, or None where nothing was measured."""
+    return round(statistics.fmean(values), 4) if values else None
+
+
+def share_of(count: int, total: int) -> float | None:
+    """Return `count / total` rounded to 5 places, or None where nothing was measured."""
+    return round(count / total, 5) if total else None

@@ -1,0 +1,101 @@
+"""What gas buys in CPU time, program by program. Must never let a clock decide anything but a figure.
+
+A program's time is that of its call, and of the trie if it leaves writes: what a block that holds it takes.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from statistics import median
+
+from contracts.state.trie import apply_batch
+from contracts.vm import ContractSourceError
+from contracts.vm.model.faults import OUT_OF_GAS
+from network.lab.hostile.program import REFUSED, Program
+from network.lab.hostile.running import call_before, call_program, compile_program, make_state
+
+GAS_LIMIT = 1_000_000
+GAS_COUNTED_MIN = 40_000
+"""A program that uses less is not measured: what its call costs beside its steps would be most of the figure."""
+SURE_ROUNDS_COUNT = 7
+EXTREMES_COUNT = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Price:
+    """What one program came to, the gas it used, and the seconds of CPU time that a million gas of it take."""
+
+    name: str
+    code: str
+    gas_used: int
+    seconds_per_million_gas: float
+
+    @property
+    def used_all(self) -> bool:
+        """Whether it ran until its gas was gone, and not until another budget was."""
+        return self.code == OUT_OF_GAS
+
+
+def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> Price | None:
+    """Return the median of a few runs, each over a fresh state; None if the program uses too little gas to tell.
+
+    Writes count as if they were kept also where the call failed: the next one with such writes may end well.
+    """
+    if program.at_once or program.expect.startswith(REFUSED):
+        return None
+    try:
+        contracts = compile_program(program)
+    except ContractSourceError:
+        return None
+    state = make_state(program)
+    spent: list[float] = []
+    code, used = "", 0
+    for _ in range(rounds):
+        host = call_before(program, contracts, state)
+        before = dict(host.writes)
+        host.begin()
+        gc.collect()
+        gc.disable()
+        started = time.thread_time()
+        outcome = call_program(program, contracts, host, gas_limit)
+        host.keep()
+        writes = {key: value for key, value in host.writes.items() if key not in before or before[key] is not value}
+        if writes:
+            apply_batch(state, state.state_root, writes)
+        code, used = outcome.code, outcome.gas_used
+        del outcome
+        spent.append(time.thread_time() - started)
+        gc.enable()
+        if used < GAS_COUNTED_MIN:
+            return None
+    return Price(program.name, code, used, median(spent) / used * 1_000_000)
+
+
+def measure_all(programs: Iterable[Program], *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> list[Price]:
+    """Measure programs and return what they cost, dearest first.
+
+    Those at both ends are measured more often, in turns, and the least counts: so that neither a machine that is slower
+    for a while nor what else it does makes a program dear.
+    """
+    given = {program.name: program for program in programs}
+    measured = (measure_program(program, rounds=rounds, gas_limit=gas_limit) for program in given.values())
+    prices = sorted((price for price in measured if price is not None), key=_seconds)
+    ends = {price.name for price in [*prices[-EXTREMES_COUNT:], *cheapest_first(prices)[:EXTREMES_COUNT]]}
+    sure: dict[str, Price] = {price.name: price for price in prices}
+    for name in sorted(ends) * SURE_ROUNDS_COUNT:
+        price = measure_program(given[name], rounds=1, gas_limit=gas_limit)
+        if price is not None:
+            sure[name] = min(sure[name], price, key=_seconds)
+    return sorted(sure.values(), key=_seconds, reverse=True)
+
+
+def cheapest_first(prices: Iterable[Price]) -> list[Price]:
+    """Return those that ran until their gas was gone, cheapest first: the others say nothing of what gas can buy."""
+    return sorted((price for price in prices if price.used_all), key=_seconds)
+
+
+def _seconds(price: Price) -> float:
+    return price.seconds_per_million_gas

@@ -1,0 +1,163 @@
+"""Draws what the matcher has to judge: half a minute of people in view and one tag's readings, with the truth.
+
+The figures of a draw are fixed by its seed and number alone, so that any share of them can be drawn by any process.
+The plain settings draw errors and antennas from the distributions that the matcher assumes: its figures there are the
+best case. Those with `weak_fronts`, another bias or drift, `outliers` or `ranges_off` are off its assumptions. Must never
+read the matcher's own constants: who changes them there must not change what is drawn here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.hiding.tracking import Track
+from clients.robot.sensing.sensor_events import Facing, Sighting
+
+TRACK_MS = 30_000
+FRAME_EVERY_MS = 100
+MISSED_SHARE = 0.3
+STANDING_SHARE = 0.4
+BIAS_SIGMA_M = 0.15
+OUTLIER_SHARE, OUTLIER_MAX_M = 0.1, 4.0  # reflections: a reading that is too far by up to so much
+RANGE_SCALE_SIGMA, RANGE_NOISE_M = 0.03, 0.10  # a camera's range: a factor of each person's, and noise of each frame's
+NEAREST_M, FARTHEST_M = 0.8, 6.0
+DRIFT_S = 2.0
+# How often the antenna that faces as the camera does hears a tag: Beta of each draw. Who is aside stands in front of
+# the robot but beside the picture, and keeps at the range of somebody in view as others do.
+FRONT_SHARES = {"present": (18, 2), "absent": (4, 16), "behind": (2, 18), "aside": (18, 2)}
+WEAK_FRONT_SHARES = {"present": (12, 4), "absent": (6, 10), "behind": (4, 12), "aside": (12, 4)}
+
+Bearer = Literal["present", "absent", "behind", "aside"]
+Array = npt.NDArray[np.float64]
+_TIMES_MS = list(range(0, TRACK_MS + 1, FRAME_EVERY_MS))
+_TIMES_S = np.array(_TIMES_MS) / 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a draw is like: how often the tag is sought, how its distance errs, what the reader tells of it."""
+
+    rate_hz: int
+    sigma_m: float
+    people: int
+    bearer: Bearer
+    understated: bool = False
+    drifting: bool = False
+    facing: bool = True
+    distance: bool = True
+    bias_sigma_m: float = BIAS_SIGMA_M
+    drift_s: float = DRIFT_S
+    weak_fronts: bool = False
+    outliers: bool = False
+    ranges_off: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A draw: the tracks, the tag's readings in time order, the bearer's track (None if not in view), the gap.
+
+    `gap_m` is the mean difference of range between the bearer and the nearest other person; without a bearer in
+    view, between the bearer who is not and the nearest person.
+    """
+
+    setting: Setting
+    tracks: tuple[Track, ...]
+    readings: tuple[Sighting, ...]
+    bearer: int | None
+    gap_m: float
+
+
+def draw(setting: Setting, seed: int, number: int) -> Drawn:
+    """Return draw `number` of a setting."""
+    rng = np.random.default_rng([seed, number])
+    near = _walk(rng)
+    ranges = [near, *(_beside(rng, near) for _ in range(setting.people - 1))]
+    if setting.bearer == "present":
+        owner = int(rng.integers(setting.people))
+        worn, others = ranges[owner], [other for i, other in enumerate(ranges) if i != owner]
+    else:
+        owner = -1
+        worn, others = _beside(rng, near) if setting.bearer == "aside" else _walk(rng), ranges
+    gaps = [float(np.abs(worn - other).mean()) for other in others]
+    readings = _readings(rng, setting, worn)
+    seen = [_as_measured(rng, values) if setting.ranges_off else values for values in ranges]
+    tracks = tuple(_track(i + 1, values) for i, values in enumerate(seen))
+    return Drawn(setting, tracks, readings, owner + 1 if owner >= 0 else None, min(gaps, default=np.inf))
+
+
+def _walk(rng: np.random.Generator) -> Array:
+    """Return somebody's range: standing and swaying, or walking with pauses and turns."""
+    start = float(rng.uniform(1.2, 5.0))
+    sway = 0.03 * np.sin(_TIMES_S * rng.uniform(0.5, 1.5) + rng.uniform(0, 6))
+    if rng.random() < STANDING_SHARE:
+        return np.asarray(start + sway)
+    places = np.sort(rng.uniform(0, TRACK_MS / 1000, size=6))
+    speeds = np.where(rng.random(7) < 0.25, 0.0, rng.normal(0, 0.6, size=7))
+    steps = speeds[np.searchsorted(places, _TIMES_S)] * FRAME_EVERY_MS / 1000
+    return _reflect(start + np.cumsum(steps)) + sway
+
+
+def _beside(rng: np.random.Generator, other: Array) -> Array:
+    """Return another's range: of their own, or (as often) close to the other's all the time or at first."""
+    kind = rng.random()
+    if kind < 0.5:
+        return _walk(rng)
+    offset = float(rng.choice([-1, 1]) * rng.uniform(0.1, 1.5))
+    if kind < 0.8:
+        return _reflect(other + offset + 0.05 * np.sin(_TIMES_S * rng.uniform(0.5, 2)))
+    mine = _walk(rng)
+    return _reflect(mine - mine[0] + other[0] + offset)
+
+
+def _reflect(ranges: Array) -> Array:
+    """Keep people in the corridor: who comes to its end turns round."""
+    width = FARTHEST_M - NEAREST_M
+    return np.asarray(NEAREST_M + width - np.abs(np.mod(ranges - NEAREST_M, 2 * width) - width))
+
+
+def _as_measured(rng: np.random.Generator, ranges: Array) -> Array:
+    """Return ranges as a camera gives them: off by a factor, and by a little more in each frame."""
+    factor = 1 + float(rng.normal(0, RANGE_SCALE_SIGMA))
+    return np.asarray(ranges * factor + rng.normal(0, RANGE_NOISE_M, size=ranges.size))
+
+
+def _track(number: int, ranges: Array) -> Track:
+    track = Track(number, 0, TRACK_MS, 0.0, float(ranges[-1]))
+    track.times, track.ranges = list(_TIMES_MS), ranges.tolist()
+    return track
+
+
+def _readings(rng: np.random.Generator, setting: Setting, worn: Array) -> tuple[Sighting, ...]:
+    every_ms = 1000 / setting.rate_hz
+    asked = np.arange(rng.uniform(0, every_ms), TRACK_MS, every_ms)
+    times = np.floor(asked[rng.random(asked.size) >= MISSED_SHARE]).astype(np.int64)
+    true_sigma = setting.sigma_m * (2 if setting.understated else 1)
+    noise = _drifting(rng, times, setting.drift_s) if setting.drifting else rng.normal(size=times.size)
+    ranges = np.interp(times / 1000, _TIMES_S, worn)
+    distances = np.maximum(0.05, ranges + float(rng.normal(0, setting.bias_sigma_m)) + true_sigma * noise)
+    shares = WEAK_FRONT_SHARES if setting.weak_fronts else FRONT_SHARES
+    front = rng.random(times.size) < rng.beta(*shares[setting.bearer])
+    if setting.outliers:
+        distances += rng.uniform(0, OUTLIER_MAX_M, times.size) * (rng.random(times.size) < OUTLIER_SHARE)
+    made = []
+    for at, distance, ahead in zip(times.tolist(), distances.tolist(), front.tolist(), strict=True):
+        facing = (Facing.FRONT if ahead else Facing.BACK) if setting.facing else Facing.UNKNOWN
+        measured = (distance, setting.sigma_m) if setting.distance else (None, None)
+        made.append(Sighting(at, at, "", 1 if ahead else 2, facing, -50.0, *measured))
+    return tuple(made)
+
+
+def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64], drift_s: float) -> Array:
+    """Return errors of standard deviation 1 whose correlation falls to 1/e in `drift_s`."""
+    fresh = rng.normal(size=times.size)
+    values = np.empty(times.size)
+    before, last = 0.0, None
+    for i, at in enumerate(times.tolist()):
+        kept = 0.0 if last is None else float(np.exp(-(at - last) / 1000 / drift_s))
+        before = kept * before + float(np.sqrt(1 - kept * kept)) * float(fresh[i])
+        values[i], last = before, at
+    return values

@@ -1,0 +1,245 @@
+"""How often the matcher gives a tag to the wrong person, and how much it withholds: the robot's own, on drawn tracks.
+
+Every draw is fed to `clients.robot.hiding.matcher.Matcher` reading by reading, as a robot does. Must never decide
+anything itself: a track counts as wrong if the matcher binds the tag to somebody else at any time, even for a moment.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta
+
+from clients.robot.hiding.hider import BUFFER_DEFAULT_MS
+from clients.robot.hiding.matcher import Matcher
+from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.workers import worker_pool
+from network.lab.matcher.matcher_cost import measure_cost
+from network.lab.matcher.matcher_draws import FRAME_EVERY_MS, TRACK_MS, Bearer, Drawn, Setting, draw
+
+WRONG_MAX_RATE = 0.001
+WITHHELD_MAX_RATE = 0.05
+RATES_HZ = (1, 2, 5)
+SIGMAS_M = (0.3, 0.5, 0.8)
+PEOPLE = (1, 2, 3)
+BEARERS: tuple[Bearer, ...] = ("present", "absent", "behind")
+# Each group of draws: what it changes of the plain one, and how many tracks it has for each of the plain ones.
+GROUPS: dict[str, tuple[dict[str, Any], float]] = {
+    "facing": ({}, 1.0),
+    "sigma-understated": ({"understated": True}, 1.0),
+    "drifting": ({"drifting": True}, 1.0),
+    "no-facing": ({"facing": False}, 0.25),
+    "no-distance": ({"distance": False}, 0.1),
+    "aside": ({"bearer": "aside"}, 0.25),
+    # Off what the matcher assumes.
+    "weak-fronts": ({"weak_fronts": True}, 0.25),
+    "biased": ({"bias_sigma_m": 0.4}, 0.25),
+    "drifting-long": ({"drifting": True, "drift_s": 6.0}, 0.25),
+    "outliers": ({"outliers": True}, 0.25),
+    "ranges-off": ({"ranges_off": True}, 0.25),
+}
+_NUMBERED_COUNT = 6
+"""The first groups, whose draws are numbered in turn; of later ones each has its own numbers, so that none changes."""
+GAPS = ("alone", "over-1m", "half-to-1m", "under-half")
+_CHUNK_COUNT = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one draw. `withheld` (share of frames) and `bound_at_ms` are of a bearer in view, else None."""
+
+    group: str
+    setting: Setting
+    gap: str
+    wrong: bool
+    withheld: float | None
+    bound_at_ms: int | None
+
+
+Progress = Callable[[int, int], None]
+
+
+def play(drawn: Drawn) -> list[tuple[int, int | None]]:
+    """Feed a draw to the matcher; return to which track the tag was bound from each reading on, by time (ms)."""
+    matcher = Matcher()
+    for track in drawn.tracks:
+        matcher.add_track(track)
+    present = [track.number for track in drawn.tracks]
+    bound = []
+    for reading in drawn.readings:
+        matcher.add_sighting("tag", reading)
+        matcher.advance(reading.middle_ms)
+        bound.append((reading.middle_ms, matcher.bound_track("tag", present)))
+    return bound
+
+
+def judge(group: str, drawn: Drawn) -> Outcome:
+    """Play a draw and hold the result against the truth."""
+    bound = play(drawn)
+    wrong = any(number is not None and number != drawn.bearer for _, number in bound)
+    right_ms = [at for at, number in bound if number is not None and number == drawn.bearer]
+    gap = gap_name(drawn.gap_m)
+    if drawn.bearer is None:
+        return Outcome(group, drawn.setting, gap, wrong, None, None)
+    return Outcome(group, drawn.setting, gap, wrong, _withheld_share(bound, drawn.bearer), min(right_ms, default=None))
+
+
+def gap_name(gap_m: float) -> str:
+    """Return the stratum of a mean difference of range."""
+    if np.isinf(gap_m):
+        return "alone"
+    return "over-1m" if gap_m > 1 else "half-to-1m" if gap_m >= 0.5 else "under-half"
+
+
+def _withheld_share(bound: Sequence[tuple[int, int | None]], bearer: int) -> float:
+    """Return the share of frames at which, and for the length of the buffer after which, the tag was not bound."""
+    frames = np.arange(0, TRACK_MS + 1, FRAME_EVERY_MS)
+    released = np.zeros(frames.size, dtype=bool)
+    ends = [at for at, _ in bound[1:]] + [TRACK_MS]
+    for (at, number), end in zip(bound, ends, strict=True):
+        if number == bearer:
+            released |= (frames >= at - BUFFER_DEFAULT_MS) & (frames <= end)
+    return float(1 - released.mean())
+
+
+def settings_of(group: str) -> list[Setting]:
+    """Return the settings that a group goes through, over and over."""
+    changes, _ = GROUPS[group]
+    plain = [Setting(*values) for values in product(RATES_HZ, SIGMAS_M, PEOPLE, BEARERS)]
+    return [replace(setting, **changes) for setting in plain]
+
+
+def _judge_chunk(job: tuple[str, int, int, int]) -> list[Outcome]:
+    group, first, end, seed = job
+    settings, place = settings_of(group), list(GROUPS).index(group)
+    base, stride = (place, _NUMBERED_COUNT) if place < _NUMBERED_COUNT else (place << 32, 1)
+    return [judge(group, draw(settings[i % len(settings)], seed, base + i * stride)) for i in range(first, end)]
+
+
+def _outcomes(jobs: Sequence[tuple[str, int, int, int]], workers: int) -> Iterator[list[Outcome]]:
+    if workers == 1:
+        yield from map(_judge_chunk, jobs)
+        return
+    with worker_pool(workers) as pool:
+        yield from pool.map(_judge_chunk, jobs)
+
+
+def judge_matcher(
+    tracks: int,
+    seed: int,
+    *,
+    workers: int | None = None,
+    groups: Iterable[str] = tuple(GROUPS),
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Judge the matcher on `tracks` drawn tracks in each group with facing (fewer in the others).
+
+    Returns name, ok (the goals are met), figures, conditions, and `strata`: a row for each group, sigma and rate.
+    The same seed gives the same figures with any number of `workers` (processes; all cores unless told).
+    """
+    workers = workers or len(os.sched_getaffinity(0))
+    conditions = measure_conditions(nodes=0, seed=seed, tracks=tracks, workers=workers)
+    cost = measure_cost(seed)
+    jobs = []
+    for group in groups:
+        count = max(1, round(tracks * GROUPS[group][1]))
+        jobs += [(group, i, min(i + _CHUNK_COUNT, count), seed) for i in range(0, count, _CHUNK_COUNT)]
+    outcomes: list[Outcome] = []
+    for done, some in enumerate(_outcomes(jobs, workers), start=1):
+        outcomes += some
+        if progress is not None:
+            progress(done, len(jobs))
+    figures = {**headline(outcomes), **cost}
+    result = build_result("matcher", ok=meets_goals(figures), figures=figures, conditions=conditions)
+    return {**result, "strata": strata(outcomes)}
+
+
+def headline(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return the figures that goals are set for, and those that are only reported."""
+    facing = [o for o in outcomes if o.group == "facing"]
+    figures: dict[str, Any] = {"tracks": len(outcomes)}
+    figures |= _wrong("wrong_owner", facing)
+    figures |= _wrong("wrong_absent", [o for o in facing if o.setting.bearer != "present"])
+    for group in list(GROUPS)[1:]:
+        figures |= _wrong(f"wrong_{group.replace('-', '_')}", [o for o in outcomes if o.group == group])
+    close = [o for o in outcomes if o.group == "drifting" and o.gap == "under-half"]
+    figures |= _wrong("wrong_drifting_under_half", close)
+    easy = [o for o in facing if o.gap == "over-1m" and o.setting.rate_hz >= 2 and o.setting.sigma_m <= 0.5]
+    figures |= _withheld("withheld", easy)
+    return figures
+
+
+def meets_goals(figures: dict[str, Any]) -> bool:
+    """Whether the wrong owner is rare enough in all groups with facing, and little withheld where it is easy."""
+    names = ("wrong_owner", "wrong_absent", "wrong_sigma_understated", "wrong_drifting")
+    rates = [figures.get(f"{name}_rate") for name in names]
+    withheld = figures.get("withheld_rate")
+    return all(rate is None or rate <= WRONG_MAX_RATE for rate in rates) and (
+        withheld is None or withheld <= WITHHELD_MAX_RATE
+    )
+
+
+def strata(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+    """Return a row for each group, sigma and rate: wrong by where the bearer was, withheld by gap, delays."""
+    rows = []
+    for group, sigma_m, rate_hz in product(GROUPS, SIGMAS_M, RATES_HZ):
+        mine = [o for o in outcomes if (o.group, o.setting.sigma_m, o.setting.rate_hz) == (group, sigma_m, rate_hz)]
+        if not mine:
+            continue
+        row: dict[str, Any] = {"group": group, "sigma_m": sigma_m, "rate_hz": rate_hz, "tracks": len(mine)}
+        row |= _wrong("wrong", mine)
+        for bearer in BEARERS:
+            row[f"bearer_{bearer}"] = _wrong("wrong", [o for o in mine if o.setting.bearer == bearer])
+        for gap in GAPS:
+            at_gap = [o for o in mine if o.gap == gap]
+            row[gap] = {**_wrong("wrong", at_gap), **_withheld("withheld", at_gap), **_delays(at_gap)}
+        rows.append(row)
+    return rows
+
+
+def upper_bound(wrong: int, count: int) -> float:
+    """Return the upper 95 % bound of a rate (Clopper-Pearson, one-sided)."""
+    return 1.0 if wrong >= count else float(beta.ppf(0.95, wrong + 1, count - wrong))
+
+
+def _wrong(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    if not outcomes:
+        return {}
+    wrong = sum(outcome.wrong for outcome in outcomes)
+    return {
+        f"{name}_rate": round(wrong / len(outcomes), 6),
+        f"{name}_count": wrong,
+        f"{name}_of": len(outcomes),
+        f"{name}_upper95": round(upper_bound(wrong, len(outcomes)), 6),
+    }
+
+
+def _withheld(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return the share of frames withheld from bearers in view; the bound takes tracks, not frames, as independent."""
+    shares = np.array([o.withheld for o in outcomes if o.withheld is not None])
+    if shares.size == 0:
+        return {}
+    error = float(shares.std() / np.sqrt(shares.size))
+    return {
+        f"{name}_rate": round(float(shares.mean()), 5),
+        f"{name}_of": int(shares.size),
+        f"{name}_upper95": round(min(1.0, float(shares.mean()) + 1.645 * error), 5),
+    }
+
+
+def _delays(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return how long it took until the tag was bound to its bearer, and how often it never was."""
+    present = [o for o in outcomes if o.withheld is not None]
+    bound = [float(o.bound_at_ms) for o in present if o.bound_at_ms is not None]
+    if not present:
+        return {}
+    return {
+        "never_bound_rate": round(1 - len(bound) / len(present), 5),
+        "bound_after_p50_ms": percentile(bound, 0.5),
+        "bound_after_p90_ms": percentile(bound, 0.9),
+    }

@@ -1,0 +1,193 @@
+"""`blockrobot bench pedestrians`: how many real pedestrians stay visible to whom. Must never count a guess as seen.
+
+The film (vtest.avi of Debian's opencv-doc) shows real people from a high camera, in colour without depth. What is judged is
+the robot's own code; what the film lacks is made for it, and said so: a depth worked out from flat ground, and drawn tags.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from clients.robot.hiding.hider import Kept
+from clients.robot.pairing.occupancy import Aloneness
+from clients.robot.recording.sensor_tracks import cut_colour
+from clients.robot.sensing.sensor_events import Mask
+from consensus.errors import BlockRobotError
+from network.bench.conditions import build_result, measure_conditions
+from network.lab.pedestrians.film import FILM, FRAME_MS, FRAME_RATE, Colour, Film, read_film
+from network.lab.pedestrians.marks import Box, find_people, is_marked_film, marked_people
+from network.lab.pedestrians.play import (
+    READ_EVERY_FRAMES,
+    SIGMA_M,
+    Followed,
+    Played,
+    choose_bearers,
+    follow_everybody,
+    play,
+    work_out_depths,
+)
+
+TAGS_DEFAULT_COUNT = 12
+PICTURE_EACH_COUNT = 3
+
+
+def judge_pedestrians(
+    seed: int = 1,
+    *,
+    tags: int = TAGS_DEFAULT_COUNT,
+    frames: range | None = None,
+    film_file: Path = FILM,
+    picture: Path | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Return one object as every measurement has; under `people` what each bearer of a drawn tag gets.
+
+    `frames` is a stretch of the film (all of it, if not given); `picture` is where a PNG of what is shown to whom is
+    written. In another film than the marked one nothing is looked at by eye. Raises FILE_UNUSABLE where the film is not
+    there, or the picture's folder.
+    """
+    if picture is not None and not picture.parent.is_dir():
+        raise BlockRobotError("FILE_UNUSABLE", f"There is no folder {picture.parent} to write the picture into.")
+    conditions = measure_conditions(
+        nodes=0, seed=seed, tags_drawn=tags, readings_a_second=FRAME_RATE / READ_EVERY_FRAMES, sigma_m=SIGMA_M
+    )
+    tell("reading the film")
+    film, first = _stretch(read_film(film_file), frames)
+    started = time.process_time()
+    tell("following everybody")
+    depths = work_out_depths(film)
+    seen = follow_everybody(film, depths)
+    bearers = choose_bearers(seen, tags)
+    tell("hiding")
+    played = play(film, depths, bearers, seed)
+    took_s = time.process_time() - started
+    shown = _look(film, played, first, marked_people() if is_marked_film(film_file) else {})
+    figures: dict[str, Any] = {
+        "film_frames": len(film.frames),
+        "silhouettes": sum(seen.troubles.values()),
+        "silhouettes_taken_for_several_people": seen.troubles["merged"],
+        "people_followed": len(seen.followed),
+        "tags_drawn": len(bearers),
+        **_totals(played),
+        "pictures_kept_without_depth": keep_without_depth(film),
+        **shown,
+        "cpu_frame_ms": round(1000 * took_s / max(1, 2 * len(film.frames)), 1),
+    }
+    ok = figures["pictures_kept"] > 0 and all(
+        figures[name] == 0
+        for name in ("pictures_of_another", "pictures_kept_without_depth", "others_visible", "pictures_of_nobody_known")
+    )
+    people = {alias: _person(played, one, alias, first) for alias, one in bearers.items()}
+    if picture is not None:
+        draw_shown(film, played, first, picture)
+    return {**build_result("pedestrians", ok=ok, figures=figures, conditions=conditions), "people": people}
+
+
+def _stretch(film: Film, frames: range | None) -> tuple[Film, int]:
+    if frames is None:
+        return film, 0
+    return Film(film.frames[frames.start : frames.stop], film.empty), frames.start
+
+
+def _totals(played: Played) -> dict[str, Any]:
+    kept = sum(map(len, played.kept.values()))
+    withheld = sum(sum(reasons.values()) for reasons in played.withheld.values())
+    whole = sum(played.whole.values())
+    return {
+        "people_shown": sum(1 for pictures in played.kept.values() if pictures),
+        "pictures_kept": kept,
+        "pictures_withheld": withheld,
+        "withheld_rate": round(withheld / max(1, kept + withheld), 3),
+        "pictures_of_another": sum(played.of_others.values()),
+        "frames_with_the_bearer_alone": whole,
+    }
+
+
+def _person(played: Played, one: Followed, alias: str, first: int) -> dict[str, Any]:
+    return {
+        "followed_frames": len(one.ranges_m),
+        "first_frame": first + min(one.ranges_m),
+        "last_frame": first + max(one.ranges_m),
+        "pictures_kept": len(played.kept[alias]),
+        "pictures_withheld": dict(played.withheld[alias]),
+    }
+
+
+def keep_without_depth(film: Film) -> int:
+    """Return how many of the frames the robot would keep for anybody, had it the colour alone, as the film has."""
+    alone = Aloneness()
+    kept = 0
+    for index in range(len(film.frames)):
+        at_ms = index * FRAME_MS
+        judged = alone.judge(at_ms, at_ms, final=True)
+        kept += bool(judged and judged.keeper) + bool(alone.silhouettes(at_ms, final=True))
+    return kept
+
+
+def _look(film: Film, played: Played, first: int, people: Mapping[int, tuple[Box, ...]]) -> dict[str, Any]:
+    """Hold renditions of the marked frames against who was marked in them by eye."""
+    looked = others = unknown = before = 0
+    for pictures in played.kept.values():
+        for kept in pictures:
+            marked = people.get(first + kept.sequence)
+            if marked is None:
+                continue
+            looked += 1
+            found = find_people(_shown(film, kept), marked)
+            others += len(found.others)
+            unknown += found.owner is None
+            before += len(marked) - 1
+    return {
+        "pictures_looked_at": looked,
+        "others_visible": others,
+        "others_visible_without_hiding": before,
+        "pictures_of_nobody_known": unknown,
+    }
+
+
+def _shown(film: Film, kept: Kept) -> Mask:
+    mask = np.zeros(film.shape, dtype=bool)
+    alpha = cut_colour(film.frames[kept.sequence], kept.cut)[..., 3] > 0
+    mask[kept.cut.y : kept.cut.y + alpha.shape[0], kept.cut.x : kept.cut.x + alpha.shape[1]] = alpha
+    return mask
+
+
+def draw_shown(film: Film, played: Played, first: int, path: Path) -> None:
+    """Write a picture: for each bearer who gets pictures a row of moments, above what the camera saw, below what she gets.
+
+    Raises OSError where it cannot be written.
+    """
+    rows = []
+    for alias, pictures in played.kept.items():
+        if not pictures:
+            continue
+        step = max(1, len(pictures) // PICTURE_EACH_COUNT)
+        chosen = pictures[step // 2 :: step][:PICTURE_EACH_COUNT]
+        saw = [_titled(film.frames[kept.sequence], f"the camera, frame {first + kept.sequence}") for kept in chosen]
+        gets = [_titled(_rendition(film, kept), f"{alias} gets") for kept in chosen]
+        blank = [np.full_like(saw[0], 255)] * (PICTURE_EACH_COUNT - len(chosen))
+        rows += [np.hstack([*saw, *blank]), np.hstack([*gets, *blank])]
+    whole = np.vstack(rows) if rows else np.full((40, 640, 3), 255, np.uint8)
+    done, data = cv2.imencode(".png", whole)
+    assert done
+    path.write_bytes(data.tobytes())
+
+
+def _rendition(film: Film, kept: Kept) -> Colour:
+    picture = film.empty.copy()
+    shown = _shown(film, kept)
+    picture[shown] = film.frames[kept.sequence][shown]
+    return picture
+
+
+def _titled(frame: Colour, title: str) -> Colour:
+    small = cv2.resize(frame, (frame.shape[1] // 2, frame.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    cv2.rectangle(small, (0, 0), (12 + 8 * len(title), 20), (255, 255, 255), -1)
+    cv2.putText(small, title, (6, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 20), 1, cv2.LINE_AA)
+    return np.asarray(small, dtype=np.uint8)

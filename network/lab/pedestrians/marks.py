@@ -1,0 +1,85 @@
+"""People in some frames of the film, marked by eye, and who of them is to be seen in a rendition.
+
+The one judge here that does not come from the robot's own segmentation. Must never take the owner for somebody else: whose
+rendition it is, is whose box holds most of it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.sensing.sensor_events import Mask
+
+MARKED_FILE = "marked.json"
+OWNER_MIN_SHARE = 0.8
+"""Of a rendition's pixels: so many lie in its owner's box, or nobody can be named."""
+
+VISIBLE_MIN_SHARE = 0.02
+"""Of somebody's box: so much of it in another's rendition, outside of the owner's box, and she is visible there."""
+
+_SLACK_PX = 6  # the boxes were drawn by eye
+
+Box = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class InPicture:
+    """Who is in a rendition, as places in the frame's list of people: the owner (None: nobody can be named), and others."""
+
+    owner: int | None
+    others: tuple[int, ...]
+
+
+@lru_cache(maxsize=1)
+def _marked() -> dict[str, Any]:
+    marked: dict[str, Any] = json.loads(
+        (resources.files("network.lab.pedestrians") / MARKED_FILE).read_text(encoding="utf-8")
+    )
+    return marked
+
+
+def is_marked_film(film: Path) -> bool:
+    """Tell whether a file is the film in which people are marked: in any other, others stand elsewhere."""
+    with film.open("rb") as file:
+        return bool(hashlib.file_digest(file, "sha256").hexdigest() == _marked()["film_sha256"])
+
+
+def marked_people() -> dict[int, tuple[Box, ...]]:
+    """Return the boxes (x, y, width, height) of all people in each marked frame."""
+    return {
+        int(frame): tuple((int(x), int(y), int(width), int(height)) for x, y, width, height in boxes)
+        for frame, boxes in _marked()["frames"].items()
+    }
+
+
+def find_people(shown: Mask, people: tuple[Box, ...]) -> InPicture:
+    """Return who of the marked people is in a rendition; `shown` is true where the whole frame's pixel is in it."""
+    inside = [_inside(shown.shape, box, _SLACK_PX) for box in people]
+    total = max(1, int(np.count_nonzero(shown)))
+    shares = [int(np.count_nonzero(shown & mask)) / total for mask in inside]
+    best = max(range(len(people)), key=lambda number: shares[number])
+    owner = best if shares[best] >= OWNER_MIN_SHARE else None
+    rest = shown & ~inside[best] if owner is not None else shown
+    others = tuple(
+        number
+        for number, box in enumerate(people)
+        if number != owner
+        and np.count_nonzero(rest & _inside(shown.shape, box, 0)) >= VISIBLE_MIN_SHARE * box[2] * box[3]
+    )
+    return InPicture(owner, others)
+
+
+def _inside(shape: tuple[int, ...], box: Box, slack: int) -> npt.NDArray[np.bool_]:
+    mask = np.zeros(shape, dtype=bool)
+    left, top, width, height = box
+    mask[max(0, top - slack) : top + height + slack, max(0, left - slack) : left + width + slack] = True
+    return mask

@@ -1,0 +1,122 @@
+"""Plays the film through the robot's hider with tags that are drawn for some of the people, and notes who is shown to whom.
+
+The film has no tags. A first pass of the robot's own segmentation and tracks finds who is followed for long; some of them
+get a tag that is read twice a second while they are followed, at their distance with an error. Must never hide anyone by
+other means than the robot's own.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from clients.robot.hiding.companion_watch import CompanionWatch
+from clients.robot.hiding.hider import Hider, Kept, Output, Withheld
+from clients.robot.hiding.segmentation import segment
+from clients.robot.hiding.tracking import Tracker
+from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
+from network.lab.pedestrians.film import FOCAL_PX, FRAME_MS, Film, background_of, depth_of
+
+READ_EVERY_FRAMES = 5
+SIGMA_M = 0.3
+FOLLOWED_MIN_FRAMES = 40
+_CUT_MARGIN_PX = 4  # a cut's box begins so far before its silhouette's
+
+
+@dataclass(slots=True)
+class Followed:
+    """Somebody who was followed: at which frames, how far away (m), and where the cut's box begins in each (x, y)."""
+
+    number: int
+    ranges_m: dict[int, float] = field(default_factory=dict)
+    corners: dict[int, tuple[int, int]] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Seen:
+    """What the first pass found: everybody who was followed, and every silhouette by what troubles it."""
+
+    followed: dict[int, Followed] = field(default_factory=dict)
+    troubles: Counter[str] = field(default_factory=Counter)
+    in_frame: Counter[int] = field(default_factory=Counter)
+
+
+@dataclass(slots=True)
+class Played:
+    """What each tag's bearer gets, and what of it is not the one whom the tag was given to.
+
+    `whole` are frames in which nobody but the bearer was in the picture: only these might be kept whole, as colour is that
+    cannot be cut.
+    """
+
+    kept: dict[str, list[Kept]] = field(default_factory=dict)
+    withheld: dict[str, Counter[str]] = field(default_factory=dict)
+    of_others: Counter[str] = field(default_factory=Counter)
+    whole: Counter[str] = field(default_factory=Counter)
+
+
+def work_out_depths(film: Film) -> list[Depth]:
+    """Return every frame's worked-out depth."""
+    return [depth_of(film, frame) for frame in film.frames]
+
+
+def follow_everybody(film: Film, depths: list[Depth]) -> Seen:
+    """Run segmentation, the watch for companions and the tracks over the film, as the hider does."""
+    background, companions, tracker, seen = background_of(film), CompanionWatch(), Tracker(), Seen()
+    for index, depth in enumerate(depths):
+        at_ms = index * FRAME_MS
+        silhouettes = companions.step(segment(depth, background, FOCAL_PX).silhouettes, at_ms)
+        seen.in_frame[index] = len(silhouettes)
+        for silhouette, track in zip(silhouettes, tracker.step(silhouettes, at_ms), strict=True):
+            seen.troubles[silhouette.trouble or "clear"] += 1
+            if track is not None:
+                one = seen.followed.setdefault(track.number, Followed(track.number))
+                one.ranges_m[index] = silhouette.range_m
+                left, top = silhouette.box[:2]
+                one.corners[index] = (max(0, 2 * left - _CUT_MARGIN_PX), max(0, 2 * top - _CUT_MARGIN_PX))
+    return seen
+
+
+def choose_bearers(seen: Seen, count: int) -> dict[str, Followed]:
+    """Return who gets a tag, by alias: those who were followed longest, at least four seconds, in order of appearance."""
+    longest = sorted(seen.followed.values(), key=lambda one: (-len(one.ranges_m), one.number))[:count]
+    bearers = sorted((one for one in longest if len(one.ranges_m) >= FOLLOWED_MIN_FRAMES), key=lambda one: one.number)
+    return {f"person-{place}": one for place, one in enumerate(bearers, 1)}
+
+
+def draw_readings(bearers: dict[str, Followed], seed: int) -> dict[int, list[tuple[str, Sighting]]]:
+    """Return readings by the frame at which they come: twice a second, in front, at the distance and an error."""
+    random = np.random.default_rng(seed)
+    readings: dict[int, list[tuple[str, Sighting]]] = {}
+    for alias, one in bearers.items():
+        for index in list(one.ranges_m)[::READ_EVERY_FRAMES]:
+            distance_m = max(0.1, one.ranges_m[index] + float(random.normal(0.0, SIGMA_M)))
+            at_ms = index * FRAME_MS
+            sighting = Sighting(at_ms, at_ms, "", 1, Facing.FRONT, -50.0, distance_m, SIGMA_M)
+            readings.setdefault(index, []).append((alias, sighting))
+    return readings
+
+
+def play(film: Film, depths: list[Depth], bearers: dict[str, Followed], seed: int) -> Played:
+    """Run the hider over the film and the drawn readings; return what each bearer gets."""
+    hider, readings = Hider(background_of(film), focal_px=FOCAL_PX), draw_readings(bearers, seed)
+    played = Played({alias: [] for alias in bearers}, {alias: Counter() for alias in bearers})
+    for index, depth in enumerate(depths):
+        for alias, sighting in readings.get(index, []):
+            _take(played, bearers, hider.push_sighting(alias, sighting))
+        _take(played, bearers, hider.push_frame(Frame(index * FRAME_MS, index, depth)))
+    _take(played, bearers, hider.flush())
+    return played
+
+
+def _take(played: Played, bearers: dict[str, Followed], outputs: list[Output]) -> None:
+    for output in outputs:
+        if isinstance(output, Withheld):
+            played.withheld[output.alias][output.reason.value] += 1
+        elif isinstance(output, Kept):
+            played.kept[output.alias].append(output)
+            played.whole[output.alias] += output.alone
+            corner = bearers[output.alias].corners.get(output.sequence)
+            played.of_others[output.alias] += corner != (output.cut.x, output.cut.y)

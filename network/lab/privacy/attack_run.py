@@ -1,0 +1,110 @@
+"""The whole attack: play the days, attack them in each scheme, put the figures side by side. Must never pass on a maybe.
+
+`ok` only if every attack on ours is shown (95 % bound) to be within 0.05 of guessing, and every attack that must win on
+the prototype's way did: one that wins nowhere shows nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from network.bench.conditions import build_result, measure_conditions
+from network.lab.privacy.attacks.attacks_on_all import attack_all_schemes
+from network.lab.privacy.attacks.attacks_on_insides import attack_insides
+from network.lab.privacy.attacks.evidence import Evidence, gather
+from network.lab.privacy.attacks.learner import has_boosting
+from network.lab.privacy.hospital.attacked_custodian import keep_last_day
+from network.lab.privacy.hospital.attacked_days import play
+from network.lab.privacy.hospital.population import draw_population
+from network.lab.privacy.hospital.schemes import OURS, PROTOTYPE, SCHEMES
+from network.lab.privacy.limits_table import limit_figures, limits_of
+from network.lab.privacy.scoring import Rate
+
+MUST_WIN_RATE = 0.95
+MUST_WIN = ("dictionary", "link_key", "link_all", "enrolled", "present", "custodian_opens", "backup_opens")
+_MEMORY_FOLDER = Path("/dev/shm")  # noqa: S108 - in memory, and below a folder of our own
+
+Progress = Callable[[str], None]
+Rates = dict[str, dict[str, Rate]]
+
+
+@dataclass(frozen=True, slots=True)
+class AttackOptions:
+    """How many people enrol (as many again do not), on how many days they are recorded, from which seed.
+
+    `serial_bits`: how many bits of a UID an attacker does not know, and enumerates.
+    """
+
+    people: int = 240
+    days: int = 5
+    seed: int = 1
+    serial_bits: int = 20
+
+
+def run_privacy_attack(options: AttackOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
+    """Play and attack; return name, ok, figures and conditions."""
+    boosting = has_boosting()
+    conditions = measure_conditions(nodes=0, seed=options.seed)
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="blockrobot-attack-", dir=_working_folder()) as name:
+        folder = Path(name)
+        progress(f"playing {options.days} days of {options.people} people")
+        population = draw_population(
+            options.seed, people=options.people, days=options.days, serial_bits=options.serial_bits
+        )
+        played = play(population, folder, seed=options.seed)
+        evidence = gather(played, seed=options.seed, boosting=boosting)
+        progress("the custodian follows, is copied, erases")
+        custody = keep_last_day(played, folder / "custodian")
+        rates, figures = attack_all_schemes(evidence, progress)
+        inside, more = attack_insides(evidence, custody, folder, progress)
+        rates |= inside
+        limits = limits_of(evidence, custody, folder, progress)
+    figures |= more
+    table: dict[str, Any] = {}
+    for attack, found in rates.items():
+        for scheme in (scheme for scheme in SCHEMES if scheme in found):
+            table |= found[scheme].figures(f"{attack}_{scheme}")
+    table |= limit_figures(limits) | figures
+    table["leaks_on_ours"] = [attack for attack, found in rates.items() if not found[OURS].is_guessing]
+    table["attacks_too_weak"] = too_weak(rates)
+    table["elapsed_s"] = round(time.monotonic() - started, 1)
+    return build_result(
+        "privacy attack",
+        ok=not table["leaks_on_ours"] and not table["attacks_too_weak"],
+        figures=table,
+        conditions={**conditions, **_scale(options, evidence, boosting=boosting)},
+    )
+
+
+def too_weak(rates: Rates) -> list[str]:
+    """Return the attacks that do not win on the prototype's way although they must."""
+    return [name for name in MUST_WIN if name not in rates or rates[name][PROTOTYPE].success < MUST_WIN_RATE]
+
+
+def _scale(options: AttackOptions, evidence: Evidence, *, boosting: bool) -> dict[str, Any]:
+    return {
+        "people": options.people,
+        "days": options.days,
+        "robots": evidence.played.population.robots,
+        "visits": len(evidence.visits),
+        "records": sum(len(visit.records) for visit in evidence.visits),
+        "blocks": len(evidence.played.chain.blocks),
+        "uid_bits_searched": options.serial_bits,
+        "linker": "gradient boosting" if boosting else "logistic regression",
+    }
+
+
+def _working_folder() -> str | None:
+    """Return where to play: in memory if there is such a folder, since robots and custodians sync each file."""
+    usable = _MEMORY_FOLDER.is_dir() and os.access(_MEMORY_FOLDER, os.W_OK)
+    if not usable:
+        return None
+    space = os.statvfs(_MEMORY_FOLDER)
+    return str(_MEMORY_FOLDER) if space.f_bavail * space.f_frsize > 2 * 1024**3 else None

@@ -1,0 +1,108 @@
+"""Trying every UID that a tag could have, against what each scheme makes public. Must never be told a UID.
+
+A UID has 96 bits, but all cards of a delivery share most of them, and whoever holds one card knows which: what is left is
+a serial number. That is enumerated here, really; what longer unknown parts would cost is computed from the rate.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from consensus.primitives.hashing import tagged_hasher
+from network.lab.privacy.hospital.population import UID_PREFIX
+from network.lab.privacy.hospital.schemes import OwnerMark
+
+COMPUTED_BITS = (32, 40, 56, 96)
+GPU_HASHES_A_SECOND = 10**10
+"""One graphics card of the present, by published benchmarks of SHA-256: not measured here."""
+
+_CHUNK_COUNT = 1 << 16
+_WEAK_NAMES = ("blockrobot/handle", "blockrobot/tag", "blockrobot/owner", "blockrobot/visit")
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """What a search found (UID by the place of its target), how many hashes it took, and in how many seconds of CPU."""
+
+    found: dict[int, str]
+    hashes: int
+    seconds: float
+
+    @property
+    def rate(self) -> float:
+        """Hashes a second on this core."""
+        return self.hashes / self.seconds if self.seconds else 0.0
+
+
+def enumerate_uids(serial_bits: int) -> Iterator[list[bytes]]:
+    """Yield all UIDs of a delivery, in portions."""
+    for start in range(0, 1 << serial_bits, _CHUNK_COUNT):
+        stop = min(start + _CHUNK_COUNT, 1 << serial_bits)
+        yield [b"%s%010X" % (UID_PREFIX.encode(), serial) for serial in range(start, stop)]
+
+
+def search_marks(marks: Sequence[OwnerMark], pepper: bytes, serial_bits: int) -> Search:
+    """Find the UIDs behind marks. Those without a salt are all found in one pass, salted ones take a pass each."""
+    targets: dict[bytes, dict[bytes, list[int]]] = {}
+    for place, mark in enumerate(marks):
+        targets.setdefault(mark.salt, {}).setdefault(mark.digest, []).append(place)
+    found: dict[int, str] = {}
+    hashes, started = 0, time.process_time()
+    sha256 = hashlib.sha256
+    for salt, wanted in targets.items():
+        left, before = len(wanted), pepper + salt
+        for uids in enumerate_uids(serial_bits):
+            hits = [uid for uid in uids if sha256(before + uid).digest() in wanted]
+            hashes += len(uids)
+            for uid in hits:
+                found.update(dict.fromkeys(wanted[sha256(before + uid).digest()], uid.decode()))
+            left -= len(hits)
+            if left <= 0:
+                break
+    return Search(found, hashes, time.process_time() - started)
+
+
+def weak_functions(chain_id: bytes) -> list[Callable[[bytes], bytes]]:
+    """Return functions of a UID that a careless design of ours could have put on the chain."""
+    functions: list[Callable[[bytes], bytes]] = [
+        lambda uid: hashlib.sha256(uid).digest(),
+        lambda uid: hashlib.sha256(chain_id + uid).digest(),
+        lambda uid: hmac.digest(chain_id, uid, "sha256"),
+        lambda uid: hashlib.sha256(bytes.fromhex(uid.decode())).digest(),
+        bytes,
+        lambda uid: bytes.fromhex(uid.decode()),
+    ]
+    return functions + [tagged_hasher(name) for name in _WEAK_NAMES]
+
+
+def search_chain(marks: Collection[bytes], chain_id: bytes, serial_bits: int) -> Search:
+    """Look for any weak function of any UID among all that stands on the chain, whole or its first 16 bytes."""
+    wanted = set(marks) | {mark[1:] for mark in marks if len(mark) == 33}
+    found: dict[int, str] = {}
+    hashes, started = 0, time.process_time()
+    for uids in enumerate_uids(serial_bits):
+        for function in weak_functions(chain_id):
+            hashes += len(uids)
+            for uid in uids:
+                image = function(uid)
+                if image in wanted or image[:16] in wanted:
+                    found[len(found)] = uid.decode()
+    return Search(found, hashes, time.process_time() - started)
+
+
+def computed_costs(hashes_a_second: float) -> dict[str, Any]:
+    """Return what a whole search of so many unknown bits would take, computed from a measured rate, in core hours.
+
+    Beside it the same on one graphics card.
+    """
+    figures: dict[str, Any] = {}
+    for bits in COMPUTED_BITS:
+        hours = 2.0**bits / max(hashes_a_second, 1.0) / 3600
+        figures[f"computed_dictionary_{bits}_bit_core_hours"] = float(f"{hours:.3g}")
+        figures[f"computed_dictionary_{bits}_bit_gpu_hours"] = float(f"{2.0**bits / GPU_HASHES_A_SECOND / 3600:.3g}")
+    return figures

@@ -1,0 +1,55 @@
+"""What attackers are given, and beside it the truth by which they are judged. Must never let the first hold the second."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from network.lab.privacy.attacks.ledger_view import LedgerView, VisitSeen, collect_marks, read_ledger
+from network.lab.privacy.attacks.trials import Labelled, Trial, draw_trials
+from network.lab.privacy.hospital.attacked_days import Played
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """The chain as read, its visits in order, sizes of what custodians hold of each; and, for judging, the trials."""
+
+    played: Played
+    view: LedgerView
+    visits: tuple[VisitSeen, ...]
+    sizes: tuple[tuple[int, ...], ...]
+    marks: frozenset[bytes]
+    labels: tuple[Labelled, ...]
+    matched: tuple[Trial, ...]
+    free: tuple[Trial, ...]
+    seed: int
+    boosting: bool
+
+    def uid_of(self, visit: int) -> str:
+        """Return whose tag it was: for the schemes that write something of it."""
+        return self.played.holders[self.labels[visit].person].person.uid
+
+
+def gather(played: Played, *, seed: int, boosting: bool) -> Evidence:
+    """Read the chain, and draw the trials."""
+    view = read_ledger(played.chain.blocks)
+    visits = tuple(visit for visit in view.visits.values() if visit.records)
+    sizes = tuple(
+        tuple(len(text) for record in visit.records for text in played.uploads[record.record_id].ciphertexts)
+        for visit in visits
+    )
+    labels = []
+    for number, visit in enumerate(visits):
+        stay = played.population.stays[played.truth.stay_of_owner[visit.owner]]
+        labels.append(Labelled(number, stay.person, stay.robot, stay.day, stay.round))
+    return Evidence(
+        played=played,
+        view=view,
+        visits=visits,
+        sizes=sizes,
+        marks=frozenset(collect_marks(played.chain)),
+        labels=tuple(labels),
+        matched=tuple(draw_trials(labels, matched=True, seed=seed)),
+        free=tuple(draw_trials(labels, matched=False, seed=seed)),
+        seed=seed,
+        boosting=boosting,
+    )

@@ -1,0 +1,86 @@
+"""Trials of linking: here is a visit; which of these two is the same person's? Must never let an attacker see the answer.
+
+In a `matched` trial both candidates are visits to the same robot on the same round, so that place and hour, which every
+eyewitness knows, say nothing. In a free one the other candidate is anybody's visit at all.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from network.lab.privacy.attacks.learner import Floats, learn
+from network.lab.privacy.scoring import Rate, grouped_rate
+
+TRIALS_A_PERSON_COUNT = 48
+
+
+@dataclass(frozen=True, slots=True)
+class Labelled:
+    """A visit by its number among those attacked, with the truth about it: whose, where, on which day and round."""
+
+    number: int
+    person: int
+    robot: int
+    day: int
+    round: int
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """The numbers of an anchor, of another visit of the same person on another day, and of a visit of another person."""
+
+    person: int
+    anchor: int
+    same: int
+    other: int
+
+
+Features = Callable[[int, int], Sequence[float]]
+"""Of two visits by number: what the attacker makes of the pair."""
+
+
+def draw_trials(visits: Sequence[Labelled], *, matched: bool, seed: int) -> list[Trial]:
+    """Draw up to `TRIALS_A_PERSON_COUNT` trials a person."""
+    rng = np.random.default_rng([seed, 0x7121A1, matched])
+    own: dict[int, list[Labelled]] = defaultdict(list)
+    beside: dict[tuple[int, int, int], list[Labelled]] = defaultdict(list)
+    for visit in visits:
+        own[visit.person].append(visit)
+        beside[visit.robot, visit.day, visit.round].append(visit)
+    trials = []
+    for person, mine in sorted(own.items()):
+        pairs = [(first, second) for first in mine for second in mine if first.day != second.day]
+        for place in rng.permutation(len(pairs))[:TRIALS_A_PERSON_COUNT]:
+            anchor, same = pairs[place]
+            pool = beside[same.robot, same.day, same.round] if matched else visits
+            others = [visit for visit in pool if visit.person != person]
+            if others:
+                other = others[int(rng.integers(len(others)))]
+                trials.append(Trial(person, anchor.number, same.number, other.number))
+    return trials
+
+
+def attack_trials(trials: Sequence[Trial], features: Features, *, seed: int, boosting: bool) -> Rate:
+    """Learn on one half of the people and attack the other, and the other way round."""
+    if not trials:
+        return grouped_rate({}, 0.5, seed=seed)
+    same = np.array([features(trial.anchor, trial.same) for trial in trials], dtype=np.float64)
+    other = np.array([features(trial.anchor, trial.other) for trial in trials], dtype=np.float64)
+    people = np.array([trial.person for trial in trials], dtype=np.int64)
+    half = np.isin(people, np.random.default_rng([seed, 0x4A1F]).permutation(np.unique(people))[::2])
+    hits: dict[int, list[float]] = defaultdict(list)
+    for judged in (half, ~half):
+        if not judged.any() or judged.all():
+            continue
+        score = learn(same[~judged], other[~judged], people[~judged], seed=seed, boosting=boosting)
+        for person, hit in zip(people[judged], _compare(score(same[judged]), score(other[judged])), strict=True):
+            hits[int(person)].append(float(hit))
+    return grouped_rate(hits, 0.5, seed=seed)
+
+
+def _compare(same: Floats, other: Floats) -> Floats:
+    return np.asarray((same > other) + 0.5 * (same == other), dtype=np.float64)

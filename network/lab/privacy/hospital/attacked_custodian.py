@@ -1,0 +1,152 @@
+"""The custodian of the attacked hospital: the real one, over SQLite and a file of erase keys. Must never be opened twice.
+
+It follows the last day of the chain, is copied as a backup would copy it, hears of what some people share, erases what
+some ask to be erased, and is copied again. The copies are what thieves get.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from consensus.records.owner_keys import derive_owner_key
+from consensus.records.sharing import GRANT_STEP_MS, hash_grant_member, open_grant_keys
+from network.lab.privacy.attacks.ledger_view import VisitSeen, read_ledger
+from network.lab.privacy.hospital.attacked_chain import Block
+from network.lab.privacy.hospital.attacked_days import Played, day_of
+from network.sim.world.sim_cluster import quiet_logs
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import EraseKeys
+from node.custody.finalized_events import collect_events
+from node.custody.stores.custody_store import BlockEffects, Checkpoint
+from node.custody.stores.sqlite_store import SqliteStore
+
+DATABASE_FOLDER, KEYS_FOLDER = "database", "erase-keys"
+PURPOSE = "care"
+ERASED_VISITS_COUNT = 20
+GRANTS_COUNT = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Backup:
+    """Copies of a custodian's two folders, taken at one time."""
+
+    database: Path
+    erase_keys: Path
+
+
+@dataclass(frozen=True, slots=True)
+class CustodyStory:
+    """Backups from before and after the erasure, which records are there, and which were erased in between.
+
+    `grantees` are the numbers of the people with whom something was shared, by grant.
+    """
+
+    before: Backup
+    after: Backup
+    record_ids: tuple[bytes, ...]
+    erased_ids: tuple[bytes, ...]
+    grantees: dict[bytes, int]
+
+
+def keep_last_day(played: Played, folder: Path) -> CustodyStory:
+    """Let the custodian follow the last day, and erase some visits of it."""
+    view = read_ledger(played.chain.blocks)
+    last = played.population.days - 1
+    visits = [visit for visit in view.visits.values() if day_of(visit.at_ms) == last and visit.records]
+    first_block = next(place for place, block in enumerate(played.chain.blocks) if day_of(block.time_ms) == last)
+    with quiet_logs():
+        asyncio.run(_follow(played, folder, first_block))
+        before = _copy(folder, "before")
+        chosen = visits[:: max(2, len(visits) // ERASED_VISITS_COUNT)]
+        erasing_from = len(played.chain.blocks)
+        grantees: dict[bytes, int] = {}
+        played.run(_share(played, visits, grantees))
+        played.run(_ask(played, chosen))
+        asyncio.run(_follow(played, folder, erasing_from))
+        after = _copy(folder, "after")
+    kept = tuple(record.record_id for visit in visits for record in visit.records)
+    erased = tuple(record.record_id for visit in chosen for record in visit.records)
+    return CustodyStory(before, after, kept, erased, grantees)
+
+
+async def _share(played: Played, visits: Sequence[VisitSeen], grantees: dict[bytes, int]) -> None:
+    """Owners share their first records, each with somebody else in turn, as wallets do; note with whom."""
+    numbers, chain_id = sorted(played.holders), played.chain.chain_id
+    for turn in range(GRANTS_COUNT):
+        visit, number = visits[turn % len(visits)], numbers[turn % len(numbers)]
+        owner, grantee = played.holders[played.person_of(visit.owner)].keys, played.holders[number]
+        key = derive_owner_key(owner.spend, owner.view, visit.ephemeral, chain_id=chain_id, robot=visit.robot)
+        public = (grantee.keys.view.public_key, grantee.keys.spend.public_key)
+        made = open_grant_keys(secrets.token_bytes(32), *public, chain_id=chain_id, owner=visit.owner)
+        member_hash = hash_grant_member(secrets.token_bytes(32), grantee.handle)
+        until_ms = played.chain.now_ms() + GRANT_STEP_MS * 12
+        words = [[visit.records[0].record_id], made.owner, made.ephemeral, made.view_tag, member_hash, PURPOSE]
+        call = played.chain.sign(key, "access", "grant", [*words, until_ms - until_ms % GRANT_STEP_MS])
+        final = await played.chain.submit(call)
+        if not final.ok:
+            raise AssertionError(f"the chain refused a grant: {final.code}")
+        grantees[call.txid] = number
+
+
+async def _ask(played: Played, visits: Sequence[VisitSeen]) -> None:
+    """Each owner asks for the erasure of a whole visit."""
+    for visit in visits:
+        keys = played.holders[played.person_of(visit.owner)].keys
+        key = derive_owner_key(
+            keys.spend, keys.view, visit.ephemeral, chain_id=played.chain.chain_id, robot=visit.robot
+        )
+        ids = [record.record_id for record in visit.records]
+        final = await played.chain.submit(played.chain.sign(key, "erasure", "request", [ids, []]))
+        if not final.ok:
+            raise AssertionError(f"the chain refused an erasure: {final.code}")
+
+
+async def _follow(played: Played, folder: Path, first_block: int) -> None:
+    """Bring the blocks from a place on into effect, each clip uploaded before its record's block."""
+    chain, clock = played.chain, _Clock()
+    database = folder / DATABASE_FOLDER
+    database.mkdir(parents=True, exist_ok=True)
+    with EraseKeys(folder / KEYS_FOLDER) as keys:
+        async with SqliteStore(database) as store:
+            custodian = Custodian(store, keys, member=chain.custodian.public_key, clock_ms=clock)
+            await custodian.start()
+            if await store.checkpoint() is None:
+                await store.apply(BlockEffects(checkpoint=_point(chain.blocks[first_block - 1])))
+            for block in chain.blocks[first_block:]:
+                await _take(custodian, block, played, clock)
+
+
+async def _take(custodian: Custodian, block: Block, played: Played, clock: _Clock) -> None:
+    clock.now_ms = block.time_ms
+    for transaction in block.transactions:
+        if (transaction.body.contract, transaction.body.entry) == ("records", "record"):
+            await custodian.stage(played.uploads[transaction.arguments()[0]])
+    events = collect_events(block.height, block.block_id, block.time_ms, block.receipts)
+    await custodian.on_finalized_block(events)
+
+
+class _Clock:
+    """The time of the block that is followed."""
+
+    def __init__(self) -> None:
+        self.now_ms = 0
+
+    def __call__(self) -> int:
+        return self.now_ms
+
+
+def _point(block: Block) -> Checkpoint:
+    return Checkpoint(block.height, block.block_id, block.time_ms)
+
+
+def _copy(folder: Path, name: str) -> Backup:
+    """Copy both folders, as a backup that was told to leave nothing out."""
+    backup = Backup(folder / name / DATABASE_FOLDER, folder / name / KEYS_FOLDER)
+    shutil.copytree(folder / DATABASE_FOLDER, backup.database)
+    shutil.copytree(folder / KEYS_FOLDER, backup.erase_keys)
+    return backup

@@ -1,0 +1,22 @@
+"""The privacy notice of the demonstration hospital, as it ships. Must never be passed off as a real hospital's."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib import resources
+
+from consensus.rights.notices import Notice, notice_from
+
+DEMO_ORGANISATION = "hospital"
+
+
+def demo_notice_text() -> str:
+    """Return the TOML file, with its remarks on how to write one of your own."""
+    return resources.files("network.notices").joinpath("demo_notice.toml").read_text(encoding="utf-8")
+
+
+@cache
+def demo_notice() -> Notice:
+    """Return the notice."""
+    return notice_from(tomllib.loads(demo_notice_text()))

@@ -1,0 +1,45 @@
+"""Publishes what an organisation tells people, from its admin's key. Must never publish twice what is in force."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from clients.sdk.chain.notices import read_notice
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from consensus.chain.genesis import genesis_from_json
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.rights.notices import Notice, PublishedNotice, encode_notice
+from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice
+
+
+async def publish_notice(
+    client: NetworkClient, key: PrivateKey, organisation: str, notice: Notice
+) -> tuple[PublishedNotice, bool]:
+    """Publish a notice for an admin's organisation unless it is in force; tell whether it is new.
+
+    Raises NOTICE_INVALID, NOTICE_NOT_FOUND if another admin was faster, and what `NetworkClient.call` raises.
+    """
+    before = await read_notice(client, organisation)
+    if before is not None and before.notice == notice:
+        return before, False
+    await client.call(key, "consent", "publish_notice", [encode_notice(notice)])
+    after = await read_notice(client, organisation)
+    if after is None or after.notice != notice:
+        raise BlockRobotError("NOTICE_NOT_FOUND", "Another version was published at the same time; look at it first.")
+    return after, True
+
+
+async def publish_demo_notice(folder: Path) -> int:
+    """Publish the demonstration's notice on a network of this machine unless its hospital has one; return the version.
+
+    Raises what `publish_notice` raises, OSError if the hospital's admin key is not here.
+    """
+    genesis = genesis_from_json((folder / "genesis.json").read_text(encoding="utf-8"))
+    key = PrivateKey((folder / "organisations" / DEMO_ORGANISATION / "admin.key").read_bytes())
+    async with open_pinned_client(genesis, folder / PIN_FILE) as client:
+        known = await read_notice(client, DEMO_ORGANISATION)
+        if known is None:
+            known, _ = await publish_notice(client, key, DEMO_ORGANISATION, demo_notice())
+        return known.row.version

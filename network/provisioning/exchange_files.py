@@ -1,0 +1,116 @@
+"""Files that one party of a network hands to another. Must never let anything secret through, nor unread text.
+
+What is proposed stands on the chain for good, and everybody reads it: certificates are written anew from what was
+parsed, entries field by field, and a file that holds a private key is refused whole.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from consensus.chain.genesis import NodeEntry, Organisation
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import is_public_key
+from node.p2p.identity import load_authorities
+
+ORGANISATION_ENTRY_FILE = "organisation-entry.json"
+HANDED_OVER_MAX_BYTES = 256 * 1024
+CERTIFICATES_MAX_CHARS = 4096
+"""As the contract has it: an organisation's certificates together."""
+
+
+def read_public_text(path: Path) -> str:
+    """Read a file whose content is to be shown to everybody. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
+    with path.open("rb") as file:
+        data = file.read(HANDED_OVER_MAX_BYTES + 1)
+    if b"PRIVATE KEY" in data:
+        raise BlockRobotError("FILE_HOLDS_PRIVATE_KEY", f"{path} holds a private key; nothing of it was sent.")
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        text = None
+    if text is None or len(data) > HANDED_OVER_MAX_BYTES:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} is no text file of a moderate size.")
+    return text
+
+
+def public_certificates(text: str, place: Path) -> str:
+    """Return the CA certificates in a text, written anew as PEM and nothing besides. Raises FILE_UNUSABLE."""
+    found = load_authorities(text)
+    if not found:
+        raise BlockRobotError("FILE_UNUSABLE", f"{place} holds no certificate in PEM that can be used.")
+    written = "".join(certificate.public_bytes(Encoding.PEM).decode() for certificate in found)
+    if len(written) > CERTIFICATES_MAX_CHARS:
+        detail = f"The certificates in {place} are longer than {CERTIFICATES_MAX_CHARS} characters together."
+        raise BlockRobotError("FILE_UNUSABLE", detail)
+    return written
+
+
+def read_authority_certificates(path: Path) -> str:
+    """Return the CA certificates in a file, as a proposal holds them. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
+    return public_certificates(read_public_text(path), path)
+
+
+def read_certificate(path: Path) -> x509.Certificate:
+    """Return the certificate in a file. Raises FILE_UNUSABLE."""
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except (ValueError, x509.InvalidVersion):
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} is no certificate in PEM.") from None
+
+
+def organisation_entry_to_json(entry: Organisation) -> str:
+    """Return an organisation's entry as `org propose add-org` reads it: public halves only, keys in hexadecimal."""
+    document = {
+        "name": entry.name,
+        "ca_certificate": entry.ca_certificate,
+        "admins": [key.hex() for key in entry.admins],
+        "registrars": [key.hex() for key in entry.registrars],
+    }
+    return json.dumps(document, indent=2) + "\n"
+
+
+def _require_public_keys(keys: list[bytes], path: Path) -> None:
+    """Refuse keys that nobody can have the secret half of: they would count, and never speak. Raises FILE_UNUSABLE."""
+    if not all(is_public_key(key) for key in keys):
+        raise BlockRobotError("FILE_UNUSABLE", f"A key in {path} is no public key.")
+
+
+def read_organisation_entry(path: Path) -> dict[str, Any]:
+    """Read an organisation's entry; return the arguments of a proposal to add it.
+
+    Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE.
+    """
+    text = read_public_text(path)
+    try:
+        document = json.loads(text)
+        name, certificate = document["name"], document["ca_certificate"]
+        keys = {kind: [bytes.fromhex(key) for key in document[kind]] for kind in ("admins", "registrars")}
+    except (ValueError, TypeError, KeyError):
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} does not hold an organisation's entry.") from None
+    _require_public_keys([key for kind in keys.values() for key in kind], path)
+    if not isinstance(name, str) or not isinstance(certificate, str):
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} does not hold an organisation's entry.")
+    return {"name": name, "ca_certificate": public_certificates(certificate, path), **keys}
+
+
+def read_node_entry(path: Path) -> dict[str, Any]:
+    """Read a node's entry: a JSON object with the fields of a node in the genesis file, keys in hexadecimal.
+
+    Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE.
+    """
+    text = read_public_text(path)
+    try:
+        document = json.loads(text)
+        fields = {name: document[name] for name in NodeEntry.__struct_fields__}
+        for name in ("producer_key", "producer_possession", "custodian_key"):
+            fields[name] = bytes.fromhex(fields[name])
+    except (ValueError, TypeError, KeyError):
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} does not hold a node's entry.") from None
+    _require_public_keys([key for key in (fields["producer_key"], fields["custodian_key"]) if key], path)
+    return fields

@@ -1,0 +1,140 @@
+"""One more node for a network of this machine, agreed on by the organisations whose keys are here.
+
+Must never skip a vote: whatever changes the network goes through governance, and each step is told. Where the keys of
+this machine make no majority, it says what the others have to do, and goes no further.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from clients.sdk.chain.governance import (
+    Decision,
+    Governor,
+    MembershipView,
+    ProposalRow,
+    read_membership,
+    read_producers,
+)
+from clients.sdk.network_client import NetworkClient
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+
+SEAT_TIMEOUT_S = 60.0
+_POLL_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One thing that was done: by whom (empty for this machine), what, and the height at which it was final, if any."""
+
+    who: str
+    what: str
+    height: int | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the step for `--json`."""
+        return asdict(self)
+
+    def sentence(self) -> str:
+        """Return the step for people."""
+        speaker = f"{self.who}: " if self.who else ""
+        return f"{speaker}{self.what}" + ("" if self.height is None else f" (final at height {self.height})")
+
+
+@dataclass
+class Growth:
+    """The organisations that can speak here, by name, with their admins' keys; and who is told of each step."""
+
+    client: NetworkClient
+    voices: Mapping[str, PrivateKey]
+    tell: Callable[[Step], None]
+    waiting_for: list[str] = field(default_factory=list)
+
+    async def begin(self) -> MembershipView:
+        """Read who belongs to the network, as anyone who may. Raises GOVERNANCE_NOT_ADMIN if nobody here may ask."""
+        membership: MembershipView | None = None
+        known = {}
+        for name, key in self.voices.items():
+            try:
+                membership = await read_membership(self.client, key)
+            except BlockRobotError as error:
+                if error.code != "SESSION_REFUSED":
+                    raise
+                continue
+            if any(row.name == name for row in membership.organisations):
+                known[name] = key
+        if membership is None or not known:
+            raise BlockRobotError("GOVERNANCE_NOT_ADMIN")
+        self.voices = known
+        return membership
+
+    def _order(self, first: str) -> list[str]:
+        return [name for name in self.voices if name == first] + [name for name in self.voices if name != first]
+
+    async def agree(self, kind: str, arguments: dict[str, Any], first: str) -> bool:
+        """Propose a change of membership and approve it until it is in force; tell whether it is."""
+        what = f"{kind.replace('_', '-')} {arguments.get('name') or arguments.get('node')}"
+        proposal: ProposalRow | None = None
+        for name in self._order(first):
+            governor = Governor(self.client, self.voices[name])
+            if proposal is None:
+                decision = await governor.propose_membership(kind, arguments)
+                self.tell(Step(name, f"org propose {what}", decision.height))
+            else:
+                decision = await governor.approve(proposal)
+                self.tell(Step(name, f"org approve {proposal.id.hex()[:12]} ({what})", decision.height))
+            if decision.executed:
+                return True
+            proposal = proposal or await self._opened(decision, self.voices[name])
+        shown = "PROPOSAL" if proposal is None else proposal.id.hex()[:12]
+        self.waiting_for.append(f"blockrobot org approve {shown} --as ORG   (an organisation whose key is not here)")
+        return False
+
+    async def _opened(self, decision: Decision, reader: PrivateKey) -> ProposalRow | None:
+        rows = (await read_membership(self.client, reader)).proposals
+        return next((row for row in rows if row.id == decision.proposal_id), None)
+
+    async def vote_in(self, node: str, key: bytes, first: str) -> bool:
+        """Propose a node as a producer and vote for it with every voice it needs; tell whether the votes suffice."""
+        needed = 0
+        for count, name in enumerate(self._order(first)):
+            governor = Governor(self.client, self.voices[name])
+            if count == 0:
+                needed = (await read_membership(self.client, self.voices[name])).majority
+                decision = await governor.propose_producer(key)
+                self.tell(Step(name, f"producer propose {node}", decision.height))
+            else:
+                decision = await governor.approve_producer(key)
+                self.tell(Step(name, f"producer approve {node}", decision.height))
+            if count + 1 >= needed:
+                return True
+        self.waiting_for.append(
+            f"blockrobot producer approve {node} --as ORG   (an organisation whose key is not here)"
+        )
+        return False
+
+    async def wait_seated(self, node: str, key: bytes, timeout_s: float = SEAT_TIMEOUT_S) -> None:
+        """Wait until the node has said that it is ready, and has its seat. Raises CLUSTER_START_FAILED if it has not."""
+        reader = next(iter(self.voices.values()))
+        deadline = time.monotonic() + timeout_s
+        while True:
+            view = await read_producers(self.client, reader)
+            row = next((row for row in view.candidates if row.key == key), None)
+            if row is not None and row.turn is not None:
+                self.tell(Step("", f"{node} was ready at height {row.ready_height}: it has a seat", view.since_height))
+                count = len(view.epoch.producers)
+                self.tell(Step("", f"{count} producers; they bear {(count - 1) // 3} that fail"))
+                return
+            if len(view.epoch.producers) >= view.max_producers:
+                self.tell(Step("", f"{node} is a candidate; all {view.max_producers} seats are taken (max_producers)"))
+                return
+            if time.monotonic() > deadline:
+                raise BlockRobotError(
+                    "CLUSTER_START_FAILED", f"{node} got no seat in {timeout_s:.0f} s; see blockrobot producer list."
+                )
+            await asyncio.sleep(_POLL_S)

@@ -1,0 +1,173 @@
+"""The certificates of an organisation's nodes: made, renewed, looked at. Must never leave a node without a usable pair.
+
+An organisation's authority is a folder with `ca.crt.pem` and `ca.key.pem`; its name is the organisation's. A renewed
+certificate keeps the node's key unless a new one is asked for, so that one file changes, in one step.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+from consensus.errors import BlockRobotError
+from network.provisioning.certificate_authority import (
+    NODE_LIFETIME_DAYS,
+    Authority,
+    NodeCertificate,
+    issue_node_certificate,
+    load_authority,
+    write_secret,
+)
+from node.config import NodeConfig
+from node.p2p.identity import CertificateFacts, read_facts
+from node.p2p.tls import EXPIRY_WARNING_MS
+
+AUTHORITY_KEY_FILE = "ca.key.pem"
+AUTHORITY_CERTIFICATE_FILE = "ca.crt.pem"
+CERTIFICATE_FILE = "tls.crt.pem"
+KEY_FILE = "tls.key.pem"
+SERIAL_SIZE_BYTES = 20
+DAY_MS = 24 * 3600 * 1000
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateReport:
+    """A node's certificate as its files have it; `trouble` says what is wrong with them, if anything."""
+
+    node: str
+    facts: CertificateFacts | None
+    trouble: str
+
+    def state(self, now_ms: int, revoked: frozenset[tuple[str, int]] = frozenset()) -> str:
+        """Return `valid`, `expiring`, `expired`, `revoked` or `unusable`."""
+        if self.facts is None or self.trouble:
+            return "unusable"
+        if (self.facts.organisation, self.facts.serial) in revoked:
+            return "revoked"
+        if self.facts.is_expired(now_ms):
+            return "expired"
+        return "expiring" if self.days_left(now_ms) * DAY_MS < EXPIRY_WARNING_MS else "valid"
+
+    def days_left(self, now_ms: int) -> int:
+        """How many whole days it still counts; below zero if its time is over."""
+        return -1 if self.facts is None else (self.facts.not_after_ms - now_ms) // DAY_MS
+
+    def to_json(self, now_ms: int, revoked: frozenset[tuple[str, int]]) -> dict[str, Any]:
+        """Return it ready for JSON."""
+        facts = self.facts
+        return {
+            "node": self.node,
+            "state": self.state(now_ms, revoked),
+            "organisation": "" if facts is None else facts.organisation,
+            "serial": "" if facts is None else facts.serial_hex,
+            "expires": "" if facts is None else facts.expires,
+            "days_left": self.days_left(now_ms),
+            "trouble": self.trouble,
+        }
+
+
+def now_ms() -> int:
+    """Return milliseconds since 1970 UTC."""
+    return time.time_ns() // 1_000_000
+
+
+def serial_bytes(serial: int) -> bytes:
+    """Return a serial number as the contract `membership` takes it: 20 bytes, big-endian."""
+    return serial.to_bytes(SERIAL_SIZE_BYTES, "big")
+
+
+def parse_serial(text: str) -> int:
+    """Read a serial number in hexadecimal. Raises SERIAL_INVALID."""
+    try:
+        serial = int(text.replace(":", ""), 16)
+    except ValueError:
+        serial = -1
+    if not 0 < serial < 1 << (8 * SERIAL_SIZE_BYTES):
+        raise BlockRobotError("SERIAL_INVALID", f"{text!r} is no serial number.")
+    return serial
+
+
+def read_report(config: NodeConfig) -> CertificateReport:
+    """Look at the certificate and key of a node's data directory."""
+    try:
+        certificate = x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())
+        facts = read_facts(certificate)
+    except (OSError, ValueError):
+        return CertificateReport(config.name, None, "The certificate cannot be read.")
+    trouble = ""
+    try:
+        key = load_pem_private_key(config.tls_key_path.read_bytes(), None)
+        if key.public_key() != certificate.public_key():
+            trouble = "The key is not that of the certificate."
+    except (OSError, ValueError, TypeError):
+        trouble = "The key cannot be read."
+    if not trouble and facts.name != config.name:
+        trouble = f"The certificate names {facts.name!r}, not this node."
+    return CertificateReport(config.name, facts, trouble)
+
+
+def issue_into(folder: Path, authority: Authority, name: str, host: str, days: int = NODE_LIFETIME_DAYS) -> int:
+    """Write a new key and certificate for a node into a folder; return the serial number. Raises FileExistsError."""
+    issued = issue_node_certificate(authority, name, host, lifetime=dt.timedelta(days=days))
+    write_secret(folder / KEY_FILE, issued.key_pem)
+    write_secret(folder / CERTIFICATE_FILE, issued.certificate_pem)
+    return issued.serial
+
+
+def renew(config: NodeConfig, authority: Authority, *, days: int = NODE_LIFETIME_DAYS, new_key: bool = False) -> int:
+    """Renew a node's certificate in its data directory; return the new serial number.
+
+    A running node takes it within a second. Raises FILE_UNUSABLE if the old key cannot be read and none is asked for.
+    """
+    key = None if new_key else _read_key(config)
+    issued = issue_node_certificate(authority, config.name, config.host, lifetime=dt.timedelta(days=days), key=key)
+    _replace(config, issued, with_key=new_key)
+    return issued.serial
+
+
+def _read_key(config: NodeConfig) -> ec.EllipticCurvePrivateKey:
+    try:
+        key = load_pem_private_key(config.tls_key_path.read_bytes(), None)
+    except (OSError, ValueError, TypeError):
+        key = None
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        raise BlockRobotError("FILE_UNUSABLE", f"The TLS key of {config.name} cannot be read; renew with --new-key.")
+    return key
+
+
+def _replace(config: NodeConfig, issued: NodeCertificate, *, with_key: bool) -> None:
+    """Put new files in the place of the old ones: both written in full first, then renamed, the certificate last."""
+    pairs = [(config.tls_certificate_path, issued.certificate_pem)]
+    if with_key:
+        pairs.insert(0, (config.tls_key_path, issued.key_pem))
+    fresh = []
+    for path, data in pairs:
+        temporary = path.with_name(path.name + ".new")
+        temporary.unlink(missing_ok=True)
+        write_secret(temporary, data)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        fresh.append((temporary, path))
+    for temporary, path in fresh:
+        temporary.replace(path)
+
+
+def find_authority(network: Path, organisation: str, folder: Path | None = None) -> Authority:
+    """Return an organisation's authority: from the folder given, or from the network's `organisations/`.
+
+    Raises AUTHORITY_NOT_HERE if its key is not on this machine, FILE_UNUSABLE.
+    """
+    place = folder or network / "organisations" / organisation
+    if not (place / AUTHORITY_KEY_FILE).is_file() or not (place / AUTHORITY_CERTIFICATE_FILE).is_file():
+        raise BlockRobotError(
+            "AUTHORITY_NOT_HERE", f"There is no {AUTHORITY_KEY_FILE} of the organisation {organisation!r} in {place}."
+        )
+    return load_authority(place, organisation)

@@ -1,0 +1,178 @@
+"""A node for a network that runs already: its data directory, and its entry for the others to agree on.
+
+Must never overwrite a data directory, nor let a private key out of it: the entry holds public keys and a proof.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from clients.sdk.connections import NodeAddress, check_address
+from consensus.chain.genesis import Genesis, NodeEntry, genesis_to_json
+from consensus.chain.proof_of_possession import prove_possession
+from consensus.errors import BlockRobotError
+from network.provisioning.certificate_authority import Authority, write_secret
+from network.provisioning.network_layout import PORTS_PER_NODE, NodeKeys, check_name, create_node, new_key, store_uri_of
+from node.config import NodeConfig, load_genesis
+from node.directory.directory_file import DIRECTORY_FILE, encode_directory
+from node.directory.node_directory import DirectoryContent, content_of_genesis, read_content
+from node.storage.lmdb_reader import LedgerFile
+
+ENTRY_FILE = "node-entry.json"
+_PORT_MAX = 65_535
+
+
+def read_directory_of(config: NodeConfig) -> DirectoryContent | None:
+    """Return what the ledger of a node of this machine says of the network, running or not; None if it says nothing.
+
+    Raises STORAGE_DAMAGED, STORAGE_BUSY, DATA_DIRECTORY_INVALID.
+    """
+    with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as snapshot:
+        position = snapshot.position
+        return None if position is None else read_content(snapshot, position.height)
+
+
+def newest_directory(genesis: Genesis, configs: Iterable[NodeConfig]) -> DirectoryContent:
+    """Return the newest directory among the ledgers of these nodes of this machine, else that of the genesis file.
+
+    A ledger that cannot be read, or is not there yet, is passed over.
+    """
+    newest = content_of_genesis(genesis)
+    for config in configs:
+        try:
+            content = read_directory_of(config)
+        except BlockRobotError:
+            continue
+        if content is not None and content.height > newest.height:
+            newest = content
+    return newest
+
+
+def of_chain(configs: Iterable[NodeConfig], chain_id: bytes) -> list[NodeConfig]:
+    """Return those nodes of this machine that belong to this network; one whose genesis cannot be read does not."""
+    found = []
+    for config in configs:
+        try:
+            own = load_genesis(config).chain_id
+        except (BlockRobotError, OSError):
+            continue
+        if own == chain_id:
+            found.append(config)
+    return found
+
+
+def organisation_of(config: NodeConfig, configs: Iterable[NodeConfig]) -> str:
+    """Return whose node this is, by its configuration, the genesis file, or the ledgers of this machine.
+
+    Raises NOT_FOUND.
+    """
+    if config.organisation:
+        return config.organisation
+    node = newest_directory(load_genesis(config), configs).nodes.get(config.name)
+    if node is None:
+        raise BlockRobotError("NOT_FOUND", f"Nobody here knows whose node {config.name} is.")
+    return node.organisation
+
+
+@dataclass(frozen=True, slots=True)
+class Newcomer:
+    """What is asked of a new node. `base_port` and the two after it are its ports."""
+
+    name: str
+    organisation: str
+    host: str
+    base_port: int
+    store: str = "sqlite"
+    is_custodian: bool = False
+    faults: bool = False
+    api_url: str = ""
+
+
+def next_base_port(directory: DirectoryContent, configs: Iterable[NodeConfig]) -> int:
+    """Return a base port behind those of all nodes that are known here."""
+    used = [node.p2p_port for node in directory.nodes.values()] + [config.p2p_port for config in configs]
+    return max(used, default=7_262) + PORTS_PER_NODE
+
+
+def check_newcomer(newcomer: Newcomer, directory: DirectoryContent) -> None:
+    """Refuse at once what the network would refuse later. Raises NODE_EXISTS, NOT_FOUND, CONFIGURATION_INVALID."""
+    name = newcomer.name
+    check_name(name, "a node")
+    if name in directory.nodes:
+        raise BlockRobotError("NODE_EXISTS", f"There is, or was, a node {name!r} in this network.")
+    organisation = directory.organisations.get(newcomer.organisation)
+    if organisation is None or not organisation.is_active:
+        known = ", ".join(item.name for item in directory.organisations.values() if item.is_active)
+        raise BlockRobotError("NOT_FOUND", f"There is no organisation {newcomer.organisation!r}; there are {known}.")
+    if not 0 < newcomer.base_port <= _PORT_MAX - 2:
+        raise BlockRobotError("CONFIGURATION_INVALID", f"{newcomer.base_port} leaves no room for three ports.")
+    check_api_url(name, api_url_of(newcomer))
+
+
+def api_url_of(newcomer: Newcomer) -> str:
+    """Return where clients are told to reach it."""
+    host = f"[{newcomer.host}]" if ":" in newcomer.host else newcomer.host
+    return newcomer.api_url or f"http://{host}:{newcomer.base_port + 1}"
+
+
+def check_api_url(name: str, url: str) -> None:
+    """Refuse an address at which no client would talk to the node. Raises CONFIGURATION_INVALID."""
+    try:
+        check_address(NodeAddress(name, url))
+    except BlockRobotError:
+        detail = (
+            f"No client would talk to {name} at {url}: beyond this machine clients take https:// only. Put a TLS proxy "
+            "with a certificate of the organisation's authority in front of it, and name that with --api-url."
+        )
+        raise BlockRobotError("CONFIGURATION_INVALID", detail) from None
+
+
+def init_node(
+    folder: Path, newcomer: Newcomer, genesis: Genesis, authority: Authority, directory: DirectoryContent
+) -> NodeEntry:
+    """Make the data directory of a node that joins: keys, certificate, journal, genesis copy, directory, entry.
+
+    Returns the entry that the organisations have to agree on. Raises NODE_EXISTS if the folder is there.
+    """
+    check_newcomer(newcomer, directory)
+    if folder.exists():
+        raise BlockRobotError("NODE_EXISTS", f"There is something in {folder} already.")
+    keys = NodeKeys(new_key(), new_key() if newcomer.is_custodian else None)
+    entry = NodeEntry(
+        name=newcomer.name,
+        organisation=newcomer.organisation,
+        host=newcomer.host,
+        p2p_port=newcomer.base_port,
+        api_url=api_url_of(newcomer),
+        producer_key=keys.producer.public_key,
+        producer_possession=prove_possession(keys.producer, newcomer.name),
+        custodian_key=b"" if keys.custodian is None else keys.custodian.public_key,
+    )
+    making = folder.with_name(f".{folder.name}.new")
+    shutil.rmtree(making, ignore_errors=True)
+    create_node(
+        making,
+        entry,
+        keys,
+        authority,
+        genesis_to_json(genesis),
+        store_uri_of(newcomer.store, genesis.network, newcomer.name),
+        faults=newcomer.faults,
+        organisation=newcomer.organisation,
+    )
+    if directory.height > 0:
+        write_secret(making / DIRECTORY_FILE, encode_directory(genesis.chain_id, directory))
+    (making / ENTRY_FILE).write_text(entry_to_json(entry), encoding="utf-8")
+    making.rename(folder)
+    return entry
+
+
+def entry_to_json(entry: NodeEntry) -> str:
+    """Return a node's entry as `org propose add-node` reads it: named fields, bytes in hexadecimal."""
+    fields = {name: getattr(entry, name) for name in NodeEntry.__struct_fields__}
+    shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in fields.items()}
+    return json.dumps(shown, indent=2) + "\n"

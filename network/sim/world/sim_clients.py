@@ -1,0 +1,208 @@
+"""Clients of a simulated network: they submit signed calls, wait, try elsewhere, and remember what they were told.
+
+A client knows only what nodes answer. Must never count a call as done that no node called final.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+from consensus.chain.block import Receipts
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode
+from consensus.primitives.hashing import sha256
+from consensus.state import records
+from network.sim.contract_workload import contract_turnover
+from network.sim.history import Acknowledged, Asked, ClipTaken, CodeFault, Submitted, ValueRead
+from network.sim.plan import NetworkSize
+from network.sim.workload import Call, enrolment, growth, producer_turnover, setting_change, visit
+from network.sim.world.cpu import COSTS, charge
+
+if TYPE_CHECKING:
+    from network.sim.world.sim_cluster import SimCluster
+    from network.sim.world.sim_node import SimNode
+
+REQUEST_DELAY_MS = (0.2, 4.0)
+WAIT_MS = 1_500
+PATIENCE_MS = 2_500.0
+RETRY_MS = (20.0, 250.0)
+READ_SHARE = 0.2
+UPLOAD_SHARE = 0.75
+READ_KEY = records.ANNOUNCEMENT_COUNT.flat
+
+
+def decisions_of(size: NetworkSize, governance: str) -> Iterator[tuple[Call, ...]]:
+    """Yield what the organisations decide, without end: some decisions end an epoch, or two."""
+    decide = {
+        "settings": setting_change,
+        "producers": producer_turnover,
+        "grow": growth,
+        "contracts": contract_turnover,
+    }[governance]
+    for number in itertools.count():
+        yield from decide(size, number)
+
+
+def batches_of(size: NetworkSize, client: int) -> Iterator[tuple[Call, ...]]:
+    """Yield the work of a robot and its owners without end."""
+    yield (enrolment(size, client),)
+    number = 0
+    while True:
+        yield from visit(size, client, number)
+        number += 1
+
+
+class SimClient:
+    """Does its batches one after another, with a gap between them, until it is told to stop."""
+
+    def __init__(
+        self,
+        cluster: SimCluster,
+        dice: random.Random,
+        batches: Iterator[tuple[Call, ...]],
+        gap_ms: tuple[float, float] = (0.0, 5.0),
+    ) -> None:
+        self.cluster, self.dice = cluster, dice
+        self.is_stopping = False
+        self._batches, self._gap_ms = batches, gap_ms
+        self._open: dict[bytes, Call] = {}
+        self.acknowledged_count = 0
+
+    @property
+    def is_idle(self) -> bool:
+        """Tell whether everything that was asked for is answered."""
+        return not self._open
+
+    def start(self) -> None:
+        """Begin with the first batch."""
+        self._next()
+
+    def _later(self, delay_ms: float, action: Callable[[], None]) -> None:
+        loop = self.cluster.loop
+        loop.call_for(loop.stage, loop.time() + delay_ms / 1000, action)
+
+    def _travel(self, action: Callable[[], None]) -> None:
+        self._later(self.dice.uniform(*REQUEST_DELAY_MS), action)
+
+    def _next(self) -> None:
+        if not self.is_stopping:
+            self._begin(next(self._batches))
+
+    def _begin(self, batch: tuple[Call, ...]) -> None:
+        """Make the calls of a batch, once as many producers have seats as it takes."""
+        if self.is_stopping:
+            return
+        if self._seats() < max(call.seats for call in batch):
+            self._later(self.dice.uniform(*RETRY_MS), lambda: self._begin(batch))
+            return
+        self._open = {call.transaction.txid: call for call in batch}
+        for call in batch:
+            if call.upload is not None:
+                self._upload(call)
+            self._try(call)
+
+    def _seats(self) -> int:
+        """Return how many producers the newest epoch has that a node in service knows."""
+        epochs = [node.parts.engine.epoch for node in self.cluster.nodes if node.is_serving and node.parts is not None]
+        return len(max(epochs, key=lambda start: start.number).epoch.producers) if epochs else 0
+
+    def _choose(self) -> SimNode | None:
+        serving = [node for node in self.cluster.nodes if node.is_serving]
+        return self.dice.choice(serving) if serving else None
+
+    def _upload(self, call: Call) -> None:
+        """Give the clip to some custodians; the others fetch it from those."""
+        for node in self.cluster.nodes:
+            if node.custody_key is not None and self.dice.random() < UPLOAD_SHARE:
+                self._travel(lambda node=node: self._stage(node, call))  # type: ignore[misc]
+
+    def _stage(self, node: SimNode, call: Call) -> None:
+        parts = node.parts
+        if not node.is_serving or parts is None or parts.custody is None or call.upload is None:
+            return
+        custody, upload, sender = parts.custody, call.upload, call.transaction.body.sender
+
+        async def stage() -> None:
+            charge(COSTS.call)
+            try:
+                async with custody.admission.clip(upload.record_id, upload.owner, upload.size_bytes, sender):
+                    await custody.stage(upload, sender)
+            except BlockRobotError:
+                return
+            self.cluster.history.add(ClipTaken(self.cluster.now, node.index, upload.record_id))
+
+        self.cluster.run_on(node, stage)
+
+    def _try(self, call: Call) -> None:
+        """Ask one node; look again after a while whether any answered."""
+        if call.transaction.txid not in self._open:
+            return
+        node = self._choose()
+        if node is not None:
+            self.cluster.history.add(Asked(self.cluster.now, node.index, call.transaction.txid))
+            self._travel(lambda: self._submit(node, call))
+        self._later(PATIENCE_MS * self.dice.uniform(0.3, 1.0), lambda: self._try(call))
+
+    def _submit(self, node: SimNode, call: Call) -> None:
+        parts, transaction = node.parts, call.transaction
+        if not node.is_serving or parts is None:
+            return
+        cluster = self.cluster
+
+        async def submit() -> None:
+            charge(COSTS.call)
+            result = (await parts.pool.submit([transaction.wire]))[0]
+            code = "" if result.error is None else result.error.code
+            cluster.history.add(Submitted(cluster.now, node.index, transaction.txid, code))
+            if code not in {"", "TRANSACTION_REPLAYED"}:
+                return
+            is_final = not code and await parts.pool.wait_final(transaction.txid, WAIT_MS)
+            with node.ledger.snapshot() as snapshot:
+                place = snapshot.locate(transaction.txid)
+                if place is None:
+                    if is_final:
+                        text = f"said that transaction {transaction.txid.hex()[:8]} is final, and its ledger lacks it"
+                        cluster.history.add(CodeFault(cluster.now, node.index, text))
+                    return
+                if place.height < snapshot.earliest_height:
+                    return  # pruned, or older than the snapshot that this node began with: another node is asked
+                block, receipts = snapshot.block(place.height), snapshot.receipts(place.height)
+            if block is None or receipts is None:
+                raise AssertionError("the ledger locates a transaction in a block that it does not hold")
+            receipt = decode(receipts, Receipts).receipts[place.index]
+            block_id = cluster.id_of(block)
+            told = Acknowledged(
+                at_ms=cluster.now,
+                node=node.index,
+                txid=transaction.txid,
+                height=place.height,
+                block_id=block_id,
+                ok=receipt.ok,
+                code=receipt.code,
+                excused=call.excused,
+            )
+            self._travel(lambda: self._hear(node, told))
+
+        cluster.run_on(node, submit)
+
+    def _hear(self, node: SimNode, told: Acknowledged) -> None:
+        """A node said that a call is final."""
+        self.cluster.history.add(told)
+        if self._open.pop(told.txid, None) is not None:
+            self.acknowledged_count += 1
+            if self.dice.random() < READ_SHARE:
+                self._travel(lambda: self._read(node))
+            if not self._open:
+                self._later(self.dice.uniform(*self._gap_ms), self._next)
+
+    def _read(self, node: SimNode) -> None:
+        if not node.is_serving:
+            return
+        with node.ledger.snapshot() as snapshot:
+            value, position = snapshot.get(READ_KEY), snapshot.position
+        if position is not None:
+            root, digest = position.state_root, sha256(value or b"")
+            self.cluster.history.add(ValueRead(self.cluster.now, node.index, READ_KEY, position.height, root, digest))

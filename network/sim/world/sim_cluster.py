@@ -1,0 +1,344 @@
+"""A whole simulated network on one loop: nodes, links, clients, and the faults of a plan. Must never judge what it sees.
+
+`SimCluster.run` plays a plan to its end and leaves a history for the checkers.
+"""
+
+from __future__ import annotations
+
+import random
+import sys
+from collections import OrderedDict
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager, nullcontext
+from typing import Any
+
+import structlog
+
+from consensus.chain.block import Block, Header
+from consensus.primitives.encoding import decode
+from network.byzantine import Accomplices
+from network.sim.audit import audit_custody
+from network.sim.floods import Flood
+from network.sim.history import CodeFault, Ended, ExecutionDiffered, FaultBegan, Healed, History, PeerCutOff
+from network.sim.plan import PROFILES, Fault, Plan
+from network.sim.world.cpu import charging
+from network.sim.world.links import LinkQuality, Wires
+from network.sim.world.sim_chain import make_chain, node_name
+from network.sim.world.sim_clients import SimClient, batches_of, decisions_of
+from network.sim.world.sim_machine import ComparingMachine
+from network.sim.world.sim_node import Backup, SimNode
+from network.sim.world.virtual_time import Owner, SimLoop
+from node.storage.ledger_store import FinalizedBlock
+
+CLIENTS_COUNT = 3
+DECISION_GAP_MS = (20.0, 300.0)
+START_SPREAD_MS = 40.0
+ARMED_MAX_MS = 1_500
+HEALED_MAX_S = 60.0
+SETTLE_MAX_S = 60.0
+MORE_ROUNDS_MAX_S = 120.0
+DISK_SYNC_MS = 0.05
+STORE_SYNC_MS = 4.0
+HEADERS_KEPT_COUNT = 4_096
+
+_headers: OrderedDict[bytes, Header] = OrderedDict()
+
+
+class SimCluster:
+    """The stage. One object plays one plan once."""
+
+    def __init__(self, plan: Plan, history: History) -> None:
+        self.plan, self.history = plan, history
+        self.chain = make_chain(plan.size)
+        self.loop = SimLoop(plan.seed)
+        self.machine = ComparingMachine(
+            self.chain.machine, shares=not plan.executes_apart, on_difference=self._note_difference
+        )
+        self.dice = random.Random(f"run {plan.seed}")  # noqa: S311 - a simulation's dice
+        self.accomplices = Accomplices()
+        self.owners: list[Owner] = [self.loop.stage]
+        self._indexes = {node_name(index): index for index in range(plan.nodes)}
+        self.wires = Wires(self.loop, self._own_dice("wires"), self._note_frame, self._note_cut_off)
+        self.wires.quality = LinkQuality(**PROFILES[plan.profile])
+        self.nodes = [SimNode(self, index, self._own_dice(f"node {index}")) for index in range(plan.nodes)]
+        for index, behaviour in plan.byzantine_nodes.items():
+            self.nodes[index].behaviour = behaviour
+        history.byzantine = frozenset(plan.byzantine_nodes)
+        self.clients = [
+            SimClient(self, self._own_dice(f"client {number}"), batches_of(plan.size, number))
+            for number in range(CLIENTS_COUNT)
+        ]
+        if plan.governance:
+            decisions = decisions_of(plan.size, plan.governance)
+            self.clients.append(SimClient(self, self._own_dice("organisations"), decisions, DECISION_GAP_MS))
+        self._partitions: list[tuple[tuple[int, ...], ...]] = []
+        self._one_way: list[tuple[int, int]] = []
+        self._is_healed = False
+        self._final_rounds: dict[int, int] = {}
+
+    def _own_dice(self, name: str) -> random.Random:
+        return random.Random(f"{name} of {self.plan.seed}")  # noqa: S311 - a simulation's dice
+
+    # What the parts ask of the stage
+
+    @property
+    def now(self) -> float:
+        """The virtual time, ms."""
+        return round(self.loop.now_ms, 6)
+
+    @property
+    def honest(self) -> list[SimNode]:
+        """The nodes without a behaviour of their own."""
+        return [node for node in self.nodes if not node.behaviour]
+
+    @property
+    def is_healed(self) -> bool:
+        """Tell whether all faults are over."""
+        return self._is_healed
+
+    def run_on(self, node: SimNode, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Begin a task in a node's name."""
+        self.loop.call_for(node.owner, self.loop.time(), lambda: self.loop.create_task(work()))
+
+    def header_of(self, block: FinalizedBlock) -> Header:
+        """Return the header of a stored block, decoded once."""
+        known = _headers.get(block.block_id)
+        if known is None:
+            known = _headers[block.block_id] = decode(block.block_bytes, Block).header
+            if len(_headers) > HEADERS_KEPT_COUNT:
+                _headers.popitem(last=False)
+        return known
+
+    def id_of(self, block_bytes: bytes) -> bytes:
+        """Return the id of a block."""
+        return decode(block_bytes, Block).block_id
+
+    def _note_frame(self, sender: str, receiver: str, kind: int, payload: bytes) -> None:
+        self.history.note_frame(self.now, self._indexes[sender], self._indexes[receiver], kind, payload)
+
+    def _note_cut_off(self, name: str, peer: str, code: str) -> None:
+        self.history.add(PeerCutOff(self.now, self._indexes[name], self._indexes[peer], code))
+
+    def _note_difference(self, height: int, text: str) -> None:
+        self.history.add(ExecutionDiffered(self.now, -1, height, text))
+
+    # The run
+
+    def run(self) -> None:
+        """Play the plan to its end."""
+        with charging(self.loop) if self.plan.cpu else nullcontext():
+            self._play()
+
+    def _play(self) -> None:
+        loop, plan = self.loop, self.plan
+        for node in self.nodes:
+            self._at(self.dice.uniform(0, START_SPREAD_MS), node.start)
+        for client in self.clients:
+            self._at(self.dice.uniform(0, 2 * START_SPREAD_MS), client.start)
+        for fault in plan.faults:
+            self._at(fault.at_ms, lambda fault=fault: self._begin(fault))  # type: ignore[misc]
+        loop.run_until(lambda: False, plan.horizon_ms / 1000)
+        self.heal()
+        goal = max(node.ledger_height for node in self.honest) + 2
+        loop.run_until(lambda: self._lowest() >= goal, loop.time() + HEALED_MAX_S)
+        reached = loop.run_until(lambda: self.rounds >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S)
+        for client in self.clients:
+            client.is_stopping = True
+        settled = loop.run_until(self._is_settled, loop.time() + SETTLE_MAX_S)
+        for node in self.honest:
+            node.note_faults()
+            audit_custody(node)
+        heights = tuple(node.ledger_height for node in self.nodes)
+        rounds = tuple(-1 if node.parts is None else node.parts.core.round for node in self.nodes)
+        loop.end(self.owners)
+        if self.wires.storm_at_ms is not None:
+            text = "A storm: nodes answer each other without end."
+            self.history.add(CodeFault(round(self.wires.storm_at_ms, 6), -1, text))
+        for text in loop.faults:
+            self.history.add(CodeFault(self.now, -1, text))
+        self.history.add(Ended(self.now, -1, heights, rounds, settled, reached))
+
+    def _at(self, at_ms: float, action: Callable[[], None]) -> None:
+        self.loop.call_for(self.loop.stage, at_ms / 1000, action)
+
+    def _after(self, delay_ms: float, action: Callable[[], None]) -> None:
+        self._at(self.loop.now_ms + delay_ms, action)
+
+    @property
+    def rounds(self) -> int:
+        """How many rounds the chain went through: of each epoch up to its last block that is final on an honest node."""
+        return sum(self._final_rounds.values())
+
+    def note_final(self, header: Header) -> None:
+        """Count the rounds up to a block that became final on an honest node."""
+        self._final_rounds[header.epoch] = max(self._final_rounds.get(header.epoch, 0), header.round)
+
+    def _lowest(self) -> int:
+        return min(node.ledger_height for node in self.honest)
+
+    def _is_settled(self) -> bool:
+        """Tell whether nothing is left to do: all is answered, all nodes have all blocks, all custodians all clips."""
+        if not all(client.is_idle for client in self.clients):
+            return False
+        heights = {node.ledger_height for node in self.honest}
+        return (
+            len(heights) == 1
+            and all(
+                node.parts is not None
+                and not len(node.parts.mempool)
+                and (node.parts.custody is None or node.parts.custody.checkpoint_height == node.ledger_height)
+                for node in self.honest
+            )
+            and not self._clips_to_fetch()
+        )
+
+    def _clips_to_fetch(self) -> set[bytes]:
+        """Return the records whose clip one honest custodian lacks and another has."""
+        held = [node.store.holdings() for node in self.honest if node.custody_key is not None]
+        lacking = {record_id for each in held for record_id in each.missing}
+        return lacking & {record_id for each in held for record_id in each.confirmed}
+
+    # Faults
+
+    def _begin(self, fault: Fault) -> None:
+        self.history.add(FaultBegan(self.now, fault.node, str(fault)))
+        node = self.nodes[fault.node] if 0 <= fault.node < len(self.nodes) else None
+        match fault.kind:
+            case "power-cut":
+                for each in self.nodes:
+                    each.crash("power-cut")
+                    self._after(fault.for_ms * self.dice.uniform(0.5, 1.0), each.start)
+            case "partition":
+                self._partitions.append(fault.groups)
+                self._refresh_cuts()
+                self._after(fault.for_ms, lambda: self._end_partition(fault))
+            case "one-way":
+                self._one_way.append((fault.node, fault.peer))
+                self._refresh_cuts()
+                self._after(fault.for_ms, lambda: self._end_one_way(fault))
+            case "links":
+                self.wires.quality = LinkQuality(**PROFILES[fault.profile])
+                self._after(fault.for_ms, self._restore_links)
+            case _ if node is not None:
+                self._begin_at(node, fault)
+
+    def _begin_at(self, node: SimNode, fault: Fault) -> None:
+        """Begin a fault of one node."""
+        match fault.kind:
+            case "crash":
+                back = lambda: self._after(fault.for_ms, node.start)  # noqa: E731
+                life = node.owner
+                node.arm(fault.point, back)
+                self._after(ARMED_MAX_MS, lambda: self._give_up(node, life, back))
+            case "old-disk":
+                backup = node.back_up()
+                self._after(fault.amount, lambda: self._put_back(node, backup, fault))
+            case "pause":
+                owner = node.owner
+                self.loop.pause(owner)
+                self._after(fault.for_ms, lambda: self.loop.resume(owner))
+            case "skew":
+                node.clock_offset_ms = fault.amount
+                self._after(fault.for_ms, lambda: setattr(node, "clock_offset_ms", 0))
+            case "slow-disk":
+                node.disk.sync_ms = fault.amount
+                self._after(fault.for_ms, lambda: setattr(node.disk, "sync_ms", DISK_SYNC_MS))
+            case "slow-store":
+                node.ledger.sync_max_ms = fault.amount
+                self._after(fault.for_ms, lambda: setattr(node.ledger, "sync_max_ms", STORE_SYNC_MS))
+            case "flood":
+                Flood(self, node, fault).start()
+            case "full-disk":
+                node.disk.is_full = node.ledger.is_full = True
+                self._after(fault.for_ms, lambda: self._free_disk(node))
+
+    def _give_up(self, node: SimNode, life: Owner, back: Callable[[], None]) -> None:
+        """An armed crash that nothing set off happens anyway."""
+        if node.owner is life and node.is_up:
+            node.crash("crash")
+            back()
+
+    def _put_back(self, node: SimNode, backup: Backup, fault: Fault) -> None:
+        """A node dies, a backup is put back, and it starts again."""
+        node.crash("old-disk")
+        node.restore(backup, whole=fault.point == "machine")
+        self._after(fault.for_ms, node.start)
+
+    def _free_disk(self, node: SimNode) -> None:
+        """There is room again: the node goes on by itself; one that did not even start is started."""
+        node.disk.is_full = node.ledger.is_full = False
+        if not node.is_up and not self._is_healed:
+            self._after(1, node.start)
+
+    def _end_partition(self, fault: Fault) -> None:
+        if fault.groups in self._partitions:
+            self._partitions.remove(fault.groups)
+            self._refresh_cuts()
+            self.wires.reconnect_all()
+
+    def _end_one_way(self, fault: Fault) -> None:
+        if (fault.node, fault.peer) in self._one_way:
+            self._one_way.remove((fault.node, fault.peer))
+            self._refresh_cuts()
+            self.wires.break_connection(node_name(fault.node), node_name(fault.peer))
+
+    def _restore_links(self) -> None:
+        if not self._is_healed:
+            self.wires.quality = LinkQuality(**PROFILES[self.plan.profile])
+
+    def _refresh_cuts(self) -> None:
+        names = [node.name for node in self.nodes]
+        cut = {(names[first], names[second]) for first, second in self._one_way}
+        for groups in self._partitions:
+            side = {index: number for number, group in enumerate(groups) for index in group}
+            cut |= {
+                (names[first], names[second])
+                for first in range(len(names))
+                for second in range(len(names))
+                if side.get(first, -1) != side.get(second, -1)
+            }
+        self.wires.cut = cut
+
+    def heal(self) -> None:
+        """End every fault: links are good, disks have room, every honest node runs and can write."""
+        self._is_healed = True
+        self._partitions, self._one_way = [], []
+        self._refresh_cuts()
+        self.wires.quality = LinkQuality(**PROFILES["lan"])
+        for node in self.nodes:
+            node.disarm()
+            node.disk.is_full = node.ledger.is_full = False
+            node.disk.sync_ms, node.ledger.sync_max_ms = DISK_SYNC_MS, STORE_SYNC_MS
+            node.clock_offset_ms = 0
+            if node.is_up:
+                self.loop.resume(node.owner)
+            node.note_faults()
+            node.start()
+        self.wires.reconnect_all()
+        height = max(node.handed_height for node in self.honest)
+        indexes = tuple(node.index for node in self.honest)
+        cores = [node.parts.core for node in self.honest if node.parts is not None]
+        epoch, newest = max(((core.epoch, core.round) for core in cores), default=(0, 0))
+        self.history.add(Healed(self.now, -1, height, epoch, newest, indexes))
+
+
+@contextmanager
+def quiet_logs() -> Iterator[list[str]]:
+    """Let the nodes' logs go nowhere for a while: a run makes thousands of lines.
+
+    Yields a list of the exceptions in them: what code logs with its traceback, it did not foresee.
+    """
+    before, logged = structlog.get_config(), list[str]()
+
+    def drop(_logger: Any, _method: str, event: Any) -> Any:
+        error = event.get("exc_info")
+        if error:
+            shown = error if isinstance(error, BaseException) else sys.exc_info()[1]
+            logged.append(f"logged {event.get('event')}: {shown!r}")
+        raise structlog.DropEvent
+
+    structlog.configure(processors=[drop])
+    try:
+        yield logged
+    finally:
+        structlog.configure(**before)

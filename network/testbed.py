@@ -1,0 +1,176 @@
+"""A network of its own on this machine, with people, their wallets and a robot: what demonstrations and experiments need.
+
+Each acts as a process of its own that knows the genesis file and HTTP. Must never do for a wallet or a robot what it
+could not do itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import secrets
+import time
+from pathlib import Path
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from network.cluster import Cluster
+from network.demo.processes import run_command, wallet_arguments
+from network.demo.tampering import drop_databases
+from network.notices.notice_publishing import publish_demo_notice
+from network.provisioning.network_layout import create_network
+
+PEERS_MAX_S = 10.0
+NODES_COUNT = 4
+ORGANISATIONS_COUNT = 2
+
+
+class Stage:
+    """One folder with a network, wallets and a robot in it. Nothing is started before `start_network`."""
+
+    def __init__(self, folder: Path, *, store: str, base_port: int, purpose: str) -> None:
+        self.network_dir = folder / "network"
+        self.wallets = folder / "wallets"
+        self.robots = folder / "robots"
+        self.purpose = purpose
+        self._store = store
+        self._base_port = base_port
+        self._cluster: Cluster | None = None
+        self.receipts: dict[str, dict[str, Any] | None] = {}
+        """The consent receipt of each person who was enrolled, as her wallet told it."""
+
+    @property
+    def cluster(self) -> Cluster:
+        """The running cluster. Raises CLUSTER_NOT_RUNNING before it was started."""
+        if self._cluster is None:
+            raise BlockRobotError("CLUSTER_NOT_RUNNING")
+        return self._cluster
+
+    @property
+    def genesis_file(self) -> Path:
+        """The network's genesis file."""
+        return self.network_dir / "genesis.json"
+
+    @property
+    def organisation(self) -> str:
+        """The first organisation, whose robot and registrar's desk these are."""
+        return self.cluster.genesis.organisations[0].name
+
+    @property
+    def approver_file(self) -> Path:
+        """The key of that organisation's admin, who approves the robot's empty frames."""
+        return self.network_dir / "organisations" / self.organisation / "admin.key"
+
+    @property
+    def roster_file(self) -> Path:
+        """The robot's sealed roster."""
+        return self.robots / "robot" / "roster.sealed"
+
+    async def start_network(self, name: str) -> list[int]:
+        """Make and start four node processes of two organisations, wait until they are ready; return their peers."""
+        create_network(
+            self.network_dir,
+            nodes=NODES_COUNT,
+            organisations=ORGANISATIONS_COUNT,
+            base_port=self._base_port,
+            store=self._store,
+            network=f"{name}-{secrets.token_hex(4)}",
+            faults=True,
+        )
+        self._cluster = Cluster(self.network_dir)
+        self._cluster.start_all()
+        await self._cluster.wait_ready()
+        return await self._count_peers()
+
+    async def publish_notice(self) -> int:
+        """Publish what the demonstration's hospital tells people; return the version."""
+        return await publish_demo_notice(self.network_dir)
+
+    async def _count_peers(self) -> list[int]:
+        """Return how many peers each node is in touch with, once all are with all (a quorum is ready a little sooner)."""
+        deadline = time.monotonic() + PEERS_MAX_S
+        while True:
+            reports = await self.cluster.status()
+            peers = [len(report.status["peers"]) for report in reports if report.status]
+            if min(peers, default=0) == len(reports) - 1 or time.monotonic() > deadline:
+                return peers
+            await asyncio.sleep(0.1)
+
+    def desk_arguments(self) -> list[str]:
+        """Return the options that name the registrar's desk of the first organisation."""
+        return [
+            "--desk",
+            str(self.network_dir / "organisations" / self.organisation),
+            "--genesis",
+            str(self.genesis_file),
+        ]
+
+    def robot_arguments(self, name: str = "robot") -> list[str]:
+        """Return the beginning of a command of a robot."""
+        return ["robot", "--name", name, "--robot-dir", str(self.robots), "--genesis", str(self.genesis_file)]
+
+    async def wallet(self, profile: str, *arguments: str) -> dict[str, Any]:
+        """Run a wallet's command and return its answer. Raises its refusal."""
+        environment = {"BLOCKROBOT_PASSPHRASE_FILE": str(self.wallets / f"{profile}.passphrase")}
+        command = [*wallet_arguments(self.wallets, profile, self.genesis_file), *arguments]
+        return await run_command(command, environment=environment)
+
+    async def refusal(self, profile: str, *arguments: str) -> str:
+        """Return the code with which a wallet's command is refused, or an empty text if it is not."""
+        try:
+            await self.wallet(profile, *arguments)
+        except BlockRobotError as error:
+            return error.code
+        return ""
+
+    async def issue_card(self, role: str, alias: str, uid: str) -> str:
+        """Let the registrar issue a card for a tag; return its one-time code."""
+        uid_file = self.wallets / f"{alias}.uid"
+        write_private(uid_file, uid)
+        try:
+            answer = await run_command(
+                ["card", "issue", *self.desk_arguments(), "--role", role, "--uid-file", str(uid_file)]
+            )
+        finally:
+            uid_file.unlink(missing_ok=True)  # also where no card was issued: a tag's UID never stays on disk
+        return str(answer["code"])
+
+    async def enrol_person(self, alias: str, uid: str) -> bool:
+        """Issue a card, make a wallet, register and consent; tell whether the chain recovered the wallet's own key."""
+        self.wallets.mkdir(parents=True, exist_ok=True, mode=0o700)
+        write_private(self.wallets / f"{alias}.passphrase", secrets.token_urlsafe(16))
+        code = await self.issue_card("subject", alias, uid)
+        words = self.wallets / f"{alias}.words"
+        made = await self.wallet(alias, "new", "--fast-passphrase", "--words-file", str(words))
+        registered = await self.wallet(alias, "register", code, "--purpose", self.purpose, "--yes")
+        self.receipts[alias] = registered.get("receipt")
+        return bool(made["member"] == registered["member"])
+
+    async def enrol_robot(self, name: str = "robot") -> str:
+        """Draw a robot's keys and register it; return its member key, as the chain recovered it."""
+        self.wallets.mkdir(parents=True, exist_ok=True, mode=0o700)
+        made = await run_command([*self.robot_arguments(name), "new"])
+        code = await self.issue_card("robot", name, secrets.token_hex(12).upper())
+        registered = await run_command([*self.robot_arguments(name), "register", code])
+        if made["member"] != registered["member"]:
+            raise BlockRobotError("INTERNAL", "The chain recovered another key than the robot's own.")
+        return str(registered["member"])
+
+    async def make_roster(self, robot: str, out: Path | None = None) -> int:
+        """Let the registrar seal the roster to the robot of this key; return how many people are on it."""
+        where = str(out or self.roster_file)
+        answer = await run_command(["roster", "make", *self.desk_arguments(), "--robot", robot, "--out", where])
+        return int(answer["rows"])
+
+    async def stop(self) -> None:
+        """Stop the network, if it was started, and drop the databases that it made."""
+        if self._cluster is not None:
+            await asyncio.to_thread(self._cluster.stop_all)
+            await asyncio.to_thread(drop_databases, self._cluster)
+
+
+def write_private(path: Path, text: str) -> None:
+    """Write a file that only its owner can read."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        file.write(text)

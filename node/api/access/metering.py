@@ -1,0 +1,174 @@
+"""What a request turns out to cost: the CPU time of its own work, paid as it is spent. Must never answer for nothing.
+
+A price says beforehand what a route is worth. What a request takes beyond it is measured, slice by slice, on the event
+loop and in the thread that reads the ledger, and goes on the same budget, as a debt if need be: whoever has one is
+refused until time has paid it off.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine, Generator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from typing import Any, Generic, TypeVar
+
+from node.api.access.rate_limit import Tab
+from node.api.services import LedgerReader, LedgerSnapshot
+from node.budgets.token_buckets import Source
+
+HTTP_US = 250
+"""What one request and its answer take besides its own slices: parsing, routing, writing."""
+SLICE_US = 1_000
+"""How long one slice of a reading takes at least, before the event loop and another source have their turn."""
+
+T = TypeVar("T")
+Steps = Generator[None, None, T]
+"""Work that may pause wherever it yields, at least once in about a millisecond; what it returns is the result."""
+
+
+class Meter:
+    """What one request has cost so far, and what of it is paid."""
+
+    def __init__(self) -> None:
+        self._spent_us: float = HTTP_US
+        self._paid_us = 0.0
+        self._tab: Tab | None = None
+        self._is_stream = False
+
+    def pay_by(self, tab: Tab, prepaid_us: int) -> None:
+        """Say who pays, and what he paid before. What was spent until now counts too."""
+        self._tab, self._paid_us = tab, float(prepaid_us)
+
+    def add(self, spent_us: float) -> None:
+        """Note what was spent; what goes beyond the price is paid at once."""
+        self._spent_us += spent_us
+        if self._tab is not None and self._spent_us > self._paid_us:
+            self._tab.charge(self._spent_us - self._paid_us)
+            self._paid_us = self._spent_us
+
+    def require(self) -> None:
+        """Refuse whoever owes, unless his answer has begun. Raises RATE_LIMITED."""
+        if self._tab is not None and not self._is_stream:
+            self._tab.require()
+
+    async def pace(self) -> None:
+        """Wait until a stream, whose answer has begun, has paid for what it carried."""
+        self._is_stream = True
+        if self._tab is not None:
+            while (wait_s := self._tab.debt_s()) > 0:
+                self._tab.note()
+                await asyncio.sleep(wait_s)
+
+
+class Metered(Generic[T]):
+    """Awaits a coroutine and lets a meter know what each of its slices takes of this thread's CPU time."""
+
+    def __init__(self, work: Coroutine[Any, Any, T], meter: Meter) -> None:
+        self._work, self._meter = work, meter
+
+    def __await__(self) -> Generator[Any, Any, T]:
+        sent: Any = None
+        thrown: BaseException | None = None
+        while True:
+            started_ns = time.thread_time_ns()
+            try:
+                waits_for = self._work.send(sent) if thrown is None else self._work.throw(thrown)
+            except StopIteration as end:
+                result: T = end.value
+                return result
+            finally:
+                self._meter.add((time.thread_time_ns() - started_ns) / 1_000)
+            try:
+                sent, thrown = (yield waits_for), None
+            except BaseException as error:  # noqa: BLE001 - handed on to the work: cancellation too
+                thrown = error
+
+
+class _Reading(Generic[T]):
+    """One piece of work on a snapshot. Everything but its making happens in the readers' thread."""
+
+    def __init__(self, ledger: LedgerReader, work: Callable[[LedgerSnapshot], Steps[T]]) -> None:
+        self._steps = self._run(ledger, work)
+        self.spent_us = 0.0
+
+    @staticmethod
+    def _run(ledger: LedgerReader, work: Callable[[LedgerSnapshot], Steps[T]]) -> Steps[T]:
+        with ledger.snapshot() as snapshot:
+            return (yield from work(snapshot))
+
+    def go_on(self) -> tuple[T] | None:
+        """Work for one slice; return the result in a tuple once it is there."""
+        started_ns = time.thread_time_ns()
+        try:
+            while time.thread_time_ns() - started_ns < SLICE_US * 1_000:
+                next(self._steps)
+        except StopIteration as end:
+            return (end.value,)
+        finally:
+            self.spent_us = (time.thread_time_ns() - started_ns) / 1_000
+        return None
+
+    def close(self) -> None:
+        """Let go of the snapshot."""
+        self._steps.close()
+
+
+class Readings:
+    """Reads the ledger for requests off the event loop, in slices: one request of each source at a time, in turns.
+
+    After each slice it rests for as long as that took: all clients together never take more than half of the time.
+    """
+
+    def __init__(self, ledger: LedgerReader) -> None:
+        self._ledger = ledger
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="reading")
+        self._turns: dict[Source, tuple[asyncio.Lock, list[None]]] = {}
+        self._one = asyncio.Lock()
+        self._rested_s = 0.0
+
+    def stop(self) -> None:
+        """Read nothing more."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    async def read(self, source: Source, meter: Meter, work: Callable[[LedgerSnapshot], Steps[T]]) -> T:
+        """Do work on the newest finalized snapshot, and return its result. Raises RATE_LIMITED in debt, and as `work`."""
+        async with self._turn(source), self._one:
+            meter.require()
+            reading = _Reading(self._ledger, work)
+            loop = asyncio.get_running_loop()
+            try:
+                found = None
+                while found is None:
+                    await asyncio.sleep(max(0.0, self._rested_s - loop.time()))
+                    reading.spent_us = 0.0
+                    try:
+                        found = await loop.run_in_executor(self._thread, reading.go_on)
+                    finally:
+                        meter.add(reading.spent_us)
+                        self._rested_s = loop.time() + reading.spent_us / 1_000_000
+            except BaseException:
+                self._close(reading)
+                raise
+            return found[0]
+
+    def _close(self, reading: _Reading[T]) -> None:
+        """Let go of a snapshot where it is read, behind the slice that may still be in work."""
+        try:
+            self._thread.submit(reading.close)
+        except RuntimeError:  # the thread is stopped, so nothing is in work
+            reading.close()
+
+    @asynccontextmanager
+    async def _turn(self, source: Source) -> AsyncIterator[None]:
+        """Wait until no other request of this source reads."""
+        lock, users = self._turns.setdefault(source, (asyncio.Lock(), []))
+        users.append(None)
+        try:
+            async with lock:
+                yield
+        finally:
+            users.pop()
+            if not users:
+                del self._turns[source]

@@ -1,0 +1,100 @@
+"""Who a key is on the finalized state: an active member, a custodian, who decides of a visit now, or a grantee.
+
+The key of a grant reads what is of its visit, and for a while after its end what became of the records: nothing else of
+the chain, since nobody can tell whether its holder is still a member.
+
+Must never look at anything but finalized state: what could still be undone gives nobody a right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
+from consensus.state.access import grant_of
+from consensus.state.identity import ADMIN, CUSTODIAN, CUSTODIANS, REGISTRAR, active_role
+from consensus.state.keys import flat_prefix
+from consensus.state.membership import MEMBERSHIP
+from consensus.state.records import EMPTY_FRAME, decided_root
+from contracts.execution.sender_admission import name_grantees, name_key
+from node.api.services import LedgerSnapshot
+
+SessionKind = Literal["member", "owner", "grantee", "former-grantee"]
+ROLE_ADMIN = "admin"
+ROLE_REGISTRAR = "registrar"
+ROLE_CUSTODIAN = "custodian"
+_OPEN_ALWAYS = (flat_prefix(MEMBERSHIP),)
+_OPEN_TO_GRANTEES = (*_OPEN_ALWAYS, CUSTODIANS.flat, CUSTODIAN.flat, EMPTY_FRAME.flat)
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What a key may be: its kind, and the roles of a member. Sessions are counted by `account`, which no new key changes.
+
+    All grantees of a visit are one account: whoever has a visit makes as many of their keys as she likes.
+    """
+
+    kind: SessionKind
+    roles: frozenset[str]
+    account: bytes = field(default=b"", compare=False)
+
+
+def find_key_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"") -> Standing | None:
+    """Return what this 33-byte key stands for, or None. A key is a member or an owner, never both by design.
+
+    With a grant's id: as the grantee of that grant, and as nothing else. What else the key stands for does not matter:
+    anybody with a visit, and any robot, can put a key that he saw on its way to another use.
+    """
+    if len(key) != PUBLIC_KEY_SIZE_BYTES:
+        return None
+    if grant_id:
+        return _find_grantee_standing(snapshot, key, grant_id)
+    roles: set[str] = set()
+    role = active_role(snapshot, key)
+    if role:
+        roles.add(role)
+    if REGISTRAR.has(snapshot, key):
+        roles.add(ROLE_REGISTRAR)
+    if CUSTODIAN.has(snapshot, key):
+        roles.add(ROLE_CUSTODIAN)
+    if not roles and ADMIN.has(snapshot, key):
+        roles.add(ROLE_ADMIN)
+    if roles:
+        return Standing(kind="member", roles=frozenset(roles), account=name_key(snapshot, key))
+    if decided_root(snapshot, key) is not None:
+        return Standing(kind="owner", roles=frozenset(), account=name_key(snapshot, key))
+    return None
+
+
+def _find_grantee_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes) -> Standing | None:
+    now_ms = snapshot.header.timestamp_ms
+    grant = grant_of(snapshot, grant_id, key, now_ms)
+    if grant is None:
+        return None
+    kind: SessionKind = "grantee" if now_ms < grant.ended_ms else "former-grantee"
+    return Standing(kind=kind, roles=frozenset(), account=name_grantees(grant.owner))
+
+
+def require_readable(
+    snapshot: LedgerSnapshot, standing: SessionKind, reader: bytes, grant_id: bytes, keys: Iterable[bytes]
+) -> None:
+    """Refuse state that is none of the reader's business: by the key of a grant what is not of its visit.
+
+    What names a visit's first key or a granted record is of it; which nodes there are she may read as well, and which are
+    custodians, and whether an empty frame may be shown, while the grant stands. Raises NOT_PERMITTED.
+    """
+    if standing not in {"grantee", "former-grantee"}:
+        return
+    open_to_her = _OPEN_ALWAYS if standing == "former-grantee" else _OPEN_TO_GRANTEES
+    grant = grant_of(snapshot, grant_id, reader, snapshot.header.timestamp_ms)
+    if grant is None:
+        raise BlockRobotError("NOT_PERMITTED")
+    own = (grant.owner, grant_id, *grant.records)
+    for key in keys:
+        if not key.startswith(open_to_her) and not any(name in key for name in own):
+            raise BlockRobotError(
+                "NOT_PERMITTED", "The key of a grant reads only what is of its visit and its records."
+            )

@@ -1,0 +1,207 @@
+"""What clients' requests may cost, by who asks: a session's key, or else the address. Must never grow without bound.
+
+A request costs what its route is worth (`work_costs.py`), and what it turns out to take beyond that (`Tab`). Loopback has
+a generous budget of its own: on an emulated network every client without a session shares that one address. Whoever is
+behind a shared address and shows a session has a budget of his own, but for the keys of visits: one person has many, so
+all those at one address share a larger one, and each has a small part of a reserve beside it, so that one who floods does
+not keep the others from erasing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from consensus.errors import BlockRobotError
+from node.api.access.sessions import Session
+from node.budgets.token_buckets import Allowance, Budgets, Source, over_budget, source_at
+from node.budgets.work_costs import ROUTE_DEFAULT_US
+
+ADDRESS_ALLOWANCE = Allowance(us_per_s=40 * ROUTE_DEFAULT_US, burst_us=200 * ROUTE_DEFAULT_US)
+"""A page of a public explorer takes about 2 ms a second, and 30 ms when it is opened."""
+LOOPBACK_ALLOWANCE = Allowance(us_per_s=400 * ROUTE_DEFAULT_US, burst_us=4_000 * ROUTE_DEFAULT_US)
+SESSION_ALLOWANCE = Allowance(us_per_s=400 * ROUTE_DEFAULT_US, burst_us=4_000 * ROUTE_DEFAULT_US)
+VISIT_KEYS_ALLOWANCE = Allowance(us_per_s=1_600 * ROUTE_DEFAULT_US, burst_us=16_000 * ROUTE_DEFAULT_US)
+"""Of the keys of all visits at one address together."""
+VISIT_KEY_ALLOWANCE = Allowance(us_per_s=2 * ROUTE_DEFAULT_US, burst_us=40 * ROUTE_DEFAULT_US)
+"""What each of them may ask when the others have used that up."""
+VISIT_KEYS_RESERVE = Allowance(us_per_s=400 * ROUTE_DEFAULT_US, burst_us=4_000 * ROUTE_DEFAULT_US)
+"""How much that may come to at one address: 200 visits have to ask all they may until one is refused that asks little."""
+SOURCES_MAX_COUNT = 4096
+NoteOver = Callable[[str, BlockRobotError], None]
+TURN_MAX_US = 2_000
+REFUSAL_DELAY_S = 0.5
+REFUSALS_DELAYED_MAX_COUNT = 512
+WAITING_OF_SOURCE_MAX_COUNT = 256
+WAITING_MAX_COUNT = 2048
+
+
+def source_of(address: str | None, session: Session | None) -> Source:
+    """Return who pays for a request."""
+    if session is None:
+        return source_at(address or "unknown")
+    if session.kind == "member":
+        return Source("session", session.public_key.hex())
+    return Source("visit_keys", address or "unknown", session.public_key.hex())
+
+
+def _allowance_of(source: Source) -> Allowance:
+    if source.kind == "session":
+        return SESSION_ALLOWANCE
+    if source.kind == "visit_keys":
+        return VISIT_KEYS_ALLOWANCE
+    return LOOPBACK_ALLOWANCE if source.kind == "loopback" else ADDRESS_ALLOWANCE
+
+
+@dataclass(frozen=True, slots=True)
+class Tab:
+    """Who pays for one request, and from which budgets: what it turns out to cost more goes on them too."""
+
+    source: Source
+    budgets: tuple[tuple[Budgets[Source], Source], ...]
+    note_over: NoteOver
+
+    def charge(self, cost_us: float) -> None:
+        """Pay for what was done, by a debt if need be."""
+        for budgets, payer in self.budgets:
+            budgets.charge(payer, cost_us)
+
+    def debt_s(self) -> float:
+        """Return how long it is until nothing is owed."""
+        return max(budgets.wait_s(payer, 0.0) for budgets, payer in self.budgets)
+
+    def note(self) -> BlockRobotError:
+        """Name whoever owes; return the refusal."""
+        error = over_budget(str(self.source), self.debt_s())
+        self.note_over(str(self.source), error)
+        return error
+
+    def require(self) -> None:
+        """Refuse whoever owes. Raises RATE_LIMITED."""
+        if self.debt_s() > 0:
+            raise self.note()
+
+
+class RateLimiter:
+    """The budgets of all sources; the least recently seen make room."""
+
+    def __init__(self, note_over: NoteOver, clock_s: Callable[[], float] = time.monotonic) -> None:
+        """`note_over` hears who is over his budget; `clock_s` gives seconds that only grow."""
+        self._note_over = note_over
+        self._budgets = Budgets(_allowance_of, clock_s, SOURCES_MAX_COUNT)
+        self._parts: Budgets[Source] = Budgets(lambda _part: VISIT_KEY_ALLOWANCE, clock_s, SOURCES_MAX_COUNT)
+        self._reserves: Budgets[Source] = Budgets(lambda _shared: VISIT_KEYS_RESERVE, clock_s, SOURCES_MAX_COUNT)
+
+    def __len__(self) -> int:
+        return max(len(budgets) for budgets in (self._budgets, self._parts, self._reserves))
+
+    def take(self, source: Source, cost_us: int = ROUTE_DEFAULT_US) -> Tab:
+        """Let a source pay for a request; return where it pays for more. Raises RATE_LIMITED if it cannot."""
+        shared = source.shared
+        if self._budgets.take(shared, cost_us):
+            return Tab(source, ((self._budgets, shared),), self._note_over)
+        if source.part and self._take_reserved(source, cost_us):
+            return Tab(source, ((self._parts, source), (self._reserves, shared)), self._note_over)
+        error = over_budget(str(source), self._budgets.wait_s(shared, cost_us))
+        self._note_over(str(source), error)
+        raise error
+
+    def _take_reserved(self, source: Source, cost_us: int) -> bool:
+        receipt = self._parts.take(source, cost_us)
+        if receipt is None or self._reserves.take(source.shared, cost_us):
+            return receipt is not None
+        receipt.give_back()
+        return False
+
+
+class Turns:
+    """Lets requests begin, a few milliseconds' worth in each turn of the event loop, one source after another.
+
+    Those who share a source take its turns one after another, too, and its places: there whoever has most loses the newest.
+    """
+
+    def __init__(self, note_over: NoteOver) -> None:
+        """`note_over` hears of whom too much waits."""
+        self._note_over = note_over
+        self._spent_us = 0
+        self._waiting: OrderedDict[Source, OrderedDict[str, deque[tuple[int, asyncio.Future[None]]]]] = OrderedDict()
+        self._counts: Counter[Source] = Counter()
+        self._count = 0
+        self._is_due = False
+
+    async def wait(self, source: Source, cost_us: int) -> None:
+        """Return when this request may begin. Raises RATE_LIMITED if too many wait."""
+        if not self._waiting and self._spent_us < TURN_MAX_US:
+            self._spend(cost_us)
+            return
+        shared = source.shared
+        if self._counts[shared] >= WAITING_OF_SOURCE_MAX_COUNT or self._count >= WAITING_MAX_COUNT:
+            error = over_budget(str(source), 1.0)
+            self._note_over(str(source), error)
+            self._make_place(source, error)
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(shared, OrderedDict()).setdefault(source.part, deque()).append((cost_us, future))
+        self._counts[shared] += 1
+        self._count += 1
+        await future
+
+    def _make_place(self, source: Source, error: BlockRobotError) -> None:
+        """Refuse the newest request of whoever has most waiting of those that share a source, or else this one."""
+        parts = self._waiting.get(source.shared, OrderedDict())
+        greedy = max(parts, key=lambda part: len(parts[part]), default="")
+        if len(parts.get(greedy, ())) <= len(parts.get(source.part, ())) + 1:
+            raise error
+        _, future = parts[greedy].pop()
+        self._counts[source.shared] -= 1
+        self._count -= 1
+        if not future.done():
+            future.set_exception(error)
+
+    def _spend(self, cost_us: int) -> None:
+        self._spent_us += cost_us
+        if not self._is_due:
+            self._is_due = True
+            asyncio.get_running_loop().call_soon(self._next_turn)
+
+    def _next_turn(self) -> None:
+        self._is_due, self._spent_us = False, 0
+        while self._waiting and self._spent_us < TURN_MAX_US:
+            source, parts = next(iter(self._waiting.items()))
+            part, queue = next(iter(parts.items()))
+            cost_us, future = queue.popleft()
+            self._counts[source] -= 1
+            self._count -= 1
+            parts.move_to_end(part)
+            self._waiting.move_to_end(source)
+            if not queue:
+                del parts[part]
+            if not parts:
+                del self._waiting[source], self._counts[source]
+            if not future.done():
+                self._spend(cost_us)
+                future.set_result(None)
+
+
+class RefusalDelay:
+    """Lets whoever is over his budget wait for his refusal: he asks again no faster, and waiting costs the node nothing."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    async def wait(self) -> None:
+        """Return after a while, or at once if too many wait already."""
+        if self._count >= REFUSALS_DELAYED_MAX_COUNT:
+            return
+        self._count += 1
+        try:
+            await asyncio.sleep(REFUSAL_DELAY_S)
+        finally:
+            self._count -= 1
+
+
+def is_over_budget(error: BlockRobotError) -> bool:
+    """Tell whether a refusal says that a budget is used up, so that its source is to be named."""
+    return error.code == "RATE_LIMITED" and "retry_after_s" in error.context

@@ -1,0 +1,56 @@
+"""Receipts of consent for whoever gave, refused or took it back. Must never sign for anybody but the session's own key."""
+
+from __future__ import annotations
+
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from node.api.access.metering import Steps
+from node.api.access.route_access import MEMBER
+from node.api.documents import ConsentReceiptAnswer, ConsentReceiptRequest
+from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
+from node.api.services import LedgerSnapshot, SignedReceipt
+
+
+async def _issue(call: Call) -> web.StreamResponse:
+    asked = await call.document(ConsentReceiptRequest)
+    issuer = call.services.receipts
+    if issuer is None:
+        raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
+    txid, caller = bytes.fromhex(asked.txid), call.caller
+
+    def issue(snapshot: LedgerSnapshot) -> Steps[SignedReceipt]:
+        yield
+        return issuer.issue(snapshot, txid, caller)
+
+    signed = await call.read(issue)
+    return json_answer(
+        ConsentReceiptAnswer(
+            document=signed.document.decode("ascii"),
+            key=signed.key.hex(),
+            signature=signed.signature.hex(),
+            transaction=signed.transaction.hex(),
+        )
+    )
+
+
+ROUTES = (
+    Route(
+        "POST",
+        "/v1/consent-receipts",
+        "signConsentReceipt",
+        "Sign the receipt of what the caller said about consent, for the organisation that registered her.",
+        MEMBER,
+        _issue,
+        Answer(JSON, ConsentReceiptAnswer, "The receipt and its signature. Asking again gives the same bytes."),
+        Body(JSON, ConsentReceiptRequest, "The transaction."),
+        errors=(
+            "BLOCK_PRUNED",
+            "CONSENT_RECEIPT_ELSEWHERE",
+            "CONSENT_RECEIPT_INVALID",
+            "CONSENT_WORD_MISSING",
+            "NOTICE_INVALID",
+            "NOT_FOUND",
+        ),
+    ),
+)

@@ -1,0 +1,122 @@
+"""What work costs in estimated microseconds of CPU: every frame, request and route, in one table.
+
+A node spends its time by these prices (`token_buckets.py`), so that a thousand cheap messages and one dear one weigh the
+same. Must never leave a message kind or a route without a price: a test looks for each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from node.p2p.wire import FrameKind, RequestKind
+
+EC_OPERATION_US = 100
+"""One signature verified or one key recovered, with the hash before it."""
+TRANSACTION_SCREENING_US = 40
+"""Decoding a transaction, and all checks that need no elliptic curve."""
+BYTES_PER_US = 512
+"""Reading, decrypting and copying."""
+FRAME_US = 8
+"""Cutting any frame out of the stream and handing it on."""
+READ_US = 20
+"""Reading from a connection what ends no frame."""
+RECORD_US = 1
+"""Opening any record of TLS."""
+REFUSAL_US = 50
+"""Answering that a request is refused."""
+
+
+class Lane(Enum):
+    """Whose budget a frame is paid from, the most urgent first."""
+
+    CONSENSUS = "consensus"
+    GOSSIP = "gossip"
+    CONTROL = "control"
+    REQUEST = "request"
+    LINK = "link"
+
+
+@dataclass(frozen=True, slots=True)
+class FrameCost:
+    """What handling one frame costs, besides `FRAME_US` and its bytes."""
+
+    lane: Lane
+    us: int
+
+
+FRAME_COSTS: Mapping[FrameKind, FrameCost] = {
+    FrameKind.HELLO: FrameCost(Lane.LINK, 100),
+    FrameKind.REFUSAL: FrameCost(Lane.LINK, 50),
+    FrameKind.PROPOSAL: FrameCost(Lane.CONSENSUS, 4 * EC_OPERATION_US),
+    FrameKind.VOTE: FrameCost(Lane.CONSENSUS, EC_OPERATION_US + 50),
+    FrameKind.TIMEOUT: FrameCost(Lane.CONSENSUS, 4 * EC_OPERATION_US),
+    FrameKind.NOTICE: FrameCost(Lane.CONSENSUS, 4 * EC_OPERATION_US),
+    FrameKind.WORDS_ANSWER: FrameCost(Lane.CONSENSUS, 4 * EC_OPERATION_US),
+    FrameKind.EPOCH: FrameCost(Lane.CONTROL, 4 * EC_OPERATION_US),
+    FrameKind.WORDS_REQUEST: FrameCost(Lane.CONTROL, 200),
+    FrameKind.HEIGHT: FrameCost(Lane.CONTROL, 50),
+    FrameKind.TRANSACTIONS: FrameCost(Lane.GOSSIP, 50),
+    FrameKind.REQUEST: FrameCost(Lane.REQUEST, REFUSAL_US),
+    FrameKind.RESPONSE: FrameCost(Lane.LINK, 20),
+}
+
+REQUEST_COSTS: Mapping[RequestKind, int] = {
+    RequestKind.BRANCH: 2_000,
+    RequestKind.FINALIZED: 2_000,
+    RequestKind.CLIP: 300,
+    RequestKind.BACKGROUND: 300,
+    RequestKind.SNAPSHOT: 1_000,
+}
+"""Answering a peer's request, besides the bytes of the answer."""
+
+ROUTE_DEFAULT_US = 500
+"""A plain request, with all that HTTP takes."""
+STRAY_US = ROUTE_DEFAULT_US
+"""An answer that is of no route: no such path or method, or no HTTP at all."""
+ROUTE_COSTS: Mapping[str, int] = {
+    "getGenesis": ROUTE_DEFAULT_US,
+    "getOpenApi": ROUTE_DEFAULT_US,
+    "submitTransactions": 500,
+    "getTransaction": ROUTE_DEFAULT_US,
+    "createSessionChallenge": 600,
+    "createSession": 1_000,
+    "deleteSession": 400,
+    "getFinality": ROUTE_DEFAULT_US,
+    "getEpochs": ROUTE_DEFAULT_US,
+    "getHeaders": 1_000,
+    "proveState": 3_000,
+    "proveNotices": 5_000,
+    "signConsentReceipt": 2_000,
+    "queryContract": 3_000,
+    "listAnnouncements": 1_000,
+    "streamEvents": 1_000,
+    "listEvents": 1_000,
+    "downloadSharedClip": 3_000,
+    "uploadKeyPart": 2_000,
+    "uploadClip": 3_000,
+    "downloadClip": ROUTE_DEFAULT_US,
+    "putBackground": 3_000,
+    "getBackground": ROUTE_DEFAULT_US,
+    "listBlocks": 1_000,
+    "getBlock": 1_000,
+    "listContracts": ROUTE_DEFAULT_US,
+    "getContract": ROUTE_DEFAULT_US,
+    "getExplorerStatus": ROUTE_DEFAULT_US,
+    "listExplorerHeaders": ROUTE_DEFAULT_US,
+    "getExplorerHeader": ROUTE_DEFAULT_US,
+    "getExplorerEpoch": ROUTE_DEFAULT_US,
+    "listExplorerProducers": ROUTE_DEFAULT_US,
+    "explainRefusal": ROUTE_DEFAULT_US,
+    "redirectToExplorer": ROUTE_DEFAULT_US,
+    "getExplorer": ROUTE_DEFAULT_US,
+    "getExplorerFile": ROUTE_DEFAULT_US,
+    "getSharedFile": ROUTE_DEFAULT_US,
+}
+"""By operation, what is paid before a request begins. What it turns out to take beyond that is measured and paid too."""
+
+
+def bytes_cost_us(size_bytes: int) -> int:
+    """Return what so many bytes cost on their way in or out."""
+    return size_bytes // BYTES_PER_US

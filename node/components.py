@@ -1,0 +1,485 @@
+"""The parts of one node, put together from `Surroundings`. Must never open a file, a socket or a page of HTTP."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import version
+from typing import Any, Protocol
+
+import structlog
+
+from consensus.chain.block import FinalityProof
+from consensus.chain.genesis import Genesis
+from consensus.chain.signature_cache import SignatureCache, SignatureCheck
+from consensus.chain.transaction import Transaction
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.protocol.core import Core
+from contracts.execution.machine import ContractMachine
+from contracts.execution.sender_admission import find_account, require_standing
+from node.api.node_services import FinalizedLedger, Pool
+from node.api.services import Clock
+from node.consensus.engine import Engine, Outbox
+from node.consensus.epoch_change import EpochStart, Head, read_head
+from node.consensus.evidence_submitter import Accuser, describe_accused, suspended_height
+from node.consensus.journal import JournalEntry
+from node.consensus.journal_writer import VotingJournal
+from node.consensus.readiness_reporter import Candidacy
+from node.consensus.stall_detector import FinalityWatch
+from node.custody.chain.chain_follower import Custody
+from node.custody.chain.custody_admin import Upkeep
+from node.custody.chain.custody_setup import CustodyPlace
+from node.directory.node_directory import Directory
+from node.execution.block_executor import ExecutedBlock, Executor
+from node.execution.execution_machines import Machine
+from node.execution.genesis_block import genesis_block
+from node.gauges import gauges_of
+from node.ledger.ledger_writer import FinalityFeed, LedgerWriter
+from node.ledger.pruning import Pruner
+from node.mempool.byte_budget import ByteBudgets
+from node.mempool.call_check import CallCheck
+from node.mempool.mempool import Mempool
+from node.mempool.quarantine import Quarantine
+from node.mempool.transaction_cache import TransactionCache
+from node.mempool.transaction_intake import TransactionIntake
+from node.metrics import NodeMetrics
+from node.p2p.network import PeerHandler
+from node.p2p.peers import Network, Peers
+from node.p2p.refusals import Refusals
+from node.storage.ledger_store import LedgerStore, Position
+from node.sync.block_sync import LAG_TOLERATED_BLOCKS, Synchroniser
+
+HOUSEKEEPING_INTERVAL_MS = 1_000
+
+log = structlog.get_logger(__name__)
+
+
+class OpenJournal(VotingJournal, Protocol):
+    """The voting journal as it was found."""
+
+    @property
+    def entries(self) -> tuple[JournalEntry, ...]:
+        """What it held when it was opened, in order."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """All that a node's parts touch outside of themselves.
+
+    `stopwatch` gives seconds that only grow, also while a callback runs; `randomness` that many fresh bytes.
+    `open_network` makes the links for a handler. `machine`, `check` and `transactions` may be shared between nodes of
+    one process, and `wrap_outbox` may put something before the peers. `directory` is the one that the network follows
+    too (else the genesis file's). `waits_for_machine`: the machine works in another process.
+    """
+
+    genesis: Genesis
+    name: str
+    ledger: LedgerStore
+    journal: OpenJournal
+    clock: Clock
+    open_network: Callable[[PeerHandler], Network]
+    key: PrivateKey | None
+    custody: CustodyPlace | None = None
+    stopwatch: Callable[[], float] = time.perf_counter
+    randomness: Callable[[int], bytes] = secrets.token_bytes
+    machine: Machine | None = None
+    check: SignatureCheck = field(default_factory=SignatureCache)
+    transactions: TransactionCache = field(default_factory=TransactionCache)
+    wrap_outbox: Callable[[Outbox], Outbox] | None = None
+    directory: Directory | None = None
+    keep_blocks: int = 0
+    waits_for_machine: bool = False
+
+
+async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
+    """Store the genesis block if the ledger is new. Raises DATA_DIRECTORY_INVALID, STORAGE_*, GENESIS_INVALID."""
+    if ledger.position is None:
+        await ledger.commit([genesis_block(genesis)], b"")
+    with ledger.snapshot() as snapshot:
+        if snapshot.block_height(genesis.block_id) != 0:
+            raise BlockRobotError("DATA_DIRECTORY_INVALID", "The ledger is that of another genesis file.")
+
+
+def make_core(
+    surroundings: Surroundings, head: Head, before: Core | None = None, journal: Sequence[bytes] = ()
+) -> Core:
+    """Return a core that goes on from this head: after the core of the epoch `before`, or with the voting journal."""
+    return Core(
+        head.start.epoch.settings,
+        surroundings.genesis.chain_id,
+        head.start.schedule,
+        surroundings.key,
+        finalized=head.block,
+        finalized_qc=head.qc,
+        round_zero_id=head.start.round_zero_id,
+        journal=journal,
+        check=surroundings.check,
+        before=before,
+    )
+
+
+def restore_core(surroundings: Surroundings) -> tuple[Core, EpochStart]:
+    """Return the core as ledger and journal left it, and how its epoch began. Raises STORAGE_DAMAGED."""
+    with surroundings.ledger.snapshot() as snapshot:
+        head = read_head(snapshot, surroundings.genesis)
+    journal = [entry.record for entry in surroundings.journal.entries]
+    return make_core(surroundings, head, journal=journal), head.start
+
+
+class Assembly:
+    """One node's parts. Made on the event loop, started once, stopped once; it is the node's `NodeStatus` too."""
+
+    def __init__(self, surroundings: Surroundings) -> None:
+        """Make all parts; nothing is said to anybody yet. Raises STORAGE_*, GENESIS_INVALID."""
+        self.surroundings = around = surroundings
+        self.genesis = genesis = around.genesis
+        self.directory = around.directory or Directory.of_genesis(genesis)
+        self._directory_is_behind = False
+        self._read_directory()
+        self._stack = AsyncExitStack()
+        self._started_at = around.stopwatch()
+        core, start = restore_core(around)
+        machine = around.machine or ContractMachine.of_genesis(genesis)
+        self.executor = Executor(
+            genesis=genesis,
+            ledger=around.ledger,
+            machine=machine,
+            cache=around.transactions,
+            key=around.key,
+            waits=around.waits_for_machine,
+            quarantine=Quarantine(around.stopwatch),
+        )
+        self.executor.begin_epoch(start.schedule)
+        try:
+            self._make_parts(core, start)
+        except BaseException:
+            self.executor.close()
+            raise
+
+    def _make_parts(self, core: Core, start: EpochStart) -> None:
+        around, genesis, now_ms = self.surroundings, self.genesis, self.surroundings.clock.now_ms
+        self.mempool = Mempool(
+            chain_id=genesis.chain_id,
+            cache=around.transactions,
+            has_standing=self._has_standing,
+            is_spent=self._is_spent,
+            account_of=lambda transaction: find_account(self.executor.reader, transaction),
+            byte_budgets=ByteBudgets(asyncio.get_running_loop().time),
+        )
+        self.over_budget = Refusals("over_budget")
+        self.intake = TransactionIntake(self.mempool, now_ms, self.note_over)
+        self.feed = FinalityFeed(core.finalized.height)
+        self.writer = LedgerWriter(around.ledger)
+        self.engine = Engine(
+            core=core,
+            start=start,
+            make_core=partial(make_core, around),
+            executor=self.executor,
+            mempool=self.mempool,
+            journal=around.journal,
+            sink=self.writer,
+            clock=now_ms,
+            stopwatch=around.stopwatch,
+        )
+        self.peers = Peers(
+            chain_id=genesis.chain_id,
+            name=around.name,
+            start=start,
+            name_of_producer=self._name_of_producer,
+            mempool=self.mempool,
+            intake=self.intake,
+            ledger=around.ledger,
+            clock=now_ms,
+            note_over=self.note_over,
+        )
+        self.network = around.open_network(self.peers)
+        self.sync = Synchroniser(
+            genesis=genesis,
+            ledger=around.ledger,
+            engine=self.engine,
+            executor=self.executor,
+            writer=self.writer,
+            feed=self.feed,
+            requester=self.network,
+        )
+        self.peers.connect(self.network, self.engine, self.sync)
+        self.engine.add_epoch_listener(self.peers.begin_epoch)
+        self.directory.add_listener(lambda _directory: self.peers.name_producers())
+        self.pool = Pool(
+            mempool=self.mempool,
+            intake=self.intake,
+            engine=self.engine,
+            gossip=self.peers.gossip,
+            feed=self.feed,
+            clock=around.clock,
+            calls=CallCheck(lambda: self.executor.reader),
+        )
+        self.finalized = FinalizedLedger(around.ledger, self.feed)
+        self.finality_watch = FinalityWatch(around.stopwatch, lambda: self.engine.epoch.epoch.settings)
+        self._metrics = NodeMetrics(gauges_of(self), now_ms)
+        self.custody = self._make_custody()
+        self.upkeep = self._make_upkeep()
+        self.pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
+        self.pruner.add_listener(self.peers.forget_blocks)
+        self._candidacy = self._make_candidacy()
+        self.accuser = self._make_accuser()
+
+    def _make_candidacy(self) -> Candidacy | None:
+        around = self.surroundings
+        if around.key is None:
+            return None
+        return Candidacy(
+            key=around.key,
+            chain_id=self.genesis.chain_id,
+            pool=self.pool,
+            reader=lambda: self.executor.reader,
+            schedule=lambda: self.engine.epoch.schedule,
+            is_close=lambda: self.sync.lag_blocks <= LAG_TOLERATED_BLOCKS and bool(self.network.connected),
+            clock=around.clock,
+            randomness=around.randomness,
+        )
+
+    def _make_accuser(self) -> Accuser | None:
+        around = self.surroundings
+        if around.key is None:
+            return None
+        accuser = Accuser(
+            key=around.key,
+            chain_id=self.genesis.chain_id,
+            pool=self.pool,
+            reader=lambda: self.executor.reader,
+            schedule=lambda: self.engine.epoch.schedule,
+            clock=around.clock,
+        )
+        self.engine.add_evidence_listener(accuser.note)
+        return accuser
+
+    def _make_custody(self) -> Custody | None:
+        around, place = self.surroundings, self.surroundings.custody
+        if place is None:
+            return None
+        now_ms = around.clock.now_ms
+        custody = Custody(
+            genesis=self.genesis,
+            name=around.name,
+            custodian=place.make_custodian(around.ledger, now_ms),
+            key=place.key,
+            ledger=around.ledger,
+            feed=self.feed,
+            pool=self.pool,
+            peers=self.network,
+            clock=now_ms,
+            randomness=around.randomness,
+            custodians=lambda: self.directory.custodians,
+            is_in_touch=self._has_heard_the_network,
+            final_height=lambda: self.writer.queued_height,
+            hold_room=None if place.reserve is None else place.reserve.hold,
+        )
+        self.peers.clips = custody
+        return custody
+
+    def _has_heard_the_network(self) -> bool:
+        """Tell whether so many peers are no farther than this node that together they are a quorum."""
+        level = 1 + sum(self.sync.is_level_with(peer) for peer in self.network.connected)
+        return level >= self.engine.epoch.schedule.quorum
+
+    def _make_upkeep(self) -> Upkeep | None:
+        around, place, custody = self.surroundings, self.surroundings.custody, self.custody
+        if place is None or custody is None:
+            return None
+        return Upkeep(
+            name=around.name,
+            member=place.key.public_key,
+            custodian=custody.custodian,
+            store=place.store,
+            keys=place.erase_keys,
+            ledger=around.ledger,
+            clock=around.clock.now_ms,
+            find_peers=custody.find_peers,
+            is_serving=lambda: custody.is_serving,
+            describe_uploads=partial(custody.describe_uploads, place.store, reserve=place.reserve),
+        )
+
+    def _custody_height(self) -> int | None:
+        """Return how far the node's custodian has followed (-1: not at all), or None if it has none."""
+        if self.custody is None:
+            return None
+        followed = self.custody.checkpoint_height
+        return -1 if followed is None else followed
+
+    async def start(self) -> None:
+        """Connect, and begin to take part. Raises PORT_IN_USE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        stack = self._stack
+        self.writer.add_listener(self._follow_directory)
+        self.writer.add_listener(self._note_stored)
+        self.writer.add_listener(self.feed.publish)
+        self.writer.add_listener(self.finality_watch.note_final)
+        self.writer.add_listener(self._metrics.note_finalized)
+        self.writer.add_listener(self._after_stored)
+        self.writer.start(
+            on_failure=partial(self.engine.pause, "ledger"),
+            on_recovery=partial(self.engine.resume, "ledger"),
+            between_events=self.engine.call_between_events,
+        )
+        for stop in (self.writer.stop, self.engine.stop, self.sync.stop, self.peers.stop, self.intake.stop):
+            stack.push_async_callback(stop)
+        await self.network.start()
+        stack.push_async_callback(self.network.stop)
+        wrap = self.surroundings.wrap_outbox
+        self.engine.start(self.peers if wrap is None else wrap(self.peers))
+        housekeeping = asyncio.get_running_loop().create_task(self._keep_house(), name="housekeeping")
+        stack.push_async_callback(_cancel, housekeeping)
+        if self.custody is not None:
+            await self.custody.start()
+            stack.push_async_callback(self.custody.stop)
+
+    async def stop(self) -> None:
+        """Stop in the reverse order of the start. What surrounds the parts stays open."""
+        await self._stack.aclose()
+        self.executor.close()
+
+    @property
+    def core(self) -> Core:
+        """The core of the epoch that the node is in."""
+        return self.engine.core
+
+    # What the parts ask of the whole
+
+    def note_over(self, source: str, error: BlockRobotError) -> None:
+        """Name a source of work that is over its budget. What stands before its name is its kind."""
+        self.over_budget.note(source, error, self.surroundings.clock.now_ms(), source.rpartition(" ")[0])
+
+    def _name_of_producer(self, key: bytes) -> str | None:
+        """Return the name of the node that produces with this key, or None."""
+        return self.directory.name_of_producer(key)
+
+    def _read_directory(self) -> None:
+        with self.surroundings.ledger.snapshot() as snapshot:
+            if snapshot.position is not None:
+                self.directory.refresh(snapshot, snapshot.position.height)
+
+    def _follow_directory(self, blocks: list[ExecutedBlock], _proof: FinalityProof, position: Position) -> None:
+        """Before anybody else hears of final blocks: who left with them is cut off, who came is dialled."""
+        writes = (block.overlay.writes for block in blocks)
+        if self._directory_is_behind or self.directory.needs_refresh(writes, position.height):
+            self._catch_up_with_directory()
+
+    def _note_stored(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
+        self.engine.note_stored(blocks, proof, position, self.writer.take_stored())
+
+    def _catch_up_with_directory(self) -> None:
+        self._directory_is_behind = True
+        try:
+            self._read_directory()
+        except BlockRobotError as error:
+            log.error("directory_unreadable", code=error.code, detail=error.detail)
+        else:
+            self._directory_is_behind = False
+
+    def _has_standing(self, transaction: Transaction) -> bool:
+        reader = self.executor.reader
+        position = reader.position
+        if position is None:
+            return False
+        require_standing(reader, transaction, position.timestamp_ms)
+        return True
+
+    def _is_spent(self, txid: bytes) -> bool:
+        return self.engine.is_on_branch(txid) or self.executor.reader.locate(txid) is not None
+
+    def _after_stored(self, _blocks: list[ExecutedBlock], _proof: FinalityProof, _position: Position) -> None:
+        self.peers.retry_unsettled()
+
+    async def _keep_house(self) -> None:
+        """Once a second: drop what expired, tell peers the height, look again whether there is work."""
+        announced = -1
+        while True:
+            await asyncio.sleep(HOUSEKEEPING_INTERVAL_MS / 1000)
+            if self._directory_is_behind:
+                self._catch_up_with_directory()
+            self.pool.purge_expired()
+            self.finality_watch.look(len(self.mempool))
+            self.peers.retry_unsettled()
+            self.engine.note_work()
+            self.sync.look_again()
+            await self.pruner.run_once()
+            if self._candidacy is not None:
+                await self._candidacy.speak_if_due()
+            if self.accuser is not None:
+                await self.accuser.speak_if_due()
+            if self.feed.height != announced:
+                announced = self.feed.height
+                self.peers.announce_height(announced)
+
+    # NodeStatus
+
+    def is_ready(self) -> bool:
+        """Tell whether the node is in touch with a quorum, is not far behind, and can write."""
+        in_touch = 1 + len(self.network.connected)
+        return in_touch >= self.engine.epoch.schedule.quorum and self.engine.is_signing and not self.sync.closes_gap
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return how the node is doing, ready for JSON."""
+        core = self.core
+        position = self.executor.reader.position
+        return {
+            "name": self.surroundings.name,
+            "organisation": self._organisation(),
+            "membership": self._membership(),
+            "directory_height": self.directory.height,
+            "chain_id": self.genesis.chain_id.hex(),
+            "ready": self.is_ready(),
+            "height": core.finalized.height + len(core.certified_branch()),
+            "finalized_height": self.feed.height,
+            "earliest_height": self.executor.reader.earliest_height,
+            "state_root": position.state_root.hex() if position else None,
+            "state_height": position.height if position else None,
+            "round": core.round,
+            "epoch": core.epoch,
+            "leader": self._leader_name(),
+            "peers": self.network.connected,
+            "mempool": len(self.mempool),
+            "custody_checkpoint": None if self.custody is None else self.custody.checkpoint_height,
+            "over_budget": self.over_budget.describe(self.surroundings.clock.now_ms()),
+            "fault": core.halted or self.engine.fault,
+            "execution": self.executor.quarantine.describe(),
+            "silent": None if core.silence is None else core.silence._asdict(),
+            "finality": self.finality_watch.describe(),
+            "suspended_height": self._suspended_height(),
+            "accused": describe_accused(self.accuser, self.directory, self.executor.reader),
+            "version": version("blockrobot"),
+            "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
+        }
+
+    def _organisation(self) -> str | None:
+        return getattr(self.directory.content.nodes.get(self.surroundings.name), "organisation", None)
+
+    def _membership(self) -> str:
+        """Tell whether the network counts this node in, as far as the node's own chain says."""
+        if self.directory.node(self.surroundings.name) is not None:
+            return "active"
+        return "removed" if self.surroundings.name in self.directory.content.nodes else "unknown"
+
+    def _suspended_height(self) -> int | None:
+        """Return the height at which the node's producer key was suspended, or None if it is not."""
+        key = self.surroundings.key
+        return None if key is None else suspended_height(self.executor.reader, key.public_key)
+
+    def _leader_name(self) -> str | None:
+        return self._name_of_producer(self.engine.epoch.schedule.producers[self.core.leader])
+
+    def metrics(self) -> bytes:
+        """Return the metrics in the Prometheus text format."""
+        return self._metrics.render()
+
+
+async def _cancel(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)

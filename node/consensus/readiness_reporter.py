@@ -1,0 +1,88 @@
+"""A candidate's word that it is ready to produce. Must never be said by a node that does not follow the chain closely.
+
+Organisations vote a node's producer key in, but it enters the schedule only if it said not long ago, on the chain and
+with that key, which state it has reached. So a node that is a candidate says so once it has caught up, and again while
+it stays one: often enough to count whenever the votes come together, and no more often than that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import structlog
+
+from consensus.chain.schedule import Schedule
+from consensus.chain.transaction import sign_transaction
+from consensus.primitives.keys import PrivateKey
+from consensus.state.producers import CANDIDATE, PRODUCERS
+from node.api.services import Clock, TransactionPool
+from node.storage.ledger_store import LedgerSnapshot
+
+SAY_AGAIN_MS = 5 * 60 * 1000
+SAY_AGAIN_BLOCKS = 500
+SAY_INTERVAL_MIN_MS = 10_000
+WORD_LIFETIME_MS = 60_000
+SALT_SIZE_BYTES = 8
+
+log = structlog.get_logger(__name__)
+
+
+class Candidacy:
+    """Says `producers.ready` for one producer key while it is a candidate without a seat."""
+
+    def __init__(
+        self,
+        *,
+        key: PrivateKey,
+        chain_id: bytes,
+        pool: TransactionPool,
+        reader: Callable[[], LedgerSnapshot],
+        schedule: Callable[[], Schedule],
+        is_close: Callable[[], bool],
+        clock: Clock,
+        randomness: Callable[[int], bytes],
+    ) -> None:
+        """`reader` gives the newest finalized state, `is_close` tells whether the node has caught up with its peers."""
+        self._key = key
+        self._chain_id = chain_id
+        self._pool = pool
+        self._reader = reader
+        self._schedule = schedule
+        self._is_close = is_close
+        self._clock = clock
+        self._randomness = randomness
+        self._said_ms: int | None = None
+
+    async def speak_if_due(self) -> bool:
+        """Say that the node is ready, if it is a candidate and its last word is too old; tell whether it was said."""
+        now_ms = self._clock.now_ms()
+        if self._said_ms is not None and 0 <= now_ms - self._said_ms < SAY_INTERVAL_MIN_MS:
+            return False
+        reader = self._reader()
+        position = reader.position
+        if position is None or not self._is_due(reader, position.height, position.timestamp_ms):
+            return False
+        self._said_ms = now_ms
+        word = sign_transaction(
+            self._key,
+            chain_id=self._chain_id,
+            contract=PRODUCERS,
+            entry="ready",
+            arguments=[position.height, position.state_root],
+            valid_until_ms=now_ms + WORD_LIFETIME_MS,
+            salt=self._randomness(SALT_SIZE_BYTES),
+        )
+        (result,) = await self._pool.submit([word.wire])
+        code = "" if result.error is None else result.error.code
+        log.info("ready_said", height=position.height, refused=code)
+        return not code
+
+    def _is_due(self, reader: LedgerSnapshot, height: int, time_ms: int) -> bool:
+        key = self._key.public_key
+        if self._schedule().index_of(key) is not None:
+            return False
+        row = CANDIDATE.at(reader, key)
+        if row is None or row.status != "candidate" or not self._is_close():
+            return False
+        is_old = time_ms - row.ready_ms > SAY_AGAIN_MS or height - row.ready_height > SAY_AGAIN_BLOCKS
+        return row.ready_ms == 0 or is_old

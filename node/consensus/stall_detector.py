@@ -1,0 +1,54 @@
+"""How long a node has seen nothing become final, and whether that is too long. Must never decide anything by it: it tells.
+
+An idle chain makes an empty block now and then, so that silence means something; while work waits, much less of it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from consensus.chain.epoch_settings import ChainSettings, parse_production
+
+LATE_MIN_S = 5.0
+LATE_TIMEOUTS_COUNT = 6
+"""Work that has waited for so many base timeouts, and for LATE_MIN_S at least, has waited for too long."""
+
+
+class FinalityWatch:
+    """Counts seconds since the newest final block (or the start) and since work waits. On the event loop only."""
+
+    def __init__(self, stopwatch: Callable[[], float], settings: Callable[[], ChainSettings]) -> None:
+        """`stopwatch` gives seconds that only grow, `settings` those of the epoch that the node is in."""
+        self._stopwatch = stopwatch
+        self._settings = settings
+        self._final_s = stopwatch()
+        self._waiting_since_s: float | None = None
+
+    def note_final(self, _blocks: Sequence[object], _proof: object, _position: object) -> None:
+        """Blocks were stored; what waits now is looked at anew."""
+        self._final_s = self._stopwatch()
+        self._waiting_since_s = None
+
+    def look(self, waiting_count: int) -> None:
+        """Note how many transactions wait; to be called about once a second."""
+        if not waiting_count:
+            self._waiting_since_s = None
+        elif self._waiting_since_s is None:
+            self._waiting_since_s = self._stopwatch()
+
+    def describe(self) -> dict[str, Any]:
+        """Return `age_s` since a block became final, `waiting_s` for which work has waited, and whether that is `late`."""
+        now_s = self._stopwatch()
+        age_s = now_s - self._final_s
+        waiting_s = 0.0 if self._waiting_since_s is None else now_s - self._waiting_since_s
+        return {"age_s": round(age_s, 1), "waiting_s": round(waiting_s, 1), "late": self._is_late(age_s, waiting_s)}
+
+    def _is_late(self, age_s: float, waiting_s: float) -> bool:
+        settings = self._settings()
+        limit_s = max(LATE_MIN_S, LATE_TIMEOUTS_COUNT * settings.base_timeout_ms / 1000)
+        interval_ms = parse_production(settings.production)
+        if interval_ms is None:
+            return False
+        idle_s = (interval_ms or settings.heartbeat_ms) / 1000
+        return waiting_s > limit_s or age_s > idle_s + limit_s

@@ -1,0 +1,218 @@
+"""What one finalized block changes at a custodian, event by event. Must never do what no event says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import structlog
+
+from consensus.primitives.encoding import encode_value
+from consensus.records.commitments import ciphertext_root, commitment_root
+from node.custody.erasure import (
+    EXPIRED_KIND,
+    RECEIPT_KIND,
+    RECORDS_A_CALL_MAX_COUNT,
+    Eraser,
+    compute_expiry_subject,
+)
+from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
+from node.custody.restrictions import STANDING_EVENTS, find_standing, follow_event, hold, is_void, settle
+from node.custody.shares import Shares, may_release
+from node.custody.stores.custody_store import (
+    BlockEffects,
+    ClipRow,
+    CustodyStore,
+    Grant,
+    OutboxRow,
+    RecordFacts,
+    VisitStanding,
+)
+from node.custody.stores.share_store import ShareRow
+
+RELEASED_KIND = "access.released"
+REFUSED_KIND = "access.refused"
+
+log = structlog.get_logger(__name__)
+
+
+def _release(grant: Grant, record_ids: Sequence[bytes], part: int) -> OutboxRow:
+    arguments = encode_value([grant.access_id, sorted(record_ids)])
+    return OutboxRow(RELEASED_KIND, grant.access_id, part, "access", "released", arguments, grant.height)
+
+
+async def build_release(store: CustodyStore, grant: Grant, record_ids: Sequence[bytes]) -> OutboxRow:
+    """Return the row that says that records which came late are released under a grant; the same row if it is there."""
+    rows = await store.outbox_of(RELEASED_KIND, grant.access_id)
+    row = _release(grant, record_ids, max((row.part for row in rows), default=-1) + 1)
+    return next((known for known in rows if known.arguments == row.arguments), row)
+
+
+def _share(data: Mapping[str, Any], height: int) -> ShareRow:
+    return ShareRow(data["grant_id"], data["owner"], tuple(data["records"]), data["until_ms"], height)
+
+
+def matches_roots(clip: ClipRow, facts: RecordFacts) -> bool:
+    """Tell whether a clip is the one that a record commits to."""
+    return (
+        commitment_root(clip.commitment_leaves) == facts.commitment_root
+        and ciphertext_root(clip.ciphertext_leaves) == facts.ciphertext_root
+    )
+
+
+class EffectsOfBlock:
+    """Brings about one block, in the order of its events.
+
+    Confirmations of neighbouring events are written together; before anything that looks at clips they are flushed.
+    """
+
+    def __init__(
+        self, store: CustodyStore, eraser: Eraser, shares: Shares, member: bytes, block: FinalizedEvents
+    ) -> None:
+        self._store = store
+        self._shares = shares
+        self._eraser = eraser
+        self._member = member
+        self._block = block
+        self._confirmed: list[RecordFacts] = []
+        self._missing: list[RecordFacts] = []
+        self._standings: dict[bytes, VisitStanding] = {}
+        self._settled: list[tuple[str, bytes, int]] = []
+
+    async def bring_about(self) -> None:
+        """Take every event of the block into the store and the erase keys. The checkpoint is the caller's."""
+        recorded = [event.data["record_id"] for event in self._block.events if event.kind == "records.recorded"]
+        staged = await self._store.clips(recorded)
+        owners = {event.data["owner"] for event in self._block.events if event.kind == "records.recorded"}
+        self._standings = await self._store.standings(sorted(owners)) if owners else {}
+        for event in self._block.events:
+            match event.kind:
+                case "records.recorded":
+                    await self._on_recorded(event, staged.get(event.data["record_id"]))
+                case "access.requested":
+                    await self._flush()
+                    await self._on_access(event.data)
+                case "access.granted":
+                    await self._shares.take_grant(_share(event.data, self._block.height))
+                case "access.revoked":
+                    await self._shares.end_grant(event.data["grant_id"])
+                case "records.empty_frames_withdrawn":
+                    await self._eraser.delete_backgrounds(event.data["gone"])
+                case "erasure.requested":
+                    await self._flush()
+                    await self._on_erasure(event.data)
+                case "access.released" | "access.refused" | "erasure.receipted" | "erasure.expired":
+                    if event.data["custodian"] == self._member:
+                        await self._on_own_receipt(event)
+                case kind if kind in STANDING_EVENTS:
+                    await self._flush()
+                    await self._on_right(event)
+                case _:
+                    pass
+        await self._flush()
+
+    async def _flush(self) -> None:
+        if self._confirmed or self._missing or self._settled:
+            settled = tuple(self._settled)
+            await self._store.apply(
+                BlockEffects(confirmed=tuple(self._confirmed), missing=tuple(self._missing), settled=settled)
+            )
+        self._confirmed, self._missing, self._settled = [], [], []
+
+    async def _on_recorded(self, event: FinalizedEvent, clip: ClipRow | None) -> None:
+        data = event.data
+        facts = RecordFacts(
+            record_id=data["record_id"],
+            txid=event.txid,
+            owner=data["owner"],
+            commitment_root=data["commitment_root"],
+            ciphertext_root=data["ciphertext_root"],
+            expires_at_ms=data["expires_at_ms"],
+            height=self._block.height,
+        )
+        standing = self._standings.get(facts.owner)
+        if standing is not None and standing.whole:
+            standing, facts = hold(standing, facts)
+            self._standings[facts.owner] = standing
+            await self._store.apply(BlockEffects(standings=(standing,)))
+        if clip is None:
+            self._missing.append(facts)
+        elif clip.status == "staged":
+            if matches_roots(clip, facts):
+                self._confirmed.append(facts)
+            else:
+                log.warning("custody_upload_is_not_what_was_recorded", record_id=facts.record_id.hex())
+                await self._eraser.drop_staged([facts.record_id])
+                self._missing.append(facts)
+
+    async def _on_access(self, data: dict[str, Any]) -> None:
+        named = tuple(data["records"])
+        grant = Grant(data["access_id"], data["owner"], named, self._block.height, data.get("grant", b""))
+        has_ended = grant.share and await self._store.share(grant.share) is None
+        if has_ended or is_void(grant, await find_standing(self._store, grant.owner)):
+            await self._store.apply(BlockEffects(grants=(grant,)))
+            return
+        held = [clip.record_id for clip in await self._store.clips_of_owner(grant.owner)]
+        if named:
+            own = set(held)
+            held = [record_id for record_id in named if record_id in own]
+        has_clips = bool(held)
+        held = [record_id for record_id in held if await may_release(self._store, grant, record_id)]
+        batches = range(0, len(held), RECORDS_A_CALL_MAX_COUNT)
+        owed = [
+            _release(grant, held[start : start + RECORDS_A_CALL_MAX_COUNT], part) for part, start in enumerate(batches)
+        ]
+        if named and not held and not await self._awaits_any(named):
+            code = "GRANT_PARTS_MISSING" if has_clips else "CLIP_ERASED"
+            arguments = encode_value([grant.access_id, code])
+            owed = [OutboxRow(REFUSED_KIND, grant.access_id, 0, "access", "refused", arguments, grant.height)]
+        await self._store.apply(BlockEffects(outbox=tuple(owed), grants=(grant,)))
+
+    async def _on_right(self, event: FinalizedEvent) -> None:
+        """Heed what the owner, or an officer, says of a visit, from this event on."""
+        owner = event.data["owner"]
+        before = await find_standing(self._store, owner) or VisitStanding(owner)
+        self._standings[owner] = await settle(self._store, follow_event(before, event, self._block.height))
+        if self._standings[owner].quarantined:
+            await self._shares.deny_visit(owner)
+
+    async def _awaits_any(self, record_ids: Sequence[bytes]) -> bool:
+        for record_id in record_ids:
+            if await self._store.missing_clip(record_id) is not None:
+                return True
+        return False
+
+    async def _on_erasure(self, data: dict[str, Any]) -> None:
+        """Erase what is the requesting owner's; ids that the chain gives to another owner here are left alone."""
+        record_ids, frames = list(data["records"]), sorted(data["frames"])
+        clips = await self._store.clips(record_ids)
+        own = []
+        for record_id in record_ids:
+            missing = await self._store.missing_clip(record_id)
+            clip = clips.get(record_id)
+            holder = clip.owner if clip is not None and clip.status == "confirmed" else (missing and missing.owner)
+            if holder and holder != data["owner"]:
+                log.error("custody_erasure_by_another_owner", record_id=record_id.hex())
+                continue
+            own.append(record_id)
+            if missing is not None and frames:
+                erased = tuple(sorted({*missing.erased_frames, *frames}))
+                await self._store.apply(BlockEffects(missing=(replace(missing, erased_frames=erased),)))
+        if frames:
+            await self._shares.leave_out(data["owner"], own, self._block.height)
+        await self._eraser.erase_requested(data["erasure_id"], own, frames, self._block.height)
+
+    async def _on_own_receipt(self, event: FinalizedEvent) -> None:
+        """The chain shows what was owed: forget the row."""
+        data = event.data
+        if event.kind == "access.released":
+            arguments = encode_value([data["access_id"], data["records"]])
+            rows = await self._store.outbox_of(RELEASED_KIND, data["access_id"])
+            self._settled += [row.key for row in rows if row.arguments == arguments]
+        elif event.kind == "access.refused":
+            self._settled.append((REFUSED_KIND, data["access_id"], 0))
+        elif event.kind == "erasure.receipted":
+            self._settled.append((RECEIPT_KIND, data["erasure_id"], 0))
+        else:
+            self._settled.append((EXPIRED_KIND, compute_expiry_subject(data["record_ids"]), 0))

@@ -1,0 +1,99 @@
+"""Signs receipts of what people said about consent. Must never sign anything that is not final, or is not of the node's
+own organisation, or that somebody else asks for than whose word it is; nor a consent to what people were not told.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from consensus.chain.transaction import decode_transaction
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from consensus.primitives.keys import PrivateKey
+from consensus.rights.consent_receipts import (
+    ConsentWord,
+    build_document,
+    is_notice_of,
+    read_word,
+    sign_as_controller,
+)
+from consensus.rights.consents import GIVEN
+from consensus.rights.notices import (
+    PublishedNotice,
+    read_published,
+    read_row,
+    require_told,
+)
+from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.identity import CUSTODIAN, organisation_of
+from node.api.pruned import Keepers, require_kept
+from node.api.services import LedgerSnapshot, SignedReceipt
+
+
+class ConsentReceipts:
+    """The receipts of one custodian's organisation, made from a snapshot whenever they are asked for; none is kept."""
+
+    def __init__(self, key: PrivateKey, keepers: Keepers = lambda _: ()) -> None:
+        """`key` is the custodian's, under which the chain knows the node and its organisation."""
+        self._key = key
+        self._keepers = keepers
+
+    def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
+        """Return the signed receipt of a caller's own word.
+
+        Raises CONSENT_RECEIPT_ELSEWHERE if she is of another organisation, NOT_FOUND for a transaction that is not
+        final or not hers, BLOCK_PRUNED for one that is too old, CONSENT_WORD_MISSING, NOTICE_INVALID, and as
+        `require_told` for a consent beyond the notice that was in force.
+        """
+        organisation = self._organisation(snapshot, caller)
+        place = snapshot.locate(txid)
+        if place is not None:
+            require_kept(snapshot, place.height, self._keepers)
+        block = None if place is None else snapshot.block(place.height)
+        receipts = None if place is None else snapshot.receipts(place.height)
+        if place is None or block is None or receipts is None:
+            raise BlockRobotError("NOT_FOUND", "No final transaction of this id is kept here.")
+        transaction = decode_transaction(block.transactions[place.index])
+        if transaction.txid != txid or transaction.body.sender != caller:
+            raise BlockRobotError("NOT_FOUND", "No final transaction of this id is the caller's.")
+        word = read_word(
+            transaction,
+            receipts[place.index],
+            height=place.height,
+            index=place.index,
+            time_ms=block.header.timestamp_ms,
+        )
+        published = find_notice(snapshot, organisation, word)
+        if word.status == GIVEN and published is not None:
+            require_told(published, word.purposes, word.sensors)
+        document = build_document(word, organisation, published)
+        return SignedReceipt(
+            document=document,
+            key=self._key.public_key,
+            signature=sign_as_controller(self._key, document),
+            transaction=transaction.wire,
+        )
+
+    def _organisation(self, snapshot: LedgerSnapshot, caller: bytes) -> str:
+        """Return the organisation of node and person. Raises CONSENT_RECEIPT_ELSEWHERE."""
+        custodian = CUSTODIAN.at(snapshot, self._key.public_key)
+        if custodian is None or custodian.org != organisation_of(snapshot, caller):
+            raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
+        return custodian.org
+
+
+def _value(snapshot: LedgerSnapshot, key: bytes) -> Any:
+    data = snapshot.get(key)
+    return None if data is None else decode_value(data)
+
+
+def find_notice(snapshot: LedgerSnapshot, organisation: str, word: ConsentWord) -> PublishedNotice | None:
+    """Return the version that was in force when a word was said, or None. Raises NOTICE_INVALID."""
+    row = read_row(organisation, _value(snapshot, NOTICE.key(organisation)))
+    following = None
+    while row is not None and not is_notice_of(row, following, word):
+        following = row
+        row = read_row(organisation, _value(snapshot, NOTICE_TEXT.key(row.version - 1, organisation)))
+    if row is None:
+        return None
+    return read_published(organisation, _value(snapshot, NOTICE_TEXT.key(row.version, organisation)))

@@ -1,0 +1,201 @@
+"""What an operator may ask of a custodian: how it stands, to prove what it holds, to make its index again.
+
+Must never open a clip, nor do two long things at once. What it answers is ready for JSON; ids are hex.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from consensus.limits import ERASURE_OVERDUE_AFTER_MS
+from node.custody.chain.peer_custodians import PeerCustodian
+from node.custody.chain.upload_report import render_uploads
+from node.custody.chain_facts import ChainFacts
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import ErasableKeys
+from node.custody.repair.rebuild import Rebuild, RebuildReport
+from node.custody.repair.scrub import ScrubReport, Tell, scrub, tell_nobody
+from node.custody.stores.custody_store import Checkpoint, CustodyStore
+from node.storage.ledger_store import LedgerStore
+
+FETCH_PAUSE_S = 1.0
+_LISTED_MAX_COUNT = 1_000
+
+log = structlog.get_logger(__name__)
+
+
+class Upkeep:
+    """The operator's view of one custodian. `find_peers` names the custodians that can be asked for clips now."""
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        member: bytes,
+        custodian: Custodian,
+        store: CustodyStore,
+        keys: ErasableKeys,
+        ledger: LedgerStore,
+        clock: Callable[[], int],
+        find_peers: Callable[[], Sequence[PeerCustodian]],
+        is_serving: Callable[[], bool],
+        describe_uploads: Callable[..., Awaitable[dict[str, Any]]],
+    ) -> None:
+        """`describe_uploads` returns what is to be said of uploads at a block's time (ms), see `counts_held` there."""
+        self._describe_uploads = describe_uploads
+        self._name = name
+        self._member = member
+        self._custodian = custodian
+        self._store = store
+        self._keys = keys
+        self._ledger = ledger
+        self._clock = clock
+        self._find_peers = find_peers
+        self._is_serving = is_serving
+        self._one_at_a_time = asyncio.Lock()
+
+    @contextmanager
+    def open_facts(self) -> Iterator[ChainFacts]:
+        """Open the newest finalized state."""
+        with self._ledger.snapshot() as snapshot:
+            position = snapshot.position
+            assert position is not None, "a node's ledger begins with the genesis block"
+            yield ChainFacts(snapshot, Checkpoint(position.height, position.block_id, position.timestamp_ms))
+
+    async def status(self) -> dict[str, Any]:
+        """Return how far the custodian is, what it holds, and who owes which receipts. Raises STORE_UNAVAILABLE."""
+        point, counts = await self._custodian.checkpoint(), await self._store.counts()
+        height, waiting = await asyncio.to_thread(self._look_at_erasures)
+        followed = -1 if point is None else point.height
+        held = await asyncio.to_thread(lambda: len(self._keys.held))
+        return {
+            "name": self._name,
+            "member": self._member.hex(),
+            "checkpoint_height": None if point is None else followed,
+            "finalized_height": height,
+            "behind_blocks": max(0, height - followed),
+            "serving": self._is_serving(),
+            "busy": self._one_at_a_time.locked(),
+            "clips_held": counts.confirmed,
+            "clips_staged": counts.staged,
+            "clips_missing": counts.missing,
+            "clips_erased": counts.erased,
+            "frames": counts.frames,
+            "shares": counts.shares,
+            "key_parts": counts.parts,
+            "owed": counts.owed,
+            "erasures_under_way": counts.owed_erasures,
+            "slots_used": held,
+            "slots_total": self._keys.capacity_count,
+            "store_bytes": counts.size_bytes,
+            "waiting_for": waiting,
+            **await self._describe_uploads(0 if point is None else point.timestamp_ms, counts_held=True),
+        }
+
+    async def metrics(self) -> bytes:
+        """Return the uploads as Prometheus text, or nothing while the store does not answer."""
+        try:
+            point = await self._custodian.checkpoint()
+            at_ms = 0 if point is None else point.timestamp_ms
+            return render_uploads(await self._describe_uploads(at_ms, counts_held=False))
+        except BlockRobotError as error:
+            log.warning("upload_metrics_left_out", code=error.code)
+            return b""
+
+    def _look_at_erasures(self) -> tuple[int, dict[str, dict[str, Any]]]:
+        """Return the state's height and what the chain waits for; walks over all erasures there ever were: in a thread."""
+        with self.open_facts() as facts:
+            return facts.point.height, self._waiting(facts)
+
+    def _waiting(self, facts: ChainFacts) -> dict[str, dict[str, Any]]:
+        """Return, by custodian, how many receipts the chain waits for, and which of them are overdue."""
+        waiting: dict[str, dict[str, Any]] = {}
+        now_ms = self._clock()
+        for erasure in facts.open_erasures():
+            for custodian in sorted(set(erasure.custodians) - erasure.receipts):
+                entry = waiting.setdefault(custodian.hex(), {"receipts": 0, "overdue": []})
+                entry["receipts"] += 1
+                age_ms = now_ms - erasure.asked_at_ms
+                if age_ms > ERASURE_OVERDUE_AFTER_MS:
+                    told = {"erasure_id": erasure.erasure_id.hex(), "age_s": age_ms // 1000}
+                    entry["overdue"].append(told | {"records": len(erasure.records)})
+        return waiting
+
+    async def scrub(self, tell: Tell = tell_nobody) -> dict[str, Any]:
+        """Compare chain and store both ways. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        async with self._one_at_a_time:
+            report = await scrub(self._custodian, self._store, self._keys, self.open_facts, tell)
+        log.info("custody_scrubbed", clean=report.is_clean, nothing_erased_is_left=report.nothing_erased_is_left)
+        return describe_scrub(report)
+
+    async def rebuild(self, tell: Tell = tell_nobody) -> dict[str, Any]:
+        """Make the index again, fetch what is missing. Raises as `scrub`."""
+
+        async def pause() -> None:
+            await asyncio.sleep(FETCH_PAUSE_S)
+
+        parts = (self._custodian, self._store, self._keys, self.open_facts, self._find_peers)
+        async with self._one_at_a_time:
+            report = await Rebuild(*parts, pause=pause, tell=tell).run()
+        log.info("custody_rebuilt", whole=report.is_whole, fetched=report.fetched_count)
+        return describe_rebuild(report)
+
+
+def _ids(record_ids: Sequence[bytes]) -> list[str]:
+    return [record_id.hex() for record_id in record_ids[:_LISTED_MAX_COUNT]]
+
+
+def _frames(frames: Sequence[tuple[bytes, int]]) -> list[dict[str, Any]]:
+    return [{"record": record_id.hex(), "frame": index} for record_id, index in frames[:_LISTED_MAX_COUNT]]
+
+
+def describe_scrub(report: ScrubReport) -> dict[str, Any]:
+    """Return a scrub's report for JSON; lists end after a thousand."""
+    return {
+        "ok": report.is_clean,
+        "nothing_erased_is_left": report.nothing_erased_is_left,
+        "height": report.height,
+        "records_count": report.records_count,
+        "clips_compared_count": report.compared_count,
+        "frames_compared_count": report.frames_count,
+        "missing": _ids(report.missing),
+        "held_though_erased": _ids(report.held_though_erased),
+        "frames_held_though_erased": _frames(report.frames_held_though_erased),
+        "unknown_to_chain": _ids(report.unknown_to_chain),
+        "other_facts": _ids(report.other_facts),
+        "corrupted": _frames(report.corrupted),
+        "unclaimed_frames": _ids(report.unclaimed_frames),
+        "parts_held_though_ended": [
+            {"grant": grant_id.hex(), "record": record_id.hex()}
+            for grant_id, record_id in report.parts_held_though_ended[:_LISTED_MAX_COUNT]
+        ],
+        "empty_frames_held_though_withdrawn": _ids(report.empty_frames_held_though_withdrawn),
+        "unclaimed_keys": report.unclaimed_keys[:_LISTED_MAX_COUNT],
+        "dirty_slots_count": report.dirty_slots_count,
+        "log_bytes": report.leftovers.log_bytes,
+        "dirty_bytes": report.leftovers.dirty_bytes,
+    }
+
+
+def describe_rebuild(report: RebuildReport) -> dict[str, Any]:
+    """Return a rebuild's report for JSON; lists end after a thousand."""
+    return {
+        "ok": report.is_whole,
+        "height": report.height,
+        "clips_count": report.clips_count,
+        "erased_again": _ids(report.erased_again),
+        "corrected": _ids(report.corrected),
+        "forgotten": _ids(report.forgotten),
+        "unknown_to_chain": _ids(report.unknown_to_chain),
+        "keys_destroyed_count": report.keys_destroyed_count,
+        "fetched_count": report.fetched_count,
+        "mended": _ids(report.mended),
+        "still_damaged": _ids(report.still_damaged),
+        "still_missing_count": report.still_missing_count,
+    }

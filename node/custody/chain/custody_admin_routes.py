@@ -1,0 +1,100 @@
+"""A custodian's upkeep on the operator's listener. Must never answer anybody without the operator's token.
+
+`GET /custody`, `POST /custody/scrub`, `POST /custody/rebuild`. What takes long answers as JSON lines: `{"progress": ...}`
+as it goes, the same again while there is nothing new, so that whoever waits knows that the work goes on; then one line
+`{"report": ...}` or `{"error": ...}`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import Any
+
+import structlog
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from node.custody.chain.custody_admin import Upkeep
+from node.custody.repair.scrub import Tell
+
+TELL_EVERY_S = 0.2
+HEARTBEAT_S = 10.0
+_ROUTE_WORK: dict[str, Callable[[Upkeep], Callable[[Tell], Awaitable[dict[str, Any]]]]] = {
+    "/custody/scrub": lambda upkeep: upkeep.scrub,
+    "/custody/rebuild": lambda upkeep: upkeep.rebuild,
+}
+
+log = structlog.get_logger(__name__)
+
+
+def problem_of(error: BlockRobotError) -> dict[str, str]:
+    """Return what an operator is told of a refusal."""
+    return {"code": error.code, "detail": error.detail, "next_step": error.next_step}
+
+
+def add_custody_routes(
+    application: web.Application, upkeep: Upkeep | None, require: Callable[[web.Request], None]
+) -> None:
+    """Add the routes. `require` raises unless the request is the operator's; a node without clips says so."""
+
+    def permitted(request: web.Request) -> Upkeep:
+        require(request)
+        if upkeep is None:
+            raise BlockRobotError("CUSTODY_ELSEWHERE")
+        return upkeep
+
+    async def status(request: web.Request) -> web.StreamResponse:
+        try:
+            return web.json_response(await permitted(request).status())
+        except BlockRobotError as error:
+            return web.json_response(problem_of(error), status=error.entry.status)
+
+    async def work(request: web.Request) -> web.StreamResponse:
+        try:
+            run = _ROUTE_WORK[request.path](permitted(request))
+        except BlockRobotError as error:
+            return web.json_response(problem_of(error), status=error.entry.status)
+        return await _stream(request, run)
+
+    application.router.add_get("/custody", status)
+    for path in _ROUTE_WORK:
+        application.router.add_post(path, work)
+
+
+async def _stream(request: web.Request, run: Callable[[Tell], Awaitable[dict[str, Any]]]) -> web.StreamResponse:
+    """Run, saying now and then how far it is. Whoever hangs up ends the work; it can be done again."""
+    newest: list[tuple[str, int, int]] = []
+    told, told_at_s = ("working", 0, 0), time.monotonic()
+    response = web.StreamResponse(headers={"Content-Type": "application/x-ndjson"})
+    await response.prepare(request)
+
+    async def say(line: dict[str, Any]) -> None:
+        await response.write(json.dumps(line).encode() + b"\n")
+
+    task = asyncio.ensure_future(run(lambda *progress: newest.append(progress)))
+    try:
+        while not task.done():
+            await asyncio.wait([task], timeout=TELL_EVERY_S)
+            is_due = bool(newest) or time.monotonic() - told_at_s >= HEARTBEAT_S
+            if is_due and not task.done():
+                told, told_at_s = newest[-1] if newest else told, time.monotonic()
+                newest.clear()
+                what, done, total = told
+                await say({"progress": {"what": what, "done": done, "total": total}})
+        try:
+            await say({"report": task.result()})
+        except BlockRobotError as error:
+            await say({"error": problem_of(error)})
+        except Exception:
+            log.exception("custody_upkeep_fault", path=request.path)
+            await say({"error": problem_of(BlockRobotError("INTERNAL"))})
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError, BlockRobotError):
+            await task
+    await response.write_eof()
+    return response

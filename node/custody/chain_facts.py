@@ -1,0 +1,255 @@
+"""What the finalized state says of records, access and erasures, as a custodian needs it. Must never look at blocks.
+
+The state keeps all that blocks ever said of them but the heights of requests, and of words that no longer stand; those
+are in the visits' audit entries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+from msgspec import structs
+
+from consensus.state.access import GRANT, RELEASE
+from consensus.state.access import REQUEST as ACCESS_REQUEST
+from consensus.state.audit import ENTRY, EntryRow
+from consensus.state.erasure import REQUEST as ERASURE_REQUEST
+from consensus.state.erasure import ErasureRow
+from consensus.state.identity import custodians
+from consensus.state.keys import Reader, Scanner
+from consensus.state.records import EMPTY_FRAME, OF_VISIT, RECORD, RecordRow
+from consensus.state.rights import OBJECTION, QUARANTINE, RESTRICTION
+from node.custody.restrictions import prolong, standing_of, with_natural
+from node.custody.stores.custody_store import Checkpoint, RecordFacts, VisitStanding
+from node.custody.stores.share_store import ShareRow
+
+NARROWING_KINDS = frozenset({"restricted", "objected", "denied", "transferred"})
+"""What the audit calls the words that make earlier requests void; the end of a quarantine is one too (`_narrows`)."""
+
+
+class StateReader(Reader, Scanner, Protocol):
+    """The flat table of the finalized state."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordState:
+    """A record as the state has it: `status` is active, erasing, erased or expired; the roots of the last two are gone.
+
+    `awaited` are the custodians whose report of its expiry an expired one waits for.
+    """
+
+    facts: RecordFacts
+    status: str
+    awaited: frozenset[bytes] = frozenset()
+
+    def is_kept(self, at_ms: int) -> bool:
+        """Tell whether its clip is to be kept at a block's time: not erased, not being erased, not expired."""
+        return self.status == "active" and self.facts.expires_at_ms > at_ms
+
+
+@dataclass(frozen=True, slots=True)
+class AccessFacts:
+    """A request for access: `height` is that of its block, `released` and `refused` tell who answered."""
+
+    access_id: bytes
+    owner: bytes
+    records: tuple[bytes, ...]
+    height: int
+    refused: dict[bytes, str]
+    share: bytes = b""
+    released: frozenset[bytes] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class ErasureFacts:
+    """A request for erasure: who has to confirm it, and who has."""
+
+    erasure_id: bytes
+    owner: bytes
+    records: tuple[bytes, ...]
+    frames: tuple[int, ...]
+    height: int
+    custodians: tuple[bytes, ...]
+    receipts: frozenset[bytes]
+    asked_at_ms: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Audited:
+    """The height of each request by its id, and by owner that of the last word that made earlier ones void, and of the
+    last denial.
+    """
+
+    requested: dict[bytes, int] = field(default_factory=dict)
+    narrowed: dict[bytes, int] = field(default_factory=dict)
+    denied: dict[bytes, int] = field(default_factory=dict)
+
+
+class ChainFacts:
+    """The state at one finalized block. The reader has to stay open while it is used."""
+
+    def __init__(self, state: StateReader, point: Checkpoint) -> None:
+        self._state = state
+        self.point = point
+
+    def active_records(self) -> Iterator[RecordFacts]:
+        """Yield the records whose clips are to be kept, those being erased too: the erasure comes after."""
+        for record in self.records():
+            if record.status in {"active", "erasing"}:
+                yield record.facts
+
+    def records(self) -> Iterator[RecordState]:
+        """Yield every record that the state has ever had, by its id."""
+        for (record_id,), row in RECORD.rows(self._state):
+            yield self._record(record_id, row)
+
+    def unreported(self, member: bytes) -> list[bytes]:
+        """Return the expired records that wait for a custodian's report, or for nobody who is a custodian still."""
+        known = frozenset(custodians(self._state))
+        if member not in known:
+            return []
+        expired = (record for record in self.records() if record.status == "expired")
+        return [each.facts.record_id for each in expired if member in each.awaited or not each.awaited & known]
+
+    def record(self, record_id: bytes) -> RecordState | None:
+        """Return one record, or None if the state has none of this id."""
+        row = RECORD.at(self._state, record_id)
+        return None if row is None else self._record(record_id, row)
+
+    def _record(self, record_id: bytes, row: RecordRow) -> RecordState:
+        """Return a record with the expiry that it has now: a restriction may keep it longer."""
+        facts = RecordFacts(
+            record_id=record_id,
+            txid=row.txid,
+            owner=row.owner,
+            commitment_root=row.commitment_root,
+            ciphertext_root=row.ciphertext_root,
+            expires_at_ms=prolong(self._restrictions.get(row.owner), record_id, row.expires_at_ms),
+            height=row.height,
+            erased_frames=tuple(row.erased_frames),
+        )
+        return RecordState(facts, row.status, frozenset(row.awaited))
+
+    @cached_property
+    def _restrictions(self) -> dict[bytes, VisitStanding]:
+        return {owner: standing_of(owner, row) for (owner,), row in RESTRICTION.rows(self._state)}
+
+    def standings(self) -> Iterator[VisitStanding]:
+        """Yield what stands of every visit of which something was ever said, also where it was taken back since.
+
+        Requests are void up to the height of the last word that the audit has; where it has none, up to this state.
+        """
+        denied = {owner for (owner,), _ in QUARANTINE.rows(self._state)}
+        objected = {owner for (owner,), _ in OBJECTION.rows(self._state)}
+        narrowed = self._audited.narrowed
+        for owner in sorted(denied | objected | set(self._restrictions) | set(narrowed)):
+            told = self._restrictions.get(owner, VisitStanding(owner))
+            height = narrowed.get(owner, self.point.height)
+            standing = structs.replace(told, narrowed_height=height, quarantined=owner in denied)
+            yield with_natural(standing, self._natural(told))
+
+    def _natural(self, standing: VisitStanding) -> dict[bytes, int]:
+        """Return when the records of a visit that are kept longer would expire, ms."""
+        natural = {}
+        for (_, record_id), _ in OF_VISIT.rows(self._state, standing.owner) if standing.until_ms else ():
+            row = RECORD.at(self._state, record_id)
+            if row is not None and prolong(standing, record_id, row.expires_at_ms) != row.expires_at_ms:
+                natural[record_id] = row.expires_at_ms
+        return natural
+
+    def is_empty_frame_approved(self, digest: bytes) -> bool:
+        """Tell whether an empty frame is approved for any robot."""
+        return EMPTY_FRAME.has(self._state, digest)
+
+    def erased_frames(self) -> dict[bytes, frozenset[int]]:
+        """Return which frames were asked to be erased of records that stay, by record."""
+        asked: dict[bytes, set[int]] = {}
+        for _, row in ERASURE_REQUEST.rows(self._state):
+            for record_id in row.records if row.frames else ():
+                asked.setdefault(record_id, set()).update(row.frames)
+        return {record_id: frozenset(frames) for record_id, frames in asked.items()}
+
+    def accesses(self) -> Iterator[AccessFacts]:
+        """Yield every request for access."""
+        for (access_id,), row in ACCESS_REQUEST.rows(self._state):
+            height = self._audited.requested.get(access_id, self.point.height)
+            records, released = tuple(row.records), frozenset(row.released)
+            yield AccessFacts(access_id, row.owner, records, height, row.refused, row.grant, released)
+
+    def shares(self) -> tuple[dict[bytes, ShareRow], set[bytes]]:
+        """Return the grants that stand at this block, by id, and the ids of those that were revoked or are over.
+
+        A grant is without the records of which frames were erased since: their keys are in what was sealed for it.
+        """
+        standing: dict[bytes, ShareRow] = {}
+        ended: set[bytes] = set()
+        for (grant_id,), row in GRANT.rows(self._state):
+            if row.is_open(self.point.timestamp_ms):
+                left = tuple(each for each in row.records if self._narrowed_at.get(each, -1) < row.height)
+                standing[grant_id] = ShareRow(grant_id, row.owner, left, row.until_ms, row.height)
+            else:
+                ended.add(grant_id)
+        return standing, ended
+
+    @cached_property
+    def _narrowed_at(self) -> dict[bytes, int]:
+        """Return the height of the last erasure of frames, by record."""
+        heights: dict[bytes, int] = {}
+        for erasure in self.erasures():
+            for record_id in erasure.records if erasure.frames else ():
+                heights[record_id] = max(erasure.height, heights.get(record_id, 0))
+        return heights
+
+    def denied_heights(self) -> dict[bytes, int]:
+        """Return the height of the last denial of each visit that was ever denied, also if that was settled since."""
+        return self._audited.denied
+
+    def erasures(self) -> Iterator[ErasureFacts]:
+        """Yield every request for erasure."""
+        for (erasure_id,), row in ERASURE_REQUEST.rows(self._state):
+            yield _erasure(erasure_id, row, self._audited.requested.get(erasure_id, self.point.height))
+
+    def open_erasures(self) -> Iterator[ErasureFacts]:
+        """Yield the requests for erasure that a custodian has yet to confirm, all as of this state's height."""
+        for (erasure_id,), row in ERASURE_REQUEST.rows(self._state):
+            if not set(row.custodians) <= set(row.receipts):
+                yield _erasure(erasure_id, row, self.point.height)
+
+    def has_released(self, access_id: bytes, custodian: bytes, record_ids: list[bytes]) -> bool:
+        """Tell whether a custodian has told the chain that it released all these records under a request."""
+        return all(RELEASE.has(self._state, access_id, custodian, record_id) for record_id in record_ids)
+
+    @cached_property
+    def _audited(self) -> _Audited:
+        """What the audit alone tells, of all visits: one walk over it, since each request would take one of its own."""
+        found = _Audited()
+        for (owner, _), row in ENTRY.rows(self._state):
+            for name in ("access_id", "erasure_id"):
+                if name in row.data:
+                    found.requested.setdefault(row.data[name], row.height)
+            if row.kind == "denied":
+                found.denied[owner] = max(row.height, found.denied.get(owner, 0))
+            if _narrows(row):
+                found.narrowed[owner] = max(row.height, found.narrowed.get(owner, 0))
+        return found
+
+
+def _narrows(row: EntryRow) -> bool:
+    ends_quarantine = row.kind == "breach_closed" and row.data.get("outcome") == "released"
+    return row.kind in NARROWING_KINDS or ends_quarantine
+
+
+def _erasure(erasure_id: bytes, row: ErasureRow, height: int) -> ErasureFacts:
+    return ErasureFacts(
+        erasure_id=erasure_id,
+        owner=row.owner,
+        records=tuple(row.records),
+        frames=tuple(row.frames),
+        height=height,
+        custodians=tuple(row.custodians),
+        receipts=frozenset(row.receipts),
+        asked_at_ms=row.time,
+    )

@@ -1,0 +1,71 @@
+"""How a custodian asks the others for clips that it misses. Must never use the disk's reserve for one.
+
+Part of `Custodian`, whose store and checks it uses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from consensus.limits import CLIP_SIZE_MAX_BYTES
+from node.custody.chain.peer_custodians import PeerCustodian
+from node.custody.stores.custody_store import CustodyStore, RecordFacts
+
+if TYPE_CHECKING:
+    from consensus.records.clips import ClipDownload
+
+FETCH_AT_ONCE_COUNT = 32
+MISSING_READ_COUNT = 10_000
+
+log = structlog.get_logger(__name__)
+
+
+class Fetching:
+    """Fetches missing clips from other custodians."""
+
+    if TYPE_CHECKING:  # the custodian's own
+        _store: CustodyStore
+        _has_room: Callable[[int], bool]
+        _asked_for: set[bytes]
+
+        async def install(self, fetched: ClipDownload) -> bool:
+            """See `Custodian.install`."""
+            ...
+
+    async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
+        """Ask other custodians for missing clips, up to 32 of them; return how many are installed now.
+
+        Clips take turns, the newest first: those that nobody has keep no other from being asked for. None is fetched
+        that might use the disk's reserve.
+        """
+        installed = 0
+        for facts in await self._choose_missing():
+            if not self._has_room(CLIP_SIZE_MAX_BYTES):
+                log.warning("clips_not_fetched", code="DISK_RESERVE_REACHED")
+                break
+            for peer in peers:
+                try:
+                    fetched = await peer.fetch(facts.record_id)
+                    found = fetched is not None and fetched.record_id == facts.record_id
+                    if fetched is not None and found and await self.install(fetched):
+                        installed += 1
+                        break
+                except BlockRobotError as error:
+                    if error.code in {"STORE_UNAVAILABLE", "ERASE_KEYS_DAMAGED"}:
+                        raise
+                    log.info("custody_fetch_refused", peer=peer.name, code=error.code)
+        return installed
+
+    async def _choose_missing(self) -> list[RecordFacts]:
+        missing = await self._store.missing(MISSING_READ_COUNT)
+        due = [facts for facts in missing if facts.record_id not in self._asked_for]
+        if not due:
+            self._asked_for.clear()
+            due = missing
+        chosen = due[:FETCH_AT_ONCE_COUNT]
+        self._asked_for.update(facts.record_id for facts in chosen)
+        return chosen

@@ -1,0 +1,240 @@
+"""The rebuild: makes a store's index again from the finalized state, and fetches from others what is missing or damaged.
+
+Must never keep what the state has erased, nor throw away bytes that are right: a clip goes only where the state says so,
+or where its leaves cannot be those of its record. Every step is idempotent; after a crash it is done again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from consensus.errors import BlockRobotError
+from node.custody.block_effects import matches_roots
+from node.custody.chain.peer_custodians import PeerCustodian
+from node.custody.chain_facts import ChainFacts, RecordState
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import ErasableKeys
+from node.custody.erasure import RECORDS_A_CALL_MAX_COUNT
+from node.custody.repair.scrub import (
+    GONE_CODES,
+    Judge,
+    OpenFacts,
+    ScrubReport,
+    Tell,
+    find_unclaimed_frames,
+    find_unclaimed_keys,
+    settled,
+    tell_nobody,
+)
+from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, RecordFacts
+
+FRUITLESS_ROUNDS_MAX_COUNT = 3
+_TELL_EVERY_COUNT = 100
+_STORE_FAULTS = frozenset({"STORE_UNAVAILABLE", "ERASE_KEYS_DAMAGED"})
+
+FindPeers = Callable[[], Sequence[PeerCustodian]]
+Pause = Callable[[], Awaitable[None]]
+
+
+@dataclass(slots=True)
+class RebuildReport:
+    """What a rebuild did, by record id (and frame), and what is still to be had from somebody."""
+
+    height: int = 0
+    clips_count: int = 0
+    erased_again: list[bytes] = field(default_factory=list)
+    corrected: list[bytes] = field(default_factory=list)
+    forgotten: list[bytes] = field(default_factory=list)
+    unknown_to_chain: list[bytes] = field(default_factory=list)
+    keys_destroyed_count: int = 0
+    fetched_count: int = 0
+    mended: list[bytes] = field(default_factory=list)
+    still_damaged: list[bytes] = field(default_factory=list)
+    still_missing_count: int = 0
+
+    @property
+    def is_whole(self) -> bool:
+        """Tell whether the store now has what the chain says, and nothing else."""
+        return not (self.unknown_to_chain or self.still_damaged or self.still_missing_count)
+
+
+class Rebuild:
+    """One rebuild of a store. `find_peers` names the other custodians that can be asked now."""
+
+    def __init__(
+        self,
+        custodian: Custodian,
+        store: CustodyStore,
+        keys: ErasableKeys,
+        open_facts: OpenFacts,
+        find_peers: FindPeers,
+        *,
+        pause: Pause,
+        tell: Tell = tell_nobody,
+    ) -> None:
+        self._custodian = custodian
+        self._store = store
+        self._keys = keys
+        self._open_facts = open_facts
+        self._find_peers = find_peers
+        self._pause = pause
+        self._tell = tell
+        self._report = RebuildReport()
+
+    async def run(self) -> RebuildReport:
+        """Make the index again, then fetch. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        async with settled(self._custodian, self._open_facts) as (facts, in_flight):
+            self._report.height = facts.point.height
+            await self._custodian.eraser.finish()
+            await self._set_right(facts)
+            await self._drop_unclaimed(in_flight)
+            await self._custodian.reconciliation(facts).bring_about()
+            await self._custodian.eraser.erase_expired(facts.point.timestamp_ms, facts.point.height)
+            await self._custodian.eraser.finish()
+            await self._store.apply(BlockEffects(checkpoint=facts.point))
+        suspects = await self._find_suspects()
+        await self._fetch_missing()
+        await self._mend(await self._find_damaged(suspects))
+        self._report.still_missing_count = (await self._store.counts()).missing
+        return self._report
+
+    async def _set_right(self, facts: ChainFacts) -> None:
+        """Go over every clip: what the state has erased goes, what it says of the others is written anew."""
+        gone: list[bytes] = []
+        expired: list[RecordFacts] = []
+        async for clip in self._store.all_clips():
+            self._report.clips_count += 1
+            if self._report.clips_count % _TELL_EVERY_COUNT == 0:
+                self._tell("clips", self._report.clips_count, 0)
+            record = facts.record(clip.record_id)
+            if record is None:
+                if clip.status == "confirmed":
+                    self._report.unknown_to_chain.append(clip.record_id)
+            elif not record.is_kept(facts.point.timestamp_ms):
+                is_over = record.facts.expires_at_ms <= facts.point.timestamp_ms
+                if is_over and clip.status == "confirmed" and record.status in {"active", "expired"}:
+                    expired.append(record.facts)
+                elif clip.status != "erased" or await self._store.frame_places([clip.record_id]):
+                    gone.append(clip.record_id)
+            else:
+                await self._set_right_one(clip, record)
+        for start in range(0, len(gone), RECORDS_A_CALL_MAX_COUNT):
+            await self._custodian.eraser.erase_again(gone[start : start + RECORDS_A_CALL_MAX_COUNT])
+        self._report.erased_again += gone
+        await self._erase_expired(facts, expired)
+
+    async def _erase_expired(self, facts: ChainFacts, expired: Sequence[RecordFacts]) -> None:
+        """Erase what is held beyond its time as its own block would have: the chain still waits for the reports."""
+        for record in expired:
+            await self._store.correct(record)
+            self._report.erased_again.append(record.record_id)
+        await self._custodian.eraser.erase_expired(facts.point.timestamp_ms, facts.point.height)
+
+    async def _set_right_one(self, clip: ClipRow, record: RecordState) -> None:
+        facts = record.facts
+        if clip.status == "erased" or (clip.status == "confirmed" and not matches_roots(clip, facts)):
+            await self._custodian.eraser.forget(clip.record_id)
+            self._report.forgotten.append(clip.record_id)
+            return
+        right = replace(
+            clip, txid=facts.txid, owner=facts.owner, expires_at_ms=facts.expires_at_ms, height=facts.height
+        )
+        if clip.status == "confirmed" and clip != right:
+            await self._store.correct(facts)
+            self._report.corrected.append(clip.record_id)
+
+    async def _drop_unclaimed(self, in_flight: frozenset[int]) -> None:
+        for record_id in await find_unclaimed_frames(self._store):
+            known = (await self._store.clips([record_id])).get(record_id)
+            if known is None:
+                await self._custodian.eraser.forget(record_id)
+                self._report.forgotten.append(record_id)
+            else:
+                await self._custodian.eraser.erase_again([record_id])
+                self._report.erased_again.append(record_id)
+        slots = await find_unclaimed_keys(self._store, self._keys, in_flight)
+        await self._custodian.eraser.destroy_unused(slots)
+        self._report.keys_destroyed_count = len(slots)
+
+    async def _find_suspects(self) -> list[bytes]:
+        """Read every confirmed clip while the custodian follows the chain; return those that do not seem whole."""
+        suspects, done, total = [], 0, (await self._store.counts()).confirmed
+        with self._open_facts() as facts:
+            judge = Judge(self._custodian, self._store, facts)
+            async for clip in self._store.all_clips():
+                record = facts.record(clip.record_id)
+                if record is None or clip.status != "confirmed":
+                    continue
+                if await _is_damaged(judge, record, clip):
+                    suspects.append(clip.record_id)
+                done += 1
+                if done % _TELL_EVERY_COUNT == 0:
+                    self._tell("compared", done, total)
+        return suspects
+
+    async def _find_damaged(self, suspects: Sequence[bytes]) -> list[bytes]:
+        """Return which of these clips have frames damaged or gone though nobody erased them, as of one moment."""
+        if not suspects:
+            return []
+        async with settled(self._custodian, self._open_facts) as (facts, _):
+            judge = Judge(self._custodian, self._store, facts)
+            clips, damaged = await self._store.clips(suspects), []
+            for record_id in suspects:
+                clip, record = clips.get(record_id), facts.record(record_id)
+                is_held = clip is not None and clip.status == "confirmed"
+                if clip and record and is_held and await _is_damaged(judge, record, clip):
+                    damaged.append(record_id)
+        return damaged
+
+    async def _fetch_missing(self) -> None:
+        """Ask the other custodians until nothing is missing, or nobody has any more of it."""
+        total, fruitless = (await self._store.counts()).missing, 0
+        left = total
+        while left and fruitless < FRUITLESS_ROUNDS_MAX_COUNT:
+            self._tell("fetched", total - left, total)
+            await self._custodian.fetch_missing(self._find_peers())
+            before, left = left, (await self._store.counts()).missing
+            fruitless = 0 if left < before else fruitless + 1
+            if fruitless:
+                await self._pause()
+        self._report.fetched_count = total - left
+
+    async def _mend(self, damaged: Sequence[bytes]) -> None:
+        for number, record_id in enumerate(damaged):
+            self._tell("mended", number, len(damaged))
+            is_mended = await self._mend_one(record_id)
+            (self._report.mended if is_mended else self._report.still_damaged).append(record_id)
+
+    async def _mend_one(self, record_id: bytes) -> bool:
+        for peer in self._find_peers():
+            try:
+                fetched = await peer.fetch(record_id)
+                if fetched is None or fetched.record_id != record_id:
+                    continue
+                if await self._custodian.mend(fetched, lambda: self._read_kept(record_id)):
+                    return True
+            except BlockRobotError as error:
+                if error.code in _STORE_FAULTS:
+                    raise
+        return False
+
+    def _read_kept(self, record_id: bytes) -> RecordFacts | None:
+        """Return what the newest state says of a record that is to be kept, with every frame that nobody may hold."""
+        with self._open_facts() as facts:
+            record = facts.record(record_id)
+            if record is None or not record.is_kept(facts.point.timestamp_ms):
+                return None
+            asked = facts.erased_frames().get(record_id, frozenset())
+            return replace(record.facts, erased_frames=tuple(sorted({*record.facts.erased_frames, *asked})))
+
+
+async def _is_damaged(judge: Judge, record: RecordState, clip: ClipRow) -> bool:
+    """Tell whether a confirmed clip lacks bytes that it should have; one that was erased meanwhile does not."""
+    seen = ScrubReport()
+    try:
+        await judge.compare(clip.record_id, record, clip, seen)
+    except BlockRobotError as error:
+        if error.code not in GONE_CODES:
+            raise
+    return bool(seen.corrupted)

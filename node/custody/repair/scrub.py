@@ -1,0 +1,270 @@
+"""The scrub: proves that chain and store agree, both ways, and that of what is erased no byte and no key is left.
+
+Must never repair what it cannot prove. A clip that is missing is put among the missing ones, so that it is fetched; all
+else is reported. It looks while the custodian works; what seems wrong is looked at once more while nothing moves, at
+one height of chain and store, before it is called wrong.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import AbstractContextManager, asynccontextmanager
+from dataclasses import dataclass, field
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.hashing import sha256
+from consensus.records.commitments import ciphertext_leaf
+from node.custody.block_effects import matches_roots
+from node.custody.chain_facts import ChainFacts, RecordState
+from node.custody.custodian import Custodian
+from node.custody.erase_keys import ErasableKeys
+from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, Leftovers, RecordFacts
+
+OpenFacts = Callable[[], AbstractContextManager[ChainFacts]]
+Tell = Callable[[str, int, int], None]
+"""Told of progress: what is being looked at, how many are done, and of how many (0: not known)."""
+
+RECORDS_AT_ONCE_COUNT = 256
+SETTLE_MAX_S = 20.0
+_SETTLE_POLL_S = 0.05
+_TELL_EVERY_COUNT = 100
+GONE_CODES = frozenset({"CLIP_ERASED", "CLIP_NOT_CONFIRMED", "NOT_FOUND"})
+
+
+def tell_nobody(_what: str, _done: int, _total: int) -> None:
+    """Take progress and do nothing."""
+
+
+@dataclass(slots=True)
+class ScrubReport:
+    """What a scrub found, by record id and frame.
+
+    `corrupted`: frames whose bytes no longer make their leaf, or are gone though nobody erased them. `unclaimed_frames`:
+    records of which there are frames and no clip. `parts_held_though_ended`: grant and record of what is still held of a
+    shared key. `empty_frames_held_though_withdrawn`: by their SHA-256. `unclaimed_keys`: erase keys that no frame names.
+    `dirty_slots_count`: slots of the erase-key file that hold bytes and no key.
+    """
+
+    height: int = 0
+    records_count: int = 0
+    compared_count: int = 0
+    frames_count: int = 0
+    missing: list[bytes] = field(default_factory=list)
+    held_though_erased: list[bytes] = field(default_factory=list)
+    frames_held_though_erased: list[tuple[bytes, int]] = field(default_factory=list)
+    unknown_to_chain: list[bytes] = field(default_factory=list)
+    other_facts: list[bytes] = field(default_factory=list)
+    corrupted: list[tuple[bytes, int]] = field(default_factory=list)
+    unclaimed_frames: list[bytes] = field(default_factory=list)
+    parts_held_though_ended: list[tuple[bytes, bytes]] = field(default_factory=list)
+    empty_frames_held_though_withdrawn: list[bytes] = field(default_factory=list)
+    unclaimed_keys: list[int] = field(default_factory=list)
+    dirty_slots_count: int = 0
+    leftovers: Leftovers = field(default_factory=lambda: Leftovers(None, None))
+
+    @property
+    def nothing_erased_is_left(self) -> bool:
+        """Tell whether no byte and no key is here of what the chain has erased, or never had."""
+        held = (self.held_though_erased, self.frames_held_though_erased, self.unknown_to_chain, self.unclaimed_frames)
+        files = (self.unclaimed_keys, self.dirty_slots_count, self.leftovers.log_bytes, self.leftovers.dirty_bytes)
+        others = (self.parts_held_though_ended, self.empty_frames_held_though_withdrawn)
+        return not any(held) and not any(files) and not any(others)
+
+    @property
+    def is_clean(self) -> bool:
+        """Tell whether chain and store agree."""
+        return self.nothing_erased_is_left and not any((self.missing, self.other_facts, self.corrupted))
+
+
+class Judge:
+    """Compares one record of the state with what the store has of it."""
+
+    def __init__(self, custodian: Custodian, store: CustodyStore, facts: ChainFacts) -> None:
+        self._custodian = custodian
+        self._store = store
+        self._facts = facts
+        self._erased_frames = facts.erased_frames()
+
+    def erased_frames(self, record: RecordState) -> frozenset[int]:
+        """Return the frames of a record that nobody may hold any more."""
+        return frozenset(record.facts.erased_frames) | self._erased_frames.get(record.facts.record_id, frozenset())
+
+    async def compare(
+        self, record_id: bytes, record: RecordState | None, clip: ClipRow | None, report: ScrubReport
+    ) -> bool:
+        """Add what is wrong with one record to the report; tell whether all is well."""
+        if record is None:
+            if clip is None or clip.status != "confirmed":
+                return True
+            report.unknown_to_chain.append(record_id)
+        elif not record.is_kept(self._facts.point.timestamp_ms):
+            if (clip is None or clip.status != "confirmed") and not await self._store.frame_places([record_id]):
+                return True
+            report.held_though_erased.append(record_id)
+        elif clip is None or clip.status != "confirmed":
+            report.missing.append(record_id)
+        elif not _is_same(clip, record):
+            report.other_facts.append(record_id)
+        else:
+            return await self._compare_frames(clip, record, report)
+        return False
+
+    async def _compare_frames(self, clip: ClipRow, record: RecordState, report: ScrubReport) -> bool:
+        report.compared_count += 1
+        erased, is_well = self.erased_frames(record), True
+        download = await self._custodian.look_at(clip.record_id)
+        for frame, leaf in zip(download.frames, clip.ciphertext_leaves, strict=True):
+            report.frames_count += 1
+            made = ciphertext_leaf(frame.index, sha256(frame.ciphertext), sha256(frame.sealed_key))
+            if frame.index in erased:
+                if not frame.erased:
+                    report.frames_held_though_erased.append((clip.record_id, frame.index))
+                    is_well = False
+            elif frame.erased or made != leaf:
+                report.corrupted.append((clip.record_id, frame.index))
+                is_well = False
+        return is_well
+
+
+def _is_same(clip: ClipRow, record: RecordState) -> bool:
+    facts = record.facts
+    own = (clip.owner, clip.txid, clip.expires_at_ms, clip.height)
+    return own == (facts.owner, facts.txid, facts.expires_at_ms, facts.height) and matches_roots(clip, facts)
+
+
+@asynccontextmanager
+async def settled(
+    custodian: Custodian, open_facts: OpenFacts, max_s: float = SETTLE_MAX_S
+) -> AsyncIterator[tuple[ChainFacts, frozenset[int]]]:
+    """Hold the custodian still at a moment when it has followed the whole ledger; yields the state and slots in flight.
+
+    Raises CUSTODY_CATCHING_UP if it does not come to that in time.
+    """
+    deadline = asyncio.get_running_loop().time() + max_s
+    while True:
+        async with custodian.at_rest() as in_flight:
+            with open_facts() as facts:
+                point = await custodian.checkpoint()
+                if point is not None and point.height == facts.point.height:
+                    yield facts, in_flight
+                    return
+        if asyncio.get_running_loop().time() > deadline:
+            raise BlockRobotError("CUSTODY_CATCHING_UP", "The custodian is still behind its own ledger.")
+        await asyncio.sleep(_SETTLE_POLL_S)
+
+
+async def scrub(
+    custodian: Custodian, store: CustodyStore, keys: ErasableKeys, open_facts: OpenFacts, tell: Tell = tell_nobody
+) -> ScrubReport:
+    """Compare chain and store, and list clips that the store should have as missing.
+
+    Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
+    """
+    seen = ScrubReport()
+    with open_facts() as facts:
+        suspects = await _look_through(Judge(custodian, store, facts), store, facts, seen, tell)
+    tell("keys", 0, 0)
+    async with settled(custodian, open_facts) as (facts, in_flight):
+        report = ScrubReport(height=facts.point.height, records_count=seen.records_count)
+        judge = Judge(custodian, store, facts)
+        clips = await store.clips(sorted(suspects))
+        for record_id in sorted(suspects):
+            await judge.compare(record_id, facts.record(record_id), clips.get(record_id), report)
+        report.compared_count, report.frames_count = seen.compared_count, seen.frames_count
+        report.unclaimed_frames = await find_unclaimed_frames(store)
+        report.parts_held_though_ended = await find_ended_parts(store, facts)
+        report.empty_frames_held_though_withdrawn = await find_withdrawn_frames(store, facts)
+        report.unclaimed_keys = await find_unclaimed_keys(store, keys, in_flight)
+        report.dirty_slots_count = await asyncio.to_thread(keys.check_destroyed)
+        report.leftovers = await store.leftovers()
+        records = (facts.record(record_id) for record_id in report.missing)
+        absent = tuple(record.facts for record in records if record is not None)
+        await store.apply(BlockEffects(missing=await _not_listed(store, absent)))
+    return report
+
+
+async def find_withdrawn_frames(store: CustodyStore, facts: ChainFacts) -> list[bytes]:
+    """Return the empty frames that a store holds and the chain approves for no robot."""
+    return [digest for digest in await store.background_digests() if not facts.is_empty_frame_approved(digest)]
+
+
+async def _not_listed(store: CustodyStore, absent: Iterable[RecordFacts]) -> tuple[RecordFacts, ...]:
+    return tuple([facts for facts in absent if await store.missing_clip(facts.record_id) is None])
+
+
+async def _look_through(
+    judge: Judge, store: CustodyStore, facts: ChainFacts, seen: ScrubReport, tell: Tell
+) -> set[bytes]:
+    """Walk over the chain's records, then over the store's clips; return the ids with which something seems wrong."""
+    suspects: set[bytes] = set()
+    batch: dict[bytes, RecordState] = {}
+
+    async def judge_batch() -> None:
+        clips = await store.clips(list(batch))
+        for record_id, record in batch.items():
+            try:
+                is_well = await judge.compare(record_id, record, clips.get(record_id), seen)
+            except BlockRobotError as error:
+                if error.code not in GONE_CODES:
+                    raise
+                is_well = False  # erased or expired since the batch was read: to be looked at again
+            if not is_well:
+                suspects.add(record_id)
+        batch.clear()
+        tell("records", seen.records_count, 0)
+
+    for record in facts.records():
+        seen.records_count += 1
+        batch[record.facts.record_id] = record
+        if len(batch) >= RECORDS_AT_ONCE_COUNT:
+            await judge_batch()
+    await judge_batch()
+    done = 0
+    async for clip in store.all_clips():
+        done += 1
+        if clip.status == "confirmed" and facts.record(clip.record_id) is None:
+            suspects.add(clip.record_id)
+        if done % _TELL_EVERY_COUNT == 0:
+            tell("clips", done, 0)
+    return suspects
+
+
+async def find_unclaimed_frames(store: CustodyStore) -> list[bytes]:
+    """Return the records of which there are frames and no clip that may have them; only while nothing moves."""
+    found: list[bytes] = []
+    batch: list[bytes] = []
+
+    async def check() -> None:
+        clips = await store.clips(batch)
+        found.extend(each for each in batch if each not in clips or clips[each].status == "erased")
+        batch.clear()
+
+    async for record_id in store.records_with_frames():
+        batch.append(record_id)
+        if len(batch) >= RECORDS_AT_ONCE_COUNT:
+            await check()
+    await check()
+    return found
+
+
+async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple[bytes, bytes]]:
+    """Return grant and record of parts of shared keys that are not to be kept any more; only while nothing moves."""
+    standing, ended = facts.shares()
+    denied = {row.owner for row in facts.standings() if row.quarantined}
+    found: list[tuple[bytes, bytes]] = []
+    async for place in store.all_parts():
+        was_final = place.status == "confirmed" or place.grant_id in ended
+        record = facts.record(place.record_id)
+        is_kept = record is not None and record.is_kept(facts.point.timestamp_ms)
+        share = standing.get(place.grant_id)
+        is_granted = not was_final or (share is not None and place.record_id in share.records)
+        if not is_kept or place.owner in denied or not is_granted:
+            found.append((place.grant_id, place.record_id))
+    return found
+
+
+async def find_unclaimed_keys(store: CustodyStore, keys: ErasableKeys, in_flight: frozenset[int]) -> list[int]:
+    """Return the slots with keys that no frame names, and that are not on their way; only while nothing moves."""
+    in_use = {slot async for slot in store.slots_in_use()}
+    return [slot for slot in await asyncio.to_thread(lambda: keys.held) if slot not in in_use and slot not in in_flight]

@@ -1,0 +1,115 @@
+"""What a custodian does for shares at a client's word: it takes parts of keys, and hands them out with their clips.
+
+Part of `Custodian`, whose lock, store and keys it uses. Must never hand out a part beside the key that is sealed to the
+owner, nor to anybody before the caller made sure that it is the grantee.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipDownload
+from consensus.records.sharing import (
+    GrantUpload,
+    SharedDownload,
+    SharedRequest,
+    build_shared_download,
+    check_grant_upload,
+)
+from node.custody.block_effects import build_release
+from node.custody.erase_keys import ErasableKeys
+from node.custody.erasure import Eraser
+from node.custody.restrictions import find_standing, is_void, require_release
+from node.custody.shares import Judged, Shares, grant_covers
+from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, FrameRow
+from node.custody.stores.share_store import PartRow, PartStatus
+
+
+class SharingDesk:
+    """Uploads of parts of keys, and downloads of shared clips."""
+
+    if TYPE_CHECKING:  # the custodian's own
+        _store: CustodyStore
+        _keys: ErasableKeys
+        _eraser: Eraser
+        _shares: Shares
+        _member: bytes
+        _clock_ms: Callable[[], int]
+        _writing: asyncio.Lock
+        _in_flight: set[int]
+
+        async def _confirmed_clip(self, record_id: bytes) -> ClipRow: ...
+
+        def _assemble(self, clip: ClipRow, rows: Sequence[FrameRow]) -> ClipDownload: ...
+
+    async def stage_part(
+        self, upload: GrantUpload, owner: bytes, require_open: Callable[[], None] = lambda: None
+    ) -> PartStatus:
+        """Keep this custodian's part of a shared record's key, for the owner of its visit (33 bytes, made sure of).
+
+        It is staged until its grant is final, or confirmed at once if it is. `require_open` refuses by the newest final
+        state a grant that has ended: the store forgets those. Raises as `Shares.judge`.
+        """
+        check_grant_upload(upload)
+        judge = partial(self._judge_part, upload, owner, require_open)
+        judged = await judge()  # before a key is made for it, which is flushed to the disk
+        if judged.is_known:
+            async with self._writing:
+                return await self._put_part(await judge(), upload, None)
+        taken = (await asyncio.to_thread(self._keys.allocate, 1))[0]
+        self._in_flight.add(taken[0])
+        try:
+            async with self._writing:
+                try:
+                    judged = await judge()
+                except BlockRobotError:
+                    await self._eraser.destroy_unused([taken[0]])
+                    raise
+                status = await self._put_part(judged, upload, taken)
+                if judged.is_known:
+                    await self._eraser.destroy_unused([taken[0]])
+        finally:
+            self._in_flight.discard(taken[0])
+        return status
+
+    async def _judge_part(self, upload: GrantUpload, owner: bytes, require_open: Callable[[], None]) -> Judged:
+        require_open()
+        return await self._shares.judge(upload, owner, self._clock_ms())
+
+    async def _put_part(self, judged: Judged, upload: GrantUpload, taken: tuple[int, bytes] | None) -> PartStatus:
+        await self._shares.put(judged, upload, taken)
+        if judged.row.status == "confirmed":
+            await self._owe_shared(judged.row)
+        return judged.row.status
+
+    async def _owe_shared(self, part: PartRow) -> None:
+        """Owe the releases that a grantee asked for before this part came."""
+        clip = (await self._store.clips([part.record_id]))[part.record_id]
+        standing = await find_standing(self._store, part.owner)
+        asked = [grant for grant in await self._store.grants_of_owner(part.owner) if grant.share == part.grant_id]
+        due = [grant for grant in asked if grant_covers(grant, clip) and not is_void(grant, standing)]
+        owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in due])
+        await self._store.apply(BlockEffects(outbox=owed))
+
+    async def download_shared(self, request: SharedRequest, grant_id: bytes) -> SharedDownload:
+        """Return a shared clip, package and parts under a final request by the grantee (whom the caller made sure of).
+
+        Raises as `Custodian.download`, and GRANT_ENDED, GRANT_PARTS_MISSING.
+        """
+        grant = await self._store.grant(request.access_id)
+        if grant is None or not grant_id or grant.share != grant_id or request.record_id not in grant.records:
+            raise BlockRobotError("ACCESS_NOT_GRANTED")
+        clip = await self._confirmed_clip(request.record_id)
+        if not grant_covers(grant, clip):
+            raise BlockRobotError("ACCESS_NOT_GRANTED")
+        rows = await self._store.frames(clip.record_id) if request.with_frames else []
+        part = await self._store.part(grant_id, clip.record_id)
+        # After the rows, since a word may have become final while they were read; the keys last, at once.
+        require_release(grant, await find_standing(self._store, grant.owner))
+        await self._shares.require_standing(grant_id, self._clock_ms())
+        held, found = self._shares.open(part), self._assemble(clip, rows)
+        return build_shared_download(found, self._member, held.package, held.parts, with_frames=request.with_frames)

@@ -1,0 +1,235 @@
+"""How the rows of a custodian's store look as MongoDB documents. Must never guess at a document that is not whole.
+
+A row's key is the document's `_id`. Frames are documents of their own, so that no clip comes near the limit of 16 MB.
+A clip has one status more than `ClipRow` knows: `staging`, while its frames are being written or dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+from bson.int64 import Int64
+from pymongo import ReplaceOne, UpdateOne
+from pymongo.errors import PyMongoError
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, encode, u32
+from node.custody.stores.custody_store import (
+    Checkpoint,
+    ClipRow,
+    FramePlace,
+    FrameRow,
+    Grant,
+    OutboxRow,
+    RecordFacts,
+    VisitStanding,
+)
+
+Document = dict[str, Any]
+Row = TypeVar("Row")
+
+STAGING = "staging"
+STATUSES: dict[str, tuple[str, ...]] = {"staged": ("staged", STAGING), "confirmed": ("confirmed",)}
+"""What a clip's document may say for a status: one that is half written, or was cut off, counts as staged."""
+
+
+def _plain(document: Document) -> Document:
+    """Return the document with plain integers: what the driver reads as `Int64` is no value of a contract."""
+    return {name: int(value) if isinstance(value, Int64) else value for name, value in document.items()}
+
+
+def rows(convert: Callable[[Document], Row], documents: Iterable[Document]) -> list[Row]:
+    """Convert what was found. Raises STORAGE_DAMAGED for a document that lacks a field or has a wrong one."""
+    try:
+        return [convert(_plain(document)) for document in documents]
+    except (KeyError, TypeError) as error:
+        raise BlockRobotError("STORAGE_DAMAGED", f"The store has a document that is not whole: {error!r}.") from error
+
+
+def frame_id(record_id: bytes, index: int) -> bytes:
+    """Return the key of a frame: its record id and index, so that keys sort as frames do."""
+    return record_id + u32(index)
+
+
+def outbox_id(key: tuple[str, bytes, int]) -> bytes:
+    """Return the key of an outbox row."""
+    kind, subject, part = key
+    return kind.encode() + b"\x00" + subject + u32(part)
+
+
+def clip_document(clip: ClipRow, status: str | None = None) -> Document:
+    """Return a clip as a document, under another status if one is named."""
+    return {
+        "_id": clip.record_id,
+        "txid": clip.txid,
+        "valid_until_ms": clip.valid_until_ms,
+        "status": status or clip.status,
+        "commitment_leaves": list(clip.commitment_leaves),
+        "ciphertext_leaves": list(clip.ciphertext_leaves),
+        "owner": clip.owner,
+        "expires_at_ms": clip.expires_at_ms,
+        "height": clip.height,
+        "robot": clip.robot,
+        "size_bytes": clip.size_bytes,
+    }
+
+
+def clip_row(found: Document) -> ClipRow:
+    """Return the clip of a document."""
+    return ClipRow(
+        record_id=found["_id"],
+        txid=found["txid"],
+        valid_until_ms=found["valid_until_ms"],
+        status=found["status"],
+        commitment_leaves=tuple(found["commitment_leaves"]),
+        ciphertext_leaves=tuple(found["ciphertext_leaves"]),
+        owner=found["owner"],
+        expires_at_ms=found["expires_at_ms"],
+        height=found["height"],
+        robot=bytes(found.get("robot", b"")),
+        size_bytes=found.get("size_bytes", 0),
+    )
+
+
+def _told(facts: RecordFacts) -> Document:
+    return {
+        "txid": facts.txid,
+        "owner": facts.owner,
+        "expires_at_ms": facts.expires_at_ms,
+        "height": facts.height,
+    }
+
+
+def confirmation(facts: RecordFacts) -> UpdateOne:
+    """Return the write that confirms a whole clip, and changes no erased or half-written one."""
+    changes = {"status": "confirmed"} | _told(facts)
+    return UpdateOne({"_id": facts.record_id, "status": {"$in": ["staged", "confirmed"]}}, {"$set": changes})
+
+
+def correction(facts: RecordFacts) -> UpdateOne:
+    """Return the write that says of a confirmed clip what the chain does, and changes no other."""
+    return UpdateOne({"_id": facts.record_id, "status": "confirmed"}, {"$set": _told(facts)})
+
+
+def expiry(record_id: bytes, expires_at_ms: int) -> UpdateOne:
+    """Return the write that changes when a confirmed clip expires."""
+    return UpdateOne({"_id": record_id, "status": "confirmed"}, {"$set": {"expires_at_ms": expires_at_ms}})
+
+
+def standing_document(standing: VisitStanding) -> Document:
+    """Return what was said of a visit as a document."""
+    return {"_id": standing.owner, "standing": encode(standing)}
+
+
+def standing_row(found: Document) -> VisitStanding:
+    """Return what a document says was said of a visit."""
+    return decode(bytes(found["standing"]), VisitStanding)
+
+
+def frame_document(row: FrameRow) -> Document:
+    """Return a frame as a document."""
+    return {
+        "_id": frame_id(row.record_id, row.index),
+        "record_id": row.record_id,
+        "index": row.index,
+        "slot": row.slot,
+        "wrapped_key": row.wrapped_key,
+        "ciphertext": row.ciphertext,
+    }
+
+
+def replacement(row: FrameRow) -> ReplaceOne[Document]:
+    """Return the write that puts a frame in its place, over the one that is there."""
+    frame = frame_document(row)
+    return ReplaceOne({"_id": frame["_id"]}, frame, upsert=True)
+
+
+def frame_row(found: Document) -> FrameRow:
+    """Return the frame of a document."""
+    return FrameRow(found["record_id"], found["index"], found["ciphertext"], found["wrapped_key"], found["slot"])
+
+
+def frame_place(found: Document) -> FramePlace:
+    """Return where the frame of a document, read without its bytes, is."""
+    return FramePlace(found["record_id"], found["index"], found["slot"])
+
+
+def missing_document(facts: RecordFacts) -> Document:
+    """Return a missing clip as a document."""
+    return {
+        "_id": facts.record_id,
+        "txid": facts.txid,
+        "owner": facts.owner,
+        "commitment_root": facts.commitment_root,
+        "ciphertext_root": facts.ciphertext_root,
+        "expires_at_ms": facts.expires_at_ms,
+        "height": facts.height,
+        "erased_frames": list(facts.erased_frames),
+    }
+
+
+def missing_row(found: Document) -> RecordFacts:
+    """Return the missing clip of a document."""
+    return RecordFacts(
+        record_id=found["_id"],
+        txid=found["txid"],
+        owner=found["owner"],
+        commitment_root=found["commitment_root"],
+        ciphertext_root=found["ciphertext_root"],
+        expires_at_ms=found["expires_at_ms"],
+        height=found["height"],
+        erased_frames=tuple(found["erased_frames"]),
+    )
+
+
+def grant_document(grant: Grant) -> Document:
+    """Return a grant as a document."""
+    return {
+        "_id": grant.access_id,
+        "owner": grant.owner,
+        "records": list(grant.records),
+        "height": grant.height,
+        "share": grant.share,
+    }
+
+
+def grant_row(found: Document) -> Grant:
+    """Return the grant of a document."""
+    return Grant(found["_id"], found["owner"], tuple(found["records"]), found["height"], found.get("share", b""))
+
+
+def outbox_document(row: OutboxRow) -> Document:
+    """Return an outbox row as a document, without its key."""
+    return {
+        "kind": row.kind,
+        "subject": row.subject,
+        "part": row.part,
+        "contract": row.contract,
+        "entry": row.entry,
+        "arguments": row.arguments,
+        "height": row.height,
+        "status": row.status,
+        "plan": row.plan,
+    }
+
+
+def outbox_row(found: Document) -> OutboxRow:
+    """Return the outbox row of a document."""
+    return OutboxRow(**{name: value for name, value in found.items() if name != "_id"})
+
+
+def checkpoint_document(point: Checkpoint) -> Document:
+    """Return a checkpoint as a document, without its key."""
+    return {"height": point.height, "block_id": point.block_id, "timestamp_ms": point.timestamp_ms}
+
+
+def checkpoint_row(found: Document) -> Checkpoint:
+    """Return the checkpoint of a document."""
+    return Checkpoint(found["height"], found["block_id"], found["timestamp_ms"])
+
+
+def is_passing(cause: BaseException | None) -> bool:
+    """Tell whether a transaction failed by what the next attempt need not meet."""
+    labels = ("TransientTransactionError", "UnknownTransactionCommitResult")
+    return isinstance(cause, PyMongoError) and any(cause.has_error_label(label) for label in labels)

@@ -1,0 +1,496 @@
+"""The networked custody store, on MongoDB by PyMongo's asynchronous client. Must never rest on what needs a transaction.
+
+Where the server has transactions (a replica set or a sharded cluster), a block's effects and an erased clip's rows are
+written in one each; a single server writes them in order. Each write waits for the majority and their journals, is
+idempotent, and comes in an order in which a crash between two leaves nothing half visible: a clip is `staging` until
+its frames are there, and effects come before their checkpoint. Reads see only what the majority has, so that no
+failover takes back what was read. A server's files may hold deleted bytes for a while; without the erase keys, which no
+server has, these open nothing. The same code serves a replica set or a sharded cluster: its URI says which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from types import TracebackType
+from typing import Any, Self
+
+from bson.errors import BSONError
+from pymongo import ASCENDING, DESCENDING, AsyncMongoClient, DeleteOne, ReplaceOne, UpdateOne
+from pymongo.asynchronous.client_session import AsyncClientSession
+from pymongo.asynchronous.collection import AsyncCollection
+from pymongo.asynchronous.database import AsyncDatabase
+from pymongo.errors import ConfigurationError, InvalidName, OperationFailure, PyMongoError
+from pymongo.read_concern import ReadConcern
+from pymongo.read_preferences import ReadPreference
+from pymongo.write_concern import WriteConcern
+
+from consensus.errors import BlockRobotError
+from node.custody.stores import mongo_documents as documents
+from node.custody.stores.custody_store import (
+    BlockEffects,
+    Checkpoint,
+    ClipRow,
+    FramePlace,
+    FrameRow,
+    Grant,
+    Leftovers,
+    OutboxRow,
+    OutboxStatus,
+    RecordFacts,
+    StoreCounts,
+    VisitStanding,
+)
+from node.custody.stores.mongo_documents import STAGING, STATUSES, Document, is_passing, rows
+from node.custody.stores.mongo_shares import SHARES_INDEXES, MongoShares
+from node.custody.stores.mongo_uploads import BY_ROBOT, MongoUploads
+
+Order = Sequence[tuple[str, int]]
+
+FORMAT_VERSION = 4
+FORMER_VERSIONS = (1, 2, 3)
+SERVER_SELECTION_MAX_MS = 3_000
+MAJORITY_MAX_MS = 20_000
+SOCKET_MAX_MS = 30_000
+_PAGE_DOCUMENTS_COUNT = 500
+_ONE = "one"
+TRANSACTION_ATTEMPTS_MAX_COUNT = 3
+_MAJORITY = ReadConcern("majority")
+_DURABLE = WriteConcern(w="majority", j=True, wtimeout=MAJORITY_MAX_MS)
+_SESSION: ContextVar[AsyncClientSession | None] = ContextVar("custody_transaction", default=None)
+
+
+def _rising(*fields: str) -> Order:
+    return tuple((field, ASCENDING) for field in fields)
+
+
+_BY_KEY = _rising("_id")
+_BY_CONTRACT = _rising("status", "contract", "height", "kind", "subject", "part")
+_NEWEST_FIRST: Order = (("height", DESCENDING), ("_id", ASCENDING))
+_INDEXES: Mapping[str, Sequence[Order]] = {
+    "clips": (
+        _rising("owner", "status", "_id"),
+        _rising("status", "valid_until_ms", "_id"),
+        _rising("status", "expires_at_ms", "_id"),
+        BY_ROBOT,
+    ),
+    "day_uses": (_rising("day"),),
+    "frames": (_rising("record_id", "index"), _rising("slot")),
+    "grants": (_rising("owner", "_id"),),
+    "missing": (_NEWEST_FIRST, _rising("expires_at_ms"), _rising("owner", "_id")),
+    "standings": (),
+    "outbox": (_BY_CONTRACT, _rising("kind", "subject", "part")),
+    **SHARES_INDEXES,
+}
+
+
+@contextmanager
+def _answering() -> Iterator[None]:
+    try:
+        yield
+    except (PyMongoError, BSONError) as error:
+        # The message of the driver may quote the URI, which may hold a password.
+        raise BlockRobotError("STORE_UNAVAILABLE", f"The store's server failed ({type(error).__name__}).") from error
+
+
+def _tells_of_transactions(hello: Mapping[str, Any]) -> bool:
+    """Tell by a server's greeting whether it has transactions: members of a replica set do, and routers to shards."""
+    is_cluster = "setName" in hello or hello.get("msg") == "isdbgrid"
+    return is_cluster and "logicalSessionTimeoutMinutes" in hello
+
+
+def _up_to(at_ms: int) -> Document:
+    """Return the condition `<= at_ms` on whole milliseconds.
+
+    Written as `< at_ms + 1`: a server that the tests run on leaves out the bound itself when it reads `$lte` from the
+    middle of a compound index.
+    """
+    return {"$lt": at_ms + 1}
+
+
+def _connect(uri: str) -> tuple[AsyncMongoClient[Document], AsyncDatabase[Document]]:
+    try:
+        client: AsyncMongoClient[Document] = AsyncMongoClient(
+            uri,
+            appname="blockrobot",
+            serverSelectionTimeoutMS=SERVER_SELECTION_MAX_MS,
+            connectTimeoutMS=SERVER_SELECTION_MAX_MS,
+            socketTimeoutMS=SOCKET_MAX_MS,
+            # Streamed monitoring measures round trips over one more connection, which the driver's `close` loses, open,
+            # if it is just being made. A write that meets a new primary makes the driver look again at once anyway.
+            serverMonitoringMode="poll",
+        )
+        database = client.get_default_database(
+            read_preference=ReadPreference.PRIMARY,
+            read_concern=_MAJORITY,
+            write_concern=_DURABLE,
+        )
+    except (ConfigurationError, InvalidName, ValueError):
+        # Not chained: the driver's message may quote the URI, which may hold a password.
+        raise BlockRobotError(
+            "CONFIGURATION_INVALID", "The store is named by a MongoDB URI with a database: mongodb://host:port/name."
+        ) from None
+    return client, database
+
+
+async def _check_format(database: AsyncDatabase[Document]) -> None:
+    """Mark a new database, or one of a former format (it lacks collections and fields), after its indexes are made."""
+    found = await database["format"].find_one({"_id": _ONE})
+    if found is None and set(await database.list_collection_names()) - {"format", *_INDEXES}:
+        raise BlockRobotError("STORAGE_DAMAGED", "The store's database has collections but no mark of their format.")
+    if found is not None and found.get("version") not in {FORMAT_VERSION, *FORMER_VERSIONS}:
+        detail = f"The store has format {found.get('version')!r}, not {FORMAT_VERSION}."
+        raise BlockRobotError("STORAGE_DAMAGED", detail)
+    for collection, indexes in _INDEXES.items():
+        for fields in indexes:
+            await database[collection].create_index(list(fields))
+    if found is None or found["version"] != FORMAT_VERSION:
+        await database["format"].replace_one({"_id": _ONE}, {"version": FORMAT_VERSION}, upsert=True)
+
+
+class MongoStore(MongoShares, MongoUploads):
+    """A `CustodyStore` in one database of a MongoDB server. Rules of the interface: `store.py`."""
+
+    def __init__(self, uri: str) -> None:
+        """Name the server and the database by a URI: `mongodb://host:port/database`."""
+        self._uri = uri
+        self.has_transactions = False
+        self._abandoned: list[Mapping[str, Any]] = []
+        self._client: AsyncMongoClient[Document] | None = None
+        self._database: AsyncDatabase[Document] | None = None
+
+    async def __aenter__(self) -> Self:
+        """Connect and make the indexes.
+
+        Raises STORE_UNAVAILABLE if no server answers in three seconds, STORAGE_DAMAGED for a database of another
+        format, CONFIGURATION_INVALID for a URI that names no database.
+        """
+        client, database = _connect(self._uri)
+        try:
+            with _answering():
+                await _check_format(database)
+                self.has_transactions = _tells_of_transactions(await client.admin.command("hello"))
+        except BaseException:
+            await client.close()
+            raise
+        self._client, self._database = client, database
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the connections."""
+        if self._client is not None:
+            await self._client.close()
+        self._client = self._database = None
+
+    def _collection(self, name: str) -> AsyncCollection[Document]:
+        if self._database is None:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        return self._database[name]
+
+    async def _bulk(self, name: str, operations: Sequence[Any]) -> None:
+        if operations:
+            with _answering():
+                await self._collection(name).bulk_write(list(operations), ordered=True, session=_SESSION.get())
+
+    async def _delete(self, name: str, where: Document) -> None:
+        with _answering():
+            await self._collection(name).delete_many(where, session=_SESSION.get())
+
+    async def _together(self, write: Callable[[], Awaitable[None]]) -> None:
+        """Do several writes in one transaction, begun again if cut off; in their order where the server has none."""
+        if not self.has_transactions or self._client is None:
+            await write()
+            return
+        for attempt in range(1, TRANSACTION_ATTEMPTS_MAX_COUNT + 1):
+            try:
+                with _answering():
+                    await self._end_abandoned(self._client)
+                    async with self._client.start_session() as session:
+                        await self._in_transaction(session, write)
+                return
+            except BlockRobotError as error:
+                if attempt == TRANSACTION_ATTEMPTS_MAX_COUNT or not is_passing(error.__cause__):
+                    raise
+
+    async def _end_abandoned(self, client: AsyncMongoClient[Document]) -> None:
+        """End what a server may not know to be over: its locks would last as long as it lets a transaction, a minute."""
+        if doomed := self._abandoned[:]:
+            with suppress(OperationFailure):  # it is known to be over, or the server does not let us: time ends it
+                await client.admin.command("killSessions", doomed)
+            self._abandoned = [session for session in self._abandoned if session not in doomed]
+
+    async def _in_transaction(self, session: AsyncClientSession, write: Callable[[], Awaitable[None]]) -> None:
+        options = {"read_concern": _MAJORITY, "write_concern": _DURABLE, "read_preference": ReadPreference.PRIMARY}
+        token = _SESSION.set(session)
+        try:
+            async with await session.start_transaction(**options):  # type: ignore[arg-type]
+                await write()
+        except BaseException:
+            self._abandoned.append(session.session_id)
+            raise
+        finally:
+            _SESSION.reset(token)
+
+    async def _one(self, name: str, key: Any) -> list[Document]:
+        return await self._many(name, {"_id": key})
+
+    async def _many(
+        self, name: str, where: Document, *, sort: Order = _BY_KEY, limit: int = 0, fields: Sequence[str] | None = None
+    ) -> list[Document]:
+        wanted = None if fields is None else {"_id": "_id" in fields, **dict.fromkeys(fields, True)}
+        with _answering():
+            found = self._collection(name).find(where, wanted).sort(list(sort)).limit(limit)
+            return await found.to_list(None)
+
+    async def _summed(self, name: str, where: Document, groups: Document) -> list[Document]:
+        """Return sums over documents, which the server makes: one row for each group."""
+        with _answering():
+            found = await self._collection(name).aggregate([{"$match": where}, {"$group": groups}])
+            return await found.to_list(None)
+
+    async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.stage`. A crash leaves a `staging` clip, which lapses as a staged one does."""
+        first = documents.clip_document(clip, STAGING)
+        await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, first, upsert=True)])
+        await self._delete("frames", {"record_id": clip.record_id})
+        await self._bulk("frames", [documents.replacement(row) for row in frames])
+        await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, documents.clip_document(clip), upsert=True)])
+
+    async def correct(self, facts: RecordFacts) -> None:
+        """See `CustodyStore.correct`."""
+        await self._bulk("clips", [documents.correction(facts)])
+
+    async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.replace_frames`; each goes into its old one's place, and only then what has none."""
+        await self._bulk("frames", [documents.replacement(row) for row in frames])
+        written = {row.index for row in frames}
+        held = [place.index for place in await self.frame_places([record_id])]
+        await self.erase_frames(record_id, [index for index in held if index not in written])
+
+    async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
+        """See `CustodyStore.extend_staged`."""
+        changes = {"$set": {"txid": txid, "valid_until_ms": valid_until_ms}}
+        await self._bulk("clips", [UpdateOne({"_id": record_id, "status": "staged"}, changes)])
+
+    async def apply(self, effects: BlockEffects) -> None:
+        """See `CustodyStore.apply`; in one transaction, or in order, each step idempotent."""
+        await self._together(lambda: self._apply_in_order(effects))
+
+    async def _apply_in_order(self, effects: BlockEffects) -> None:
+        await self._bulk(
+            "outbox",
+            [
+                UpdateOne(
+                    {"_id": documents.outbox_id(row.key)},
+                    {"$setOnInsert": documents.outbox_document(row)},
+                    upsert=True,
+                )
+                for row in effects.outbox
+            ],
+        )
+        standings = [documents.standing_document(row) for row in effects.standings]
+        await self._bulk("standings", [ReplaceOne({"_id": row["_id"]}, row, upsert=True) for row in standings])
+        await self._bulk("clips", [documents.expiry(*change) for change in effects.expiries])
+        await self._bulk("clips", [documents.confirmation(facts) for facts in effects.confirmed])
+        await self._bulk("missing", [DeleteOne({"_id": facts.record_id}) for facts in effects.confirmed])
+        missing = [documents.missing_document(facts) for facts in effects.missing]
+        await self._bulk("missing", [ReplaceOne({"_id": facts["_id"]}, facts, upsert=True) for facts in missing])
+        grants = [documents.grant_document(grant) for grant in effects.grants]
+        await self._bulk("grants", [ReplaceOne({"_id": grant["_id"]}, grant, upsert=True) for grant in grants])
+        await self._bulk("outbox", [DeleteOne({"_id": documents.outbox_id(key)}) for key in effects.settled])
+        if effects.checkpoint is not None:
+            point = documents.checkpoint_document(effects.checkpoint)
+            await self._delete("missing", {"expires_at_ms": _up_to(effects.checkpoint.timestamp_ms)})
+            await self._bulk("checkpoint", [ReplaceOne({"_id": _ONE}, point, upsert=True)])
+
+    async def checkpoint(self) -> Checkpoint | None:
+        """See `CustodyStore.checkpoint`."""
+        found = rows(documents.checkpoint_row, await self._one("checkpoint", _ONE))
+        return found[0] if found else None
+
+    async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
+        """See `CustodyStore.clips`."""
+        where = {"_id": {"$in": list(record_ids)}, "status": {"$ne": STAGING}}
+        found = await self._many("clips", where) if record_ids else []
+        return {clip.record_id: clip for clip in rows(documents.clip_row, found)}
+
+    async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
+        """See `CustodyStore.clips_of_owner`."""
+        return rows(documents.clip_row, await self._many("clips", {"owner": owner, "status": "confirmed"}))
+
+    async def frames(self, record_id: bytes) -> list[FrameRow]:
+        """See `CustodyStore.frames`."""
+        found = await self._many("frames", {"record_id": record_id}, sort=_rising("record_id", "index"))
+        return rows(documents.frame_row, found)
+
+    async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
+        """See `CustodyStore.frame_places`."""
+        where = {"record_id": {"$in": list(record_ids)}}
+        order, fields = _rising("record_id", "index"), ("record_id", "index", "slot")
+        found = await self._many("frames", where, sort=order, fields=fields) if record_ids else []
+        return rows(documents.frame_place, found)
+
+    async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
+        """See `CustodyStore.erase_frames`."""
+        await self._bulk("frames", [DeleteOne({"_id": documents.frame_id(record_id, index)}) for index in indexes])
+
+    async def erase_clip(self, record_id: bytes) -> None:
+        """See `CustodyStore.erase_clip`; the mark comes first, so that a half-erased clip is never served."""
+        mark = documents.clip_document(ClipRow(record_id, b"", 0, "erased", (), ()))
+
+        async def erase() -> None:
+            await self._bulk("clips", [ReplaceOne({"_id": record_id}, mark, upsert=True)])
+            await self._delete("frames", {"record_id": record_id})
+            await self._delete("missing", {"_id": record_id})
+
+        await self._together(erase)
+
+    async def drop_staged(self, record_id: bytes) -> None:
+        """See `CustodyStore.drop_staged`; the clip goes last, so that a crash leaves no frame without one."""
+        staged = {"_id": record_id, "status": {"$in": STATUSES["staged"]}}
+        with _answering():
+            hidden = await self._collection("clips").update_one(staged, {"$set": {"status": STAGING}})
+        if hidden.matched_count:
+            await self._delete("frames", {"record_id": record_id})
+            await self._delete("clips", {"_id": record_id, "status": STAGING})
+
+    async def sweep(self) -> None:
+        """See `CustodyStore.sweep`; a server's files are its own, so there is nothing to do from here."""
+
+    async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
+        """See `CustodyStore.lapsed`; a clip whose staging was cut off lapses too."""
+        found: list[Document] = []
+        for status in STATUSES["staged"]:
+            where = {"status": status, "valid_until_ms": _up_to(at_ms)}
+            order = _rising("status", "valid_until_ms", "_id")
+            found += await self._many("clips", where, sort=order, limit=limit, fields=("_id", "valid_until_ms"))
+        found.sort(key=lambda document: (document["valid_until_ms"], document["_id"]))
+        return [document["_id"] for document in found[:limit]]
+
+    async def expired(self, at_ms: int, limit: int) -> list[bytes]:
+        """See `CustodyStore.expired`."""
+        where = {"status": "confirmed", "expires_at_ms": _up_to(at_ms)}
+        order = _rising("status", "expires_at_ms", "_id")
+        found = await self._many("clips", where, sort=order, limit=limit, fields=("_id",))
+        return [document["_id"] for document in found]
+
+    async def missing(self, limit: int) -> list[RecordFacts]:
+        """See `CustodyStore.missing`."""
+        return rows(documents.missing_row, await self._many("missing", {}, sort=_NEWEST_FIRST, limit=limit))
+
+    async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
+        """See `CustodyStore.missing_clip`."""
+        found = rows(documents.missing_row, await self._one("missing", record_id))
+        return found[0] if found else None
+
+    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
+        """See `CustodyStore.missing_of_owner`."""
+        return rows(documents.missing_row, await self._many("missing", {"owner": owner}))
+
+    async def grant(self, access_id: bytes) -> Grant | None:
+        """See `CustodyStore.grant`."""
+        found = rows(documents.grant_row, await self._one("grants", access_id))
+        return found[0] if found else None
+
+    async def grants_of_owner(self, owner: bytes) -> list[Grant]:
+        """See `CustodyStore.grants_of_owner`."""
+        return rows(documents.grant_row, await self._many("grants", {"owner": owner}))
+
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+        """See `CustodyStore.standings`."""
+        if owners is not None and not owners:
+            return {}
+        found = await self._many("standings", {} if owners is None else {"_id": {"$in": list(owners)}})
+        return {standing.owner: standing for standing in rows(documents.standing_row, found)}
+
+    async def add_outbox(self, row: OutboxRow) -> None:
+        """See `ReceiptOutbox.add_outbox`."""
+        await self.apply(BlockEffects(outbox=(row,)))
+
+    async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
+        """See `ReceiptOutbox.mark_outbox_ready`."""
+        changes = {"$set": {"status": "ready", "plan": b""}}
+        await self._bulk("outbox", [UpdateOne({"_id": documents.outbox_id(key)}, changes)])
+
+    async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
+        """See `ReceiptOutbox.remove_outbox`."""
+        await self.apply(BlockEffects(settled=(key,)))
+
+    async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
+        """See `ReceiptOutbox.outbox`."""
+        found = await self._many("outbox", {"status": status, "contract": contract}, sort=_BY_CONTRACT, limit=limit)
+        return rows(documents.outbox_row, found)
+
+    async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
+        """See `ReceiptOutbox.outbox_of`."""
+        order = _rising("kind", "subject", "part")
+        return rows(documents.outbox_row, await self._many("outbox", {"kind": kind, "subject": subject}, sort=order))
+
+    async def all_clips(self) -> AsyncIterator[ClipRow]:
+        """See `CustodyStore.all_clips`; read in pages, so that a long walk holds no cursor."""
+        last = b""
+        while found := await self._many("clips", {"_id": {"$gt": last}}, limit=_PAGE_DOCUMENTS_COUNT):
+            for clip in rows(documents.clip_row, [document for document in found if document["status"] != STAGING]):
+                yield clip
+            last = found[-1]["_id"]
+
+    async def slots_in_use(self) -> AsyncIterator[int]:
+        """See `CustodyStore.slots_in_use`; read in pages, from the index alone."""
+        last, order = -1, _rising("slot")
+        while found := await self._many(
+            "frames", {"slot": {"$gt": last}}, sort=order, limit=_PAGE_DOCUMENTS_COUNT, fields=("slot",)
+        ):
+            for slot in rows(lambda document: int(document["slot"]), found):
+                yield slot
+                last = slot
+        async for slot in self._part_slots():
+            yield slot
+
+    async def records_with_frames(self) -> AsyncIterator[bytes]:
+        """See `CustodyStore.records_with_frames`; read in pages, from the index alone."""
+        last, order = b"", _rising("record_id", "index")
+        while found := await self._many(
+            "frames", {"record_id": {"$gt": last}}, sort=order, limit=_PAGE_DOCUMENTS_COUNT, fields=("record_id",)
+        ):
+            for record_id in dict.fromkeys(rows(lambda document: bytes(document["record_id"]), found)):
+                yield record_id
+            last = found[-1]["record_id"]
+
+    async def counts(self) -> StoreCounts:
+        """See `CustodyStore.counts`; clips that are half written count as staged."""
+        return StoreCounts(
+            staged=await self._count("clips", {"status": {"$in": STATUSES["staged"]}}),
+            confirmed=await self._count("clips", {"status": "confirmed"}),
+            erased=await self._count("clips", {"status": "erased"}),
+            frames=await self._count("frames", {}),
+            missing=await self._count("missing", {}),
+            owed=await self._count("outbox", {"status": "ready"}),
+            owed_erasures=await self._count("outbox", {"status": "erasing"}),
+            size_bytes=await self._size_bytes(),
+            shares=await self._count("shares", {}),
+            parts=await self._count("parts", {}),
+        )
+
+    async def _size_bytes(self) -> int | None:
+        """Return what the server says that data and indexes take up, or None if this user may not ask."""
+        if self._database is None:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        try:
+            with _answering():
+                told = await self._database.command("dbStats")
+        except BlockRobotError as error:
+            if isinstance(error.__cause__, OperationFailure):
+                return None
+            raise
+        return int(told["storageSize"] + told["indexSize"]) if {"storageSize", "indexSize"} <= set(told) else None
+
+    async def _count(self, name: str, where: Document) -> int:
+        with _answering():
+            return await self._collection(name).count_documents(where)
+
+    async def leftovers(self) -> Leftovers:
+        """See `CustodyStore.leftovers`; a server's files cannot be looked into from here."""
+        return Leftovers(None, None)

@@ -1,0 +1,27 @@
+"""Chooses the custody store that a node's configuration names. Must never print the URI, which may hold a password."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
+from node.custody.stores.custody_store import CustodyStore
+from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.sqlite_store import SqliteStore
+
+MONGO_SCHEMES = ("mongodb://", "mongodb+srv://")
+
+
+def open_store(uri: str, folder: Path, require_space: Callable[[], None] = lambda: None) -> CustodyStore:
+    """Return the store, to be entered with `async with`: `sqlite` is one in `folder`, a MongoDB URI one on its server.
+
+    `require_space` stands before each write of the embedded store, and may raise OSError.
+
+    Raises CONFIGURATION_INVALID for any other name.
+    """
+    if uri == "sqlite":
+        return SqliteStore(folder, require_space)
+    if uri.startswith(MONGO_SCHEMES):
+        return MongoStore(uri)
+    raise BlockRobotError("CONFIGURATION_INVALID", "The custody store is sqlite or the URI of a MongoDB database.")

@@ -1,0 +1,130 @@
+"""Rows of the embedded custody store, read and written in the caller's transaction. Must never begin or end one."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from consensus.primitives.encoding import encode
+from consensus.primitives.hashing import HASH_SIZE_BYTES
+from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow, OutboxRow, RecordFacts
+
+
+def split(joined: bytes, size: int) -> tuple[bytes, ...]:
+    """Return a joined text in pieces of one size."""
+    return tuple(joined[start : start + size] for start in range(0, len(joined), size))
+
+
+def read_clip(row: Sequence[Any]) -> ClipRow:
+    """Return the clip of a row in the order of `CLIP_COLUMNS`."""
+    leaves = (split(row[4], HASH_SIZE_BYTES), split(row[5], HASH_SIZE_BYTES))
+    return ClipRow(row[0], row[1], row[2], row[3], *leaves, *row[6:11])
+
+
+def read_missing(row: Sequence[Any]) -> RecordFacts:
+    """Return the missing clip of a row in the order of `MISSING_COLUMNS`."""
+    return RecordFacts(row[0], row[1], row[2], row[3], row[4], row[5], row[6], tuple(row[7]))
+
+
+def insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> None:
+    """Keep outbox rows; those that are there stay as they are."""
+    database.executemany(
+        "INSERT INTO outbox VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+        [
+            (row.kind, row.subject, row.part, row.contract, row.entry, row.arguments, row.height, row.status, row.plan)
+            for row in rows
+        ],
+    )
+
+
+def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
+    """Write what a block changes, in the order that `BlockEffects` says."""
+    insert_outbox(database, effects.outbox)
+    database.executemany(
+        "INSERT OR REPLACE INTO standings VALUES (?, ?)", [(row.owner, encode(row)) for row in effects.standings]
+    )
+    database.executemany(
+        "UPDATE clips SET expires_at_ms = ? WHERE record_id = ? AND status = 'confirmed'",
+        [(expires_at_ms, record_id) for record_id, expires_at_ms in effects.expiries],
+    )
+    database.executemany(
+        "UPDATE clips SET status = 'confirmed', txid = ?, owner = ?, expires_at_ms = ?, height = ? "
+        "WHERE record_id = ? AND status = 'staged'",
+        [(facts.txid, facts.owner, facts.expires_at_ms, facts.height, facts.record_id) for facts in effects.confirmed],
+    )
+    database.executemany("DELETE FROM missing WHERE record_id = ?", [(facts.record_id,) for facts in effects.confirmed])
+    database.executemany(
+        "INSERT OR REPLACE INTO missing VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+        [
+            (
+                facts.record_id,
+                facts.txid,
+                facts.owner,
+                facts.commitment_root,
+                facts.ciphertext_root,
+                facts.expires_at_ms,
+                facts.height,
+                bytes(facts.erased_frames),
+            )
+            for facts in effects.missing
+        ],
+    )
+    database.executemany(
+        "INSERT OR REPLACE INTO grants VALUES (?, ?, ?, ?, ?)",
+        [(row.access_id, row.owner, b"".join(row.records), row.height, row.share) for row in effects.grants],
+    )
+    database.executemany("DELETE FROM outbox WHERE kind = ? AND subject = ? AND part = ?", effects.settled)
+    if effects.checkpoint is not None:
+        point = effects.checkpoint
+        database.execute("DELETE FROM missing WHERE expires_at_ms <= ?", (point.timestamp_ms,))
+        database.execute(
+            "INSERT OR REPLACE INTO checkpoint VALUES (1, ?, ?, ?)", (point.height, point.block_id, point.timestamp_ms)
+        )
+
+
+def write_frames(database: sqlite3.Connection, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+    """Put frames in the place of all that a clip has."""
+    database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
+    database.executemany(
+        "INSERT INTO frames (record_id, place, slot, wrapped_key, ciphertext) VALUES (?, ?, ?, ?, ?)",
+        [(row.record_id, row.index, row.slot, row.wrapped_key, row.ciphertext) for row in frames],
+    )
+
+
+def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
+    """Keep a clip and its frames, in place of any rows of the same record."""
+    write_frames(database, clip.record_id, frames)
+    database.execute(
+        "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        (
+            clip.record_id,
+            clip.txid,
+            clip.valid_until_ms,
+            clip.status,
+            b"".join(clip.commitment_leaves),
+            b"".join(clip.ciphertext_leaves),
+            clip.owner,
+            clip.expires_at_ms,
+            clip.height,
+            clip.robot,
+            clip.size_bytes,
+        ),
+    )
+
+
+def delete_clip(database: sqlite3.Connection, record_id: bytes) -> None:
+    """Delete a clip, its frames and its entry among the missing; leave the mark of an erased one."""
+    database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
+    database.execute("DELETE FROM missing WHERE record_id = ?", (record_id,))
+    database.execute(
+        "INSERT OR REPLACE INTO clips VALUES (?, x'', 0, 'erased', x'', x'', x'', 0, 0, x'', 0)", (record_id,)
+    )
+
+
+def delete_staged(database: sqlite3.Connection, record_id: bytes) -> None:
+    """Delete a staged clip and its frames; one that is not staged stays."""
+    found = database.execute("SELECT status FROM clips WHERE record_id = ?", (record_id,)).fetchone()
+    if found is not None and found[0] == "staged":
+        database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
+        database.execute("DELETE FROM clips WHERE record_id = ?", (record_id,))

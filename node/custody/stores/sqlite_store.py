@@ -1,0 +1,457 @@
+"""The embedded custody store, on SQLite. Must never leave the bytes of an erased row in its own files.
+
+One connection in one worker thread, so that the event loop never waits for a disk. `secure_delete` overwrites freed
+pages, `synchronous=FULL` makes a commit survive a power cut, and `sweep` cuts the write-ahead log and overwrites the
+copies that moved rows left behind (`sqlite_sweep.py`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sqlite3
+from collections.abc import AsyncIterator, Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode
+from node.custody.stores.custody_store import (
+    BlockEffects,
+    Checkpoint,
+    ClipRow,
+    FramePlace,
+    FrameRow,
+    Grant,
+    Leftovers,
+    OutboxRow,
+    OutboxStatus,
+    RecordFacts,
+    StoreCounts,
+    VisitStanding,
+)
+from node.custody.stores.sqlite_rows import (
+    delete_clip,
+    delete_staged,
+    insert_outbox,
+    read_clip,
+    read_missing,
+    split,
+    write_clip,
+    write_effects,
+    write_frames,
+)
+from node.custody.stores.sqlite_schema import (
+    CLIP_COLUMNS,
+    FORMAT_VERSION,
+    MIGRATIONS,
+    MISSING_COLUMNS,
+    OUTBOX_COLUMNS,
+    SCHEMA,
+)
+from node.custody.stores.sqlite_shares import SqliteShares
+from node.custody.stores.sqlite_sweep import LOG_MAX_BYTES, Sweeper
+from node.custody.stores.sqlite_uploads import SqliteUploads
+
+T = TypeVar("T")
+log = structlog.get_logger(__name__)
+
+DATABASE_FILE_NAME = "custody.sqlite3"
+BUSY_TIMEOUT_MS = 5_000
+_PAGE_ROWS_COUNT = 500
+
+
+class SqliteStore(SqliteShares, SqliteUploads):
+    """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `store.py`."""
+
+    def __init__(self, directory: Path, require_space: Callable[[], None] = lambda: None) -> None:
+        """`require_space` is called before each write; the OSError that it raises is taken for the disk's own."""
+        self._directory = directory
+        self._require_space = require_space
+        self._database: sqlite3.Connection | None = None
+        self._worker: ThreadPoolExecutor | None = None
+        self._descriptor = -1
+        self._sweeper: Sweeper | None = None
+        self._clean_from_bytes = LOG_MAX_BYTES
+
+    async def __aenter__(self) -> Self:
+        """Open the database. Raises STORE_UNAVAILABLE if the directory or the file cannot be used."""
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="custody-store")
+        try:
+            await self._in_worker(self._open)
+        except BaseException:
+            self._worker.shutdown()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish what is under way and close the database."""
+        if self._database is not None:
+            await self._in_worker(self._finish)
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+        if self._worker is not None:
+            self._worker.shutdown()
+            self._worker = None
+
+    def _open(self) -> None:
+        self._directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path = self._directory / DATABASE_FILE_NAME
+        is_new = not path.exists()
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            self._sweeper = Sweeper(path, self._descriptor)
+            self._database = self._connect()
+            if not self._sweeper.is_known_clean:
+                if not is_new:
+                    log.info("custody_walks_every_page", size_bytes=os.fstat(self._descriptor).st_size)
+                self._try_to_clean()
+        except BaseException:
+            self._close_database()
+            os.close(self._descriptor)
+            self._descriptor = -1
+            raise
+
+    def _finish(self) -> None:
+        """Sweep, since closing would copy the log into the database unseen, and close."""
+        self._try_to_clean()
+        self._close_database()
+
+    def _try_to_clean(self) -> bool:
+        try:
+            self._clean()
+        except (sqlite3.Error, OSError, BlockRobotError) as error:  # the next sweep walks every page then
+            log.warning("custody_log_not_cut", error=str(error))
+            return False
+        return True
+
+    def _clean_full_log(self) -> None:
+        """Cut a log that is full without waiting for another reader; while there is one, try again as it grows on."""
+        self._opened().execute("PRAGMA busy_timeout = 0")
+        is_cut = self._try_to_clean()
+        self._opened().execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
+        self._clean_from_bytes = LOG_MAX_BYTES if is_cut else self._swept().log_bytes + LOG_MAX_BYTES
+
+    def _close_database(self) -> None:
+        database, self._database = self._database, None
+        if database is not None:
+            database.close()
+
+    def _connect(self) -> sqlite3.Connection:
+        path = self._directory / DATABASE_FILE_NAME
+        database = sqlite3.connect(path, BUSY_TIMEOUT_MS / 1000, isolation_level=None, check_same_thread=False)
+        try:
+            self._prepare(database)
+            self._swept().begin(database)
+        except BaseException:
+            database.close()  # or what it began would lock the next try out
+            raise
+        return database
+
+    def _prepare(self, database: sqlite3.Connection) -> None:
+        """Bring a database to this format, in one transaction. Raises STORE_UNAVAILABLE for a foreign one."""
+        for setting in ("journal_mode = WAL", "synchronous = FULL", "secure_delete = ON", "temp_store = MEMORY"):
+            database.execute(f"PRAGMA {setting}").fetchall()
+        version = database.execute("PRAGMA user_version").fetchone()[0]
+        if version == 0:
+            database.executescript(f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+        elif version in MIGRATIONS:
+            steps = " ".join(MIGRATIONS[older] for older in range(version, FORMAT_VERSION))
+            database.executescript(f"BEGIN IMMEDIATE; {steps} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+        elif version != FORMAT_VERSION:
+            raise BlockRobotError("STORE_UNAVAILABLE", f"The store has format {version}, not {FORMAT_VERSION}.")
+
+    async def _in_worker(self, work: Callable[[], T]) -> T:
+        if self._worker is None:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._worker, work)
+        except (sqlite3.Error, OSError) as error:
+            raise BlockRobotError("STORE_UNAVAILABLE", f"The store in {self._directory} fails: {error}.") from error
+
+    async def _write(self, work: Callable[[sqlite3.Connection], None]) -> None:
+        def transaction() -> None:
+            database = self._opened()
+            database.execute("BEGIN IMMEDIATE")
+            try:
+                self._require_space()
+                work(database)
+            except BaseException:
+                database.execute("ROLLBACK")
+                raise
+            database.execute("COMMIT")
+            if self._swept().log_bytes >= self._clean_from_bytes:
+                self._clean_full_log()
+
+        await self._in_worker(transaction)
+
+    async def _write_one(self, query: str, *rows: Sequence[Any]) -> None:
+        def write(database: sqlite3.Connection) -> None:
+            database.executemany(query, rows)
+
+        await self._write(write)
+
+    async def _read(self, query: str, *arguments: Any) -> list[tuple[Any, ...]]:
+        return await self._in_worker(lambda: self._opened().execute(query, arguments).fetchall())
+
+    def _swept(self) -> Sweeper:
+        if self._sweeper is None:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        return self._sweeper
+
+    def _opened(self) -> sqlite3.Connection:
+        if self._descriptor < 0:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        if self._database is None:  # a sweep closed it, and could not open it again
+            self._database = self._connect()
+        return self._database
+
+    async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.stage`."""
+        await self._write(lambda database: write_clip(database, clip, frames))
+
+    async def correct(self, facts: RecordFacts) -> None:
+        """See `CustodyStore.correct`."""
+        changes = "txid = ?, owner = ?, expires_at_ms = ?, height = ?"
+        query = f"UPDATE clips SET {changes} WHERE record_id = ? AND status = 'confirmed'"  # noqa: S608
+        await self._write_one(query, (facts.txid, facts.owner, facts.expires_at_ms, facts.height, facts.record_id))
+
+    async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.replace_frames`."""
+        await self._write(lambda database: write_frames(database, record_id, frames))
+
+    async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
+        """See `CustodyStore.extend_staged`."""
+        query = "UPDATE clips SET txid = ?, valid_until_ms = ? WHERE record_id = ? AND status = 'staged'"
+        await self._write_one(query, (txid, valid_until_ms, record_id))
+
+    async def apply(self, effects: BlockEffects) -> None:
+        """See `CustodyStore.apply`; here it is one transaction."""
+        await self._write(lambda database: write_effects(database, effects))
+
+    async def checkpoint(self) -> Checkpoint | None:
+        """See `CustodyStore.checkpoint`."""
+        rows = await self._read("SELECT height, block_id, timestamp_ms FROM checkpoint")
+        return Checkpoint(*rows[0]) if rows else None
+
+    async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
+        """See `CustodyStore.clips`."""
+
+        def read() -> dict[bytes, ClipRow]:
+            database, found = self._opened(), {}
+            for record_id in record_ids:
+                query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE record_id = ?"  # noqa: S608
+                row = database.execute(query, (record_id,)).fetchone()
+                if row is not None:
+                    found[record_id] = read_clip(row)
+            return found
+
+        return await self._in_worker(read)
+
+    async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
+        """See `CustodyStore.clips_of_owner`."""
+        query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE owner = ? AND status = 'confirmed' ORDER BY record_id"  # noqa: S608
+        return [read_clip(row) for row in await self._read(query, owner)]
+
+    async def frames(self, record_id: bytes) -> list[FrameRow]:
+        """See `CustodyStore.frames`."""
+        query = "SELECT record_id, place, ciphertext, wrapped_key, slot FROM frames WHERE record_id = ? ORDER BY place"
+        return [FrameRow(*row) for row in await self._read(query, record_id)]
+
+    async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
+        """See `CustodyStore.frame_places`."""
+
+        def read() -> list[FramePlace]:
+            query = "SELECT record_id, place, slot FROM frames WHERE record_id = ? ORDER BY place"
+            database = self._opened()
+            return [FramePlace(*row) for key in sorted(record_ids) for row in database.execute(query, (key,))]
+
+        return await self._in_worker(read)
+
+    async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
+        """See `CustodyStore.erase_frames`."""
+        places = [(record_id, index) for index in indexes]
+        query = "DELETE FROM frames WHERE record_id = ? AND place = ?"
+        await self._write_one(query, *places)
+
+    async def erase_clip(self, record_id: bytes) -> None:
+        """See `CustodyStore.erase_clip`."""
+        await self._write(lambda database: delete_clip(database, record_id))
+
+    async def drop_staged(self, record_id: bytes) -> None:
+        """See `CustodyStore.drop_staged`."""
+        await self._write(lambda database: delete_staged(database, record_id))
+
+    async def sweep(self) -> None:
+        """Cut the write-ahead log to nothing, and overwrite in the database what no row holds."""
+        await self._in_worker(self._clean)
+
+    def _clean(self) -> None:
+        if self._swept().sweep(self._opened()):  # the connection's own copies of these pages would be written again
+            self._close_database()
+            self._database = self._connect()
+
+    async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
+        """See `CustodyStore.lapsed`."""
+        due = "status = 'staged' AND valid_until_ms <= ? ORDER BY valid_until_ms, record_id LIMIT ?"
+        query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
+        return [row[0] for row in await self._read(query, at_ms, limit)]
+
+    async def expired(self, at_ms: int, limit: int) -> list[bytes]:
+        """See `CustodyStore.expired`."""
+        due = "status = 'confirmed' AND expires_at_ms <= ? ORDER BY expires_at_ms, record_id LIMIT ?"
+        query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
+        return [row[0] for row in await self._read(query, at_ms, limit)]
+
+    async def missing(self, limit: int) -> list[RecordFacts]:
+        """See `CustodyStore.missing`."""
+        query = f"SELECT {MISSING_COLUMNS} FROM missing ORDER BY height DESC, record_id LIMIT ?"  # noqa: S608
+        return [read_missing(row) for row in await self._read(query, limit)]
+
+    async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
+        """See `CustodyStore.missing_clip`."""
+        rows = await self._read(f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?", record_id)  # noqa: S608
+        return read_missing(rows[0]) if rows else None
+
+    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
+        """See `CustodyStore.missing_of_owner`."""
+        query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE owner = ? ORDER BY record_id"  # noqa: S608
+        return [read_missing(row) for row in await self._read(query, owner)]
+
+    async def grant(self, access_id: bytes) -> Grant | None:
+        """See `CustodyStore.grant`."""
+        rows = await self._read("SELECT owner, records, height, share FROM grants WHERE access_id = ?", access_id)
+        return Grant(access_id, rows[0][0], split(rows[0][1], 16), *rows[0][2:]) if rows else None
+
+    async def grants_of_owner(self, owner: bytes) -> list[Grant]:
+        """See `CustodyStore.grants_of_owner`."""
+        query = "SELECT access_id, owner, records, height, share FROM grants WHERE owner = ? ORDER BY access_id"
+        return [Grant(row[0], row[1], split(row[2], 16), *row[3:]) for row in await self._read(query, owner)]
+
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+        """See `CustodyStore.standings`."""
+
+        def read() -> dict[bytes, VisitStanding]:
+            database, query = self._opened(), "SELECT owner, standing FROM standings"
+            if owners is None:
+                found = database.execute(query).fetchall()
+            else:
+                found = [row for owner in owners for row in database.execute(f"{query} WHERE owner = ?", (owner,))]
+            return {owner: decode(standing, VisitStanding) for owner, standing in found}
+
+        return await self._in_worker(read)
+
+    async def put_background(self, digest: bytes, content: bytes) -> None:
+        """See `CustodyStore.put_background`."""
+        query = "INSERT OR REPLACE INTO backgrounds VALUES (?, ?)"
+        await self._write_one(query, (digest, content))
+
+    async def background(self, digest: bytes) -> bytes | None:
+        """See `CustodyStore.background`."""
+        rows = await self._read("SELECT content FROM backgrounds WHERE digest = ?", digest)
+        return rows[0][0] if rows else None
+
+    async def background_digests(self) -> list[bytes]:
+        """See `CustodyStore.background_digests`."""
+        return [row[0] for row in await self._read("SELECT digest FROM backgrounds ORDER BY digest")]
+
+    async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
+        """See `CustodyStore.delete_backgrounds`."""
+        await self._write_one("DELETE FROM backgrounds WHERE digest = ?", *((digest,) for digest in digests))
+
+    async def add_outbox(self, row: OutboxRow) -> None:
+        """See `ReceiptOutbox.add_outbox`."""
+        await self._write(lambda database: insert_outbox(database, [row]))
+
+    async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
+        """See `ReceiptOutbox.mark_outbox_ready`."""
+        query = "UPDATE outbox SET status = 'ready', plan = x'' WHERE kind = ? AND subject = ? AND part = ?"
+        await self._write_one(query, key)
+
+    async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
+        """See `ReceiptOutbox.remove_outbox`."""
+        await self._write(lambda database: write_effects(database, BlockEffects(settled=(key,))))
+
+    async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
+        """See `ReceiptOutbox.outbox`."""
+        where = "status = ? AND contract = ? ORDER BY height, kind, subject, part LIMIT ?"
+        query = f"SELECT {OUTBOX_COLUMNS} FROM outbox WHERE {where}"  # noqa: S608
+        return [OutboxRow(*row) for row in await self._read(query, status, contract, limit)]
+
+    async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
+        """See `ReceiptOutbox.outbox_of`."""
+        query = f"SELECT {OUTBOX_COLUMNS} FROM outbox WHERE kind = ? AND subject = ? ORDER BY part"  # noqa: S608
+        return [OutboxRow(*row) for row in await self._read(query, kind, subject)]
+
+    async def all_clips(self) -> AsyncIterator[ClipRow]:
+        """See `CustodyStore.all_clips`; read in pages, so that a long walk holds no lock."""
+        query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE record_id > ? ORDER BY record_id LIMIT ?"  # noqa: S608
+        last = b""
+        while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
+            for row in rows:
+                yield read_clip(row)
+            last = rows[-1][0]
+
+    async def slots_in_use(self) -> AsyncIterator[int]:
+        """See `CustodyStore.slots_in_use`."""
+        both = "SELECT slot FROM frames WHERE slot > ? UNION SELECT slot FROM parts WHERE slot > ?"
+        last = -1
+        while rows := await self._read(f"{both} ORDER BY slot LIMIT ?", last, last, _PAGE_ROWS_COUNT):
+            for row in rows:
+                yield row[0]
+            last = rows[-1][0]
+
+    async def records_with_frames(self) -> AsyncIterator[bytes]:
+        """See `CustodyStore.records_with_frames`."""
+        query = "SELECT DISTINCT record_id FROM frames WHERE record_id > ? ORDER BY record_id LIMIT ?"
+        last = b""
+        while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
+            for row in rows:
+                yield row[0]
+            last = rows[-1][0]
+
+    async def counts(self) -> StoreCounts:
+        """See `CustodyStore.counts`."""
+
+        def read() -> StoreCounts:
+            database = self._opened()
+            clips = dict(database.execute("SELECT status, count(*) FROM clips GROUP BY status"))
+            owed = dict(database.execute("SELECT status, count(*) FROM outbox GROUP BY status"))
+            frames = database.execute("SELECT count(*) FROM frames").fetchone()[0]
+            missing = database.execute("SELECT count(*) FROM missing").fetchone()[0]
+            shared = database.execute("SELECT (SELECT count(*) FROM shares), (SELECT count(*) FROM parts)").fetchone()
+            size_bytes = sum(path.stat().st_size for path in self._directory.glob(f"{DATABASE_FILE_NAME}*"))
+            return StoreCounts(
+                staged=clips.get("staged", 0),
+                confirmed=clips.get("confirmed", 0),
+                erased=clips.get("erased", 0),
+                frames=frames,
+                missing=missing,
+                owed=owed.get("ready", 0),
+                owed_erasures=owed.get("erasing", 0),
+                size_bytes=size_bytes,
+                shares=shared[0],
+                parts=shared[1],
+            )
+
+        return await self._in_worker(read)
+
+    async def leftovers(self) -> Leftovers:
+        """See `CustodyStore.leftovers`. The one connection is busy meanwhile, so nothing is written."""
+
+        def look() -> Leftovers:
+            self._clean()
+            sweeper = self._swept()
+            dirty = sweeper.count_dirty(self._opened())
+            if dirty:
+                sweeper.distrust()
+            return Leftovers(sweeper.log_bytes, dirty)
+
+        return await self._in_worker(look)

@@ -1,0 +1,104 @@
+"""Executes blocks where an execution may fail for want of memory, time or a sound interpreter: a failure decides nothing.
+
+Must never let one become a receipt, a verdict on a block, or a reason to stand still.
+"""
+
+from __future__ import annotations
+
+from consensus.chain.block import Header
+from consensus.chain.transaction import Transaction
+from contracts.execution.results import ExecutionFault
+from contracts.lifecycle.opening import find_activation
+from contracts.state.view import StateView
+from node.execution.execution_machines import Machine, Outcome
+from node.mempool.quarantine import Change, Quarantine
+from node.sync.block_ranges import CheckedBlock
+
+
+class Attempts:
+    """The machine of one node, and what the node remembers of its failures."""
+
+    def __init__(self, machine: Machine, quarantine: Quarantine) -> None:
+        self._machine = machine
+        self._quarantine = quarantine
+
+    def build(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: list[Transaction],
+        *,
+        is_hopeless: bool,
+    ) -> tuple[Outcome, list[bytes], bool]:
+        """Execute for an own block; return what it gave, the txids on which it failed, and whether a change is given up.
+
+        R42: that is one which failed here, or any if it `is_hopeless`: so many rounds were lost that nobody gets it done.
+        Raises ExecutionFault.
+        """
+        gives_up = self._failing_change(parent, height, time_ms) is not None
+        gives_up = gives_up or (is_hopeless and find_activation(parent, height, time_ms) is not None)
+        try:
+            result, faulty = self._machine.build(parent, height, time_ms, transactions, gives_up_change=gives_up)
+        except ExecutionFault as fault:
+            self._note_fault(fault, parent, height, time_ms)
+            if not fault.in_change or gives_up:
+                raise
+            gives_up = True
+            result, faulty = self._machine.build(parent, height, time_ms, transactions, gives_up_change=True)
+        for txid in faulty:
+            self._quarantine.note_failure(txid, "the execution of an own block failed on it")
+        return result, faulty, gives_up
+
+    def verify(self, checked: CheckedBlock, parent: StateView, *, certified: bool) -> Outcome:
+        """Execute exactly this block; after each failure it may take more. Raises ExecutionFault, BLOCK_INVALID."""
+        header, block_id = checked.header, checked.block_id
+        effort = self._quarantine.failures_of(block_id)
+        try:
+            result = self._machine.verify(
+                parent,
+                header.height,
+                header.timestamp_ms,
+                list(checked.transactions),
+                gives_up_change=header.gives_up_change,
+                effort=effort,
+            )
+        except ExecutionFault as fault:
+            self._quarantine.note_block(block_id, header.height, fault.reason, certified=certified)
+            self._note_fault(fault, parent, header.height, header.timestamp_ms)
+            raise
+        if effort:
+            self._quarantine.forget_block(block_id)
+        return result
+
+    def require_hope(self, checked: CheckedBlock, parent: StateView) -> None:
+        """R41: do not lose a worker again to what it was lost to before. Raises ExecutionFault."""
+        header = checked.header
+        if not header.gives_up_change and self._failing_change(parent, header.height, header.timestamp_ms):
+            raise ExecutionFault("the change of contracts that is due failed here before", in_change=True)
+        txid = self._quarantine.find_failing(transaction.txid for transaction in checked.transactions)
+        if txid is not None:
+            raise ExecutionFault("the block holds a transaction that failed here before", txid=txid)
+
+    def _failing_change(self, parent: StateView, height: int, time_ms: int) -> Change | None:
+        """Return the change that is due in a block, if it failed here before."""
+        change = find_activation(parent, height, time_ms) if self._quarantine.has_failed_changes else None
+        return change if change is not None and self._quarantine.has_failed(change) else None
+
+    def can_change(self, parent: StateView, header: Header) -> bool:
+        """R42: tell whether this node can carry out the change that a block gives up; try it if that is not known."""
+        if self._failing_change(parent, header.height, header.timestamp_ms):
+            return False
+        try:
+            self._machine.verify(parent, header.height, header.timestamp_ms, [])
+        except ExecutionFault as fault:
+            self._note_fault(fault, parent, header.height, header.timestamp_ms)
+            return not fault.in_change
+        return True
+
+    def _note_fault(self, fault: ExecutionFault, parent: StateView, height: int, time_ms: int) -> None:
+        """Remember what a failed execution had in hand."""
+        if fault.txid is not None:
+            self._quarantine.note_failure(fault.txid, fault.reason)
+        elif fault.in_change and (change := find_activation(parent, height, time_ms)) is not None:
+            self._quarantine.note_change(change, fault.reason)

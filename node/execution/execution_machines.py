@@ -1,0 +1,80 @@
+"""What executes blocks, as a node asks it: inside the node, in a worker, or for a whole simulated run.
+
+Must never let its answer depend on who asks, or when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol, runtime_checkable
+
+from consensus.chain.block import Receipt
+from consensus.chain.transaction import Transaction
+from contracts.execution.results import ExpectedBlock
+from contracts.state.view import StateView
+
+
+class Outcome(Protocol):
+    """What the execution of a block's transactions gave. `left_out` are the txids without a receipt."""
+
+    @property
+    def receipts(self) -> tuple[Receipt, ...]: ...  # noqa: D102
+
+    @property
+    def writes(self) -> Mapping[bytes, bytes | None]: ...  # noqa: D102
+
+    @property
+    def page_writes(self) -> Mapping[bytes, bytes | None]: ...  # noqa: D102
+
+    @property
+    def state_root(self) -> bytes: ...  # noqa: D102
+
+    @property
+    def gas_used(self) -> int: ...  # noqa: D102
+
+    @property
+    def left_out(self) -> tuple[bytes, ...]: ...  # noqa: D102
+
+
+class Machine(Protocol):
+    """What runs the contracts: a pure function of parent state, height, time and transactions."""
+
+    def build(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+    ) -> tuple[Outcome, list[bytes]]:
+        """Execute what fits into a block, in order; return that and the txids on which the execution failed.
+
+        Raises ExecutionFault if it fails on something else.
+        """
+        ...
+
+    def verify(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        effort: int = 0,
+    ) -> Outcome:
+        """Execute exactly these transactions. Raises BLOCK_INVALID if they cannot all stand in one block.
+
+        Raises ExecutionFault if the execution fails; with more `effort` it may take more memory and time.
+        """
+        ...
+
+
+@runtime_checkable
+class DistantMachine(Machine, Protocol):
+    """A machine that is slow to reach: it takes several blocks at once."""
+
+    def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> Sequence[Outcome]:
+        """Execute consecutive blocks; return what `verify` would give for the first ones, maybe for none."""
+        ...

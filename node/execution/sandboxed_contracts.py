@@ -1,0 +1,249 @@
+"""Where a node's contracts run: in worker processes behind a wall, or inside the node. Must never let a view delay a block.
+
+By default blocks are executed in one worker and views in another; `node.toml` can require a whole wall, or take it away.
+What needs no contract of somebody else's stays in the node: genesis, admission of transactions, proofs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import Any, Protocol
+
+import structlog
+
+from consensus.chain.genesis import Genesis, genesis_to_json
+from consensus.errors import BlockRobotError
+from contracts.execution.machine import ContractMachine
+from contracts.lifecycle.registry import check_contracts
+from contracts.worker.machine import Hold, Staff, WorkerMachine, WorkerViews, missing_parts
+from contracts.worker.wire import Begin, WallPart
+from node.api.services import LedgerSnapshot, ViewRunner
+from node.budgets.token_buckets import OWN, Source
+from node.config import CONTRACT_MEMORY_MIB, NodeConfig
+from node.execution.contract_views import ContractViews
+from node.execution.execution_machines import Machine
+from node.execution.view_slots import ViewPlaces
+from node.storage.ledger_store import LedgerStore
+from node.storage.lmdb_reader import LedgerFile
+
+WORKER_COMMAND = (sys.executable, "-I", "-m", "node.execution.contract_worker")
+_BYTES_PER_MIB = 1024**2
+WORKER_MEMORY_MAX_BYTES = CONTRACT_MEMORY_MIB * _BYTES_PER_MIB
+
+log = structlog.get_logger(__name__)
+
+
+class ContractPlace(Protocol):
+    """Where contracts run."""
+
+    @property
+    def machine(self) -> Machine | None:
+        """What executes blocks; None: the one inside the node."""
+        ...
+
+    @property
+    def views(self) -> ViewRunner:
+        """What answers views."""
+        ...
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return how the wall and the workers are, ready for JSON."""
+        ...
+
+    async def close(self) -> None:
+        """End what was started."""
+        ...
+
+
+class StoreOfWorkers:
+    """The node's ledger as `contracts.worker` needs it."""
+
+    def __init__(self, ledger: LedgerStore) -> None:
+        self._ledger = ledger
+
+    def height(self) -> int:
+        """Return the height of the newest stored block (-1: none)."""
+        position = self._ledger.position
+        return -1 if position is None else position.height
+
+    def hold(self) -> Hold:
+        """Open a snapshot."""
+        return self._ledger.snapshot()
+
+
+class _FileOfWorkers:
+    """A ledger that a tool reads beside its node."""
+
+    def __init__(self, ledger: LedgerFile) -> None:
+        self._ledger = ledger
+
+    def height(self) -> int:
+        with self._ledger.snapshot() as ledger:
+            return -1 if ledger.position is None else ledger.position.height
+
+    def hold(self) -> Hold:
+        return self._ledger.snapshot()
+
+
+@contextmanager
+def open_walled_machine(config: NodeConfig, genesis: Genesis, ledger: LedgerFile) -> Iterator[Machine]:
+    """Execute blocks for a tool that reads a node's ledger: behind the wall, unless the node itself goes without one.
+
+    Raises CONTRACT_WORKER_FAILED, CONTRACT_WALL_INCOMPLETE, GENESIS_INVALID.
+    """
+    if config.contract_wall == "off":
+        yield ContractMachine.of_genesis(genesis)
+        return
+    check_contracts(genesis)
+    machine = WorkerMachine(Staff(WORKER_COMMAND, _begin(config, genesis)), _FileOfWorkers(ledger))
+    try:
+        _require_wall(config.contract_wall, machine.greet())
+        yield machine
+    finally:
+        machine.close()
+
+
+def _begin(config: NodeConfig, genesis: Genesis) -> Begin:
+    return Begin(genesis_to_json(genesis), str(config.ledger_dir), config.contract_memory_mib * _BYTES_PER_MIB)
+
+
+def _require_wall(wall: str, parts: tuple[WallPart, ...]) -> None:
+    """Raise CONTRACT_WALL_INCOMPLETE if the wall must be whole and is not."""
+    missing = missing_parts(parts)
+    if wall == "require" and missing:
+        named = "; ".join(f"{name}: {why}" for name, why in missing.items())
+        raise BlockRobotError("CONTRACT_WALL_INCOMPLETE", f"The wall around contracts lacks {named}.")
+
+
+class InsideContracts:
+    """Contracts run inside the node's process."""
+
+    machine: Machine | None = None
+
+    def __init__(self, genesis: Genesis) -> None:
+        """Raises GENESIS_INVALID."""
+        self._views = ContractViews(genesis)
+        self.views: ViewRunner = self
+
+    async def run_view(
+        self,
+        snapshot: LedgerSnapshot,
+        contract: str,
+        view: str,
+        arguments: list[Any],
+        source: Source = OWN,  # noqa: ARG002 - they run at once
+    ) -> bytes:
+        """Return the encoded result of a view on this snapshot; see `node.api.services.ViewRunner`."""
+        header = snapshot.header
+        return self._views.run(snapshot, header.height, header.timestamp_ms, contract, view, arguments)
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return that there is no wall."""
+        return {"wall": "off"}
+
+    async def close(self) -> None:
+        """Do nothing: there is nothing to end."""
+
+
+class WalledContracts:
+    """Contracts run in two worker processes: one for blocks, one for views."""
+
+    def __init__(self, wall: str, staff: Staff, ledger: LedgerStore) -> None:
+        """Start the worker for blocks, but do not wait for it; the other one is started with the first view."""
+        self._wall = wall
+        blocks = replace(staff, note_loss=partial(_note_loss, "blocks"))
+        self._blocks = WorkerMachine(blocks, StoreOfWorkers(ledger))
+        self._views = WorkerViews(replace(staff, note_loss=partial(_note_loss, "views")))
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="views")
+        self._places = ViewPlaces()
+        self.machine: Machine | None = self._blocks
+        self.views: ViewRunner = self
+
+    async def greet(self) -> None:
+        """Wait until the worker is behind its wall; say what that lacks.
+
+        Raises CONTRACT_WORKER_FAILED, or CONTRACT_WALL_INCOMPLETE if the wall must be whole and is not.
+        """
+        parts = await asyncio.to_thread(self._blocks.greet)
+        _report(parts)
+        _require_wall(self._wall, parts)
+
+    async def run_view(
+        self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], source: Source = OWN
+    ) -> bytes:
+        """Return the encoded result of a view on this snapshot, run in the worker for views.
+
+        Raises RATE_LIMITED, VIEWS_BUSY, CONTRACT_WORKER_FAILED, and what `node.api.services.ViewRunner` names.
+        """
+        header = snapshot.header
+        run = partial(
+            self._views.run_view,
+            snapshot,
+            header.state_root,
+            header.height,
+            header.timestamp_ms,
+            contract,
+            view,
+            arguments,
+        )
+        self._places.take(source)
+        running = asyncio.get_running_loop().run_in_executor(self._thread, run)
+        running.add_done_callback(lambda _running: self._places.give_back(source))
+        return await _see_through(running)
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return how the wall and the workers are, ready for JSON."""
+        return {"wall": self._wall, "blocks": self._blocks.describe(), "views": self._views.describe()}
+
+    async def close(self) -> None:
+        """End both workers."""
+        await asyncio.to_thread(self._close)
+
+    def _close(self) -> None:
+        self._blocks.close()
+        self._views.close()
+        self._thread.shutdown(wait=True)
+
+
+async def _see_through(running: asyncio.Future[bytes]) -> bytes:
+    """Wait for the thread also if the caller is gone: it reads the caller's snapshot, which must not be closed before."""
+    try:
+        return await asyncio.shield(running)
+    except asyncio.CancelledError:
+        await asyncio.wait([running])
+        raise
+
+
+def _note_loss(what: str, reason: str) -> None:
+    log.warning("contract_worker_replaced", worker=what, reason=reason)
+
+
+def _report(parts: tuple[WallPart, ...]) -> None:
+    missing = {part.name: part.detail for part in parts if not part.had}
+    log.info("contract_wall_closed", parts=[part.name for part in parts if part.had])
+    if missing:
+        log.warning("contract_wall_incomplete", missing=missing)
+
+
+async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerStore) -> ContractPlace:
+    """Return where the contracts of a node run, ready for the first block. The ledger holds genesis.
+
+    Raises CONTRACT_WORKER_FAILED, CONTRACT_WALL_INCOMPLETE, GENESIS_INVALID.
+    """
+    if config.contract_wall == "off":
+        log.warning("contract_wall_off")
+        return InsideContracts(genesis)
+    check_contracts(genesis)  # said here: a worker that cannot begin only ends
+    place = WalledContracts(config.contract_wall, Staff(WORKER_COMMAND, _begin(config, genesis)), ledger)
+    try:
+        await place.greet()
+    except BaseException:
+        await place.close()
+        raise
+    return place

@@ -1,0 +1,147 @@
+"""Drops the bodies of old blocks. Must never drop one whose effects the node's own custodian has not brought about.
+
+Which are old is in `retention.py`. What stays of a pruned block is its header (with the certificate of its parent),
+the places of its transactions and the txids of the replay window; epoch proofs and the state, with the audit in it, are
+not touched.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig
+from node.custody.stores.open_store import open_store
+from node.ledger.retention import HeldBy, Retention, highest_prunable
+from node.snapshot.making import header_of_block
+from node.storage.ledger_store import LedgerStore
+from node.storage.lmdb_store import LmdbStore
+
+REQUEST_FILE_NAME = "prune.request"
+PRUNE_SLACK_COUNT = 64
+"""A running node prunes this many blocks at once, or none."""
+
+log = structlog.get_logger(__name__)
+
+
+async def prune_ledger(ledger: LedgerStore, below_height: int) -> int:
+    """Prune step by step, letting others work in between; return the earliest height that keeps its body."""
+    while True:
+        earliest = await ledger.prune(below_height, header_of_block)
+        position = ledger.position
+        if earliest >= min(below_height, 0 if position is None else position.height):
+            return earliest
+        await asyncio.sleep(0)
+
+
+class Pruner:
+    """Prunes a running node's ledger now and then.
+
+    `keep` newest blocks stay in any case; 0 makes the node an archive, which keeps everything. `followed` is how far the
+    custodian is, as in `highest_prunable`.
+    """
+
+    def __init__(self, ledger: LedgerStore, keep: int, followed: Callable[[], int | None]) -> None:
+        self._ledger = ledger
+        self._keep = keep
+        self._followed = followed
+        self._retention = Retention(ledger)
+        self._held_by = HeldBy.NOTHING
+        self._listeners: list[Callable[[int], None]] = []
+
+    def add_listener(self, listener: Callable[[int], None]) -> None:
+        """Call `listener` with the earliest height that keeps its body, after each pruning."""
+        self._listeners.append(listener)
+
+    async def _prune(self, below: int) -> int:
+        earliest = await prune_ledger(self._ledger, below)
+        for listener in self._listeners:
+            listener(earliest)
+        return earliest
+
+    async def prune_to(self, keep: int) -> None:
+        """Prune now, as somebody asked: `keep` stay, and what the custodian has yet to follow. Raises NODE_IS_ARCHIVE."""
+        if not self._keep:
+            raise BlockRobotError("NODE_IS_ARCHIVE")
+        position = self._ledger.position
+        head = 0 if position is None else position.height
+        below = highest_prunable(head, max(keep, KEEP_BLOCKS_MIN_COUNT), self._followed())
+        await self._prune(below)
+
+    async def run_once(self) -> None:
+        """Prune if enough has piled up. What fails is logged; the next time may work."""
+        if not self._keep:
+            return
+        try:
+            below, self._held_by = await self._retention.find_cutoff(self._keep, self._followed())
+            if below < self._retention.earliest()[0] + PRUNE_SLACK_COUNT:
+                return
+            earliest = await self._prune(below)
+        except BlockRobotError as error:
+            log.warning("prune_failed", code=error.code, detail=error.detail)
+            return
+        except Exception:  # what a later version of a contract writes may not be readable: the rest goes on
+            log.exception("prune_fault")
+            return
+        log.info("ledger_pruned", earliest_height=earliest)
+
+    def describe(self) -> dict[str, Any]:
+        """Return how far back the node keeps blocks, ready for JSON."""
+        try:
+            earliest_ms: int | None = self._retention.earliest()[1]
+        except BlockRobotError:
+            earliest_ms = None
+        return {
+            "archive": not self._keep,
+            "earliest_ms": earliest_ms,
+            "held_by": self._held_by.value or None,
+        }
+
+
+def request_pruning(data_dir: Path, keep: int) -> Path:
+    """Ask the node that runs on a data directory to prune; return the file that is gone once it has."""
+    path = data_dir / REQUEST_FILE_NAME
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(str(keep), encoding="ascii")
+    temporary.replace(path)
+    return path
+
+
+async def answer_requests(data_dir: Path, pruner: Pruner) -> None:
+    """Prune if somebody who may write to the data directory asked for it; a request that makes no sense is dropped."""
+    path = data_dir / REQUEST_FILE_NAME
+    try:
+        keep = int(path.read_text(encoding="ascii"))
+        await pruner.prune_to(keep)
+    except FileNotFoundError:
+        return
+    except (ValueError, OSError, BlockRobotError) as error:
+        log.warning("prune_request_failed", detail=str(error))
+    path.unlink(missing_ok=True)
+
+
+async def prune_stopped_node(config: NodeConfig, keep: int) -> dict[str, Any]:
+    """Prune the ledger of a node that is not running; the data directory's lock must be held.
+
+    Returns `height`, `earliest_height` and whether the custodian's checkpoint kept it from dropping more. Raises
+    DATA_DIRECTORY_INVALID, STORAGE_*, STORE_UNAVAILABLE.
+    """
+    followed: int | None = None
+    if config.custodian_key_path is not None:
+        async with open_store(config.custody_store, config.custody_dir) as store:
+            checkpoint = await store.checkpoint()
+            followed = -1 if checkpoint is None else checkpoint.height
+    ledger = LmdbStore.open(config.ledger_dir)
+    try:
+        head = 0 if ledger.position is None else ledger.position.height
+        below = highest_prunable(head, keep, followed)
+        earliest = await prune_ledger(ledger, below)
+    finally:
+        await ledger.close()
+    wanted = highest_prunable(head, keep, None)
+    return {"height": head, "earliest_height": earliest, "held_back_by_custody": earliest < wanted}

@@ -1,0 +1,73 @@
+"""How many bytes of transactions an account may have nodes keep: blocks stay for a year, and disks fill up by accounts.
+
+A token bucket in bytes for each account. Each node counts what it lets wait, whoever brought it, so nobody gets more by
+asking several. Must never go by a clock that can be put back or forward.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+
+from contracts.execution.sender_admission import Account
+from node.budgets.token_buckets import over_budget
+
+ACCOUNT_BYTES_PER_S = 2 * 1024
+"""About 180 MB a day, two records a second day and night; 65 GB in the year that blocks stay."""
+ACCOUNT_BURST_BYTES = 256 * 1024 * 1024
+ACCOUNTS_MAX_COUNT = 65_536
+VISITS_PART = 64
+"""A visit has so small a part of an account's budget, and pays from that of all visits which its robot opened, too: one
+person has many, and a robot that lies opens as many as it likes."""
+
+
+class ByteBudgets:
+    """The buckets of all accounts that are not full; the least recently seen make room."""
+
+    def __init__(
+        self,
+        clock_s: Callable[[], float] = time.monotonic,
+        *,
+        bytes_per_s: int = ACCOUNT_BYTES_PER_S,
+        burst_bytes: int = ACCOUNT_BURST_BYTES,
+    ) -> None:
+        """`clock_s` gives seconds that only grow."""
+        self._clock_s = clock_s
+        self._bytes_per_s = bytes_per_s
+        self._burst_bytes = burst_bytes
+        self._buckets: OrderedDict[bytes, tuple[float, float]] = OrderedDict()
+
+    def level(self, name: bytes, part: int = 1) -> float:
+        """Return how many bytes are left under a name, whose bucket is such a part of an account's."""
+        now_s, burst_bytes = self._clock_s(), self._burst_bytes / part
+        level, seen_s = self._buckets.get(name, (burst_bytes, now_s))
+        return min(burst_bytes, level + (now_s - seen_s) * self._bytes_per_s / part)
+
+    def take(self, account: Account, size_bytes: int) -> None:
+        """Pay for so many bytes. Raises RATE_LIMITED, with the time to wait, if the account has not so many left."""
+        for name, part in _purses(account):
+            missing_bytes = size_bytes - self.level(name, part)
+            if missing_bytes > 0:
+                raise over_budget("this account's bytes", missing_bytes * part / self._bytes_per_s)
+        for name, part in _purses(account):
+            self._set(name, self.level(name, part) - size_bytes)
+
+    def refund(self, account: Account, size_bytes: int) -> None:
+        """Give back what was paid for bytes that are not kept after all."""
+        for name, part in _purses(account):
+            if name in self._buckets:
+                self._set(name, min(self._burst_bytes / part, self.level(name, part) + size_bytes))
+
+    def _set(self, name: bytes, level: float) -> None:
+        self._buckets[name] = level, self._clock_s()
+        self._buckets.move_to_end(name)
+        if len(self._buckets) > ACCOUNTS_MAX_COUNT:
+            self._buckets.popitem(last=False)
+
+
+def _purses(account: Account) -> list[tuple[bytes, int]]:
+    """Return from which buckets an account pays, and which part of an account's each is."""
+    if not account.origin:
+        return [(account.name, 1)]
+    return [(account.name, VISITS_PART), (account.origin, 1)]

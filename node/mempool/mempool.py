@@ -1,0 +1,398 @@
+"""Transactions that wait for a block. Must never grow without bound, and never let one sender keep the others out.
+
+Senders take turns, first come first served within each. Whoever has a visit makes as many grantees' keys as she likes:
+they all take one sender's turns, and each of them a sixteenth of its room at most. A tenth of the room, and of every
+block, is kept for the calls by which people exercise control of their data, so that no flood of records delays an
+erasure.
+
+When there is no room left, whoever has much waiting loses the newest of it to whoever has a quarter of that or less. One
+person has a key for each visit, so visits lose theirs, too, to a member who has a quarter of what they have together. A
+member is refused only if neither any account nor all visits together have four times as much as he. Nobody can tell one
+person's visits from other people's: the first transaction of a visit takes the place of the newest of another, if there
+is one with a quarter of its size. So it is let in, and may be lost again: who sends from many visits without end takes
+from others such a share of the visits' turns as is hers of what is sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+
+from consensus.chain.transaction import Transaction, decode_transaction
+from consensus.errors import BlockRobotError
+from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from contracts.execution.sender_admission import Account
+from node.mempool.byte_budget import ByteBudgets
+from node.mempool.eviction import EvictionPlan
+from node.mempool.lane import Lane
+from node.mempool.transaction_cache import TransactionCache
+
+POOL_MAX_BYTES = 32 * 1024 * 1024
+SENDER_MAX_COUNT = 1024
+SENDER_MAX_BYTES = 4 * 1024 * 1024
+SHARED_DIVISOR = 16
+"""What part of the room of an account that many keys share one of them may take."""
+RESERVED_DIVISOR = 10
+RESERVED_CONTRACTS = frozenset(
+    {
+        "access",
+        "consent",
+        "erasure",
+        "evidence",
+        "identity",
+        "mandates",
+        "membership",
+        "officers",
+        "producers",
+        "rights",
+        "settings",
+    }
+)
+RESERVED_CALLS = frozenset({("records", "transfer"), ("records", "withdraw_empty_frames")})
+"""Calls of other contracts that have it too: a stolen wallet's visits are moved as soon as what the thief asks for."""
+
+
+@dataclass(slots=True)
+class _Entry:
+    transaction: Transaction
+    reserved: bool
+    roomy_blocks_at_start: int
+    payer: Account
+
+    @property
+    def account(self) -> bytes:
+        return self.payer.name
+
+    @property
+    def is_of_visit(self) -> bool:
+        return self.payer.is_of_visit
+
+    @property
+    def size_bytes(self) -> int:
+        return len(self.transaction.wire)
+
+
+@dataclass(frozen=True, slots=True)
+class Screened:
+    """A transaction that passed all cheap checks. `is_verified`: so did its signature; `is_waiting`: it is here already.
+
+    `refusal` is for its signer alone: why it may not wait all the same.
+    """
+
+    transaction: Transaction
+    account: Account
+    reserved: bool
+    is_verified: bool
+    is_waiting: bool
+    refusal: BlockRobotError | None = None
+
+
+@dataclass(slots=True)
+class _Load:
+    count: int = 0
+    size_bytes: int = 0
+
+
+class Mempool:
+    """The pool. All its parts run on the node's event loop."""
+
+    def __init__(
+        self,
+        *,
+        chain_id: bytes,
+        cache: TransactionCache,
+        has_standing: Callable[[Transaction], bool],
+        is_spent: Callable[[bytes], bool],
+        account_of: Callable[[Transaction], Account] = lambda transaction: Account(transaction.body.sender),
+        max_bytes: int = POOL_MAX_BYTES,
+        sender_max_count: int = SENDER_MAX_COUNT,
+        sender_max_bytes: int = SENDER_MAX_BYTES,
+        byte_budgets: ByteBudgets | None = None,
+    ) -> None:
+        """`has_standing` looks at the finalized state; `is_spent` tells of a txid if it is on the branch or final.
+
+        `account_of` says in whose turns a transaction is taken that has standing: its sender's, or those that he shares.
+        """
+        self._chain_id = chain_id
+        self._cache = cache
+        self._has_standing = has_standing
+        self._is_spent = is_spent
+        self._account_of = account_of
+        self._max_bytes = max_bytes
+        self._ordinary_max_bytes = max_bytes - max_bytes // RESERVED_DIVISOR
+        self._sender_max_count = sender_max_count
+        self._sender_max_bytes = sender_max_bytes
+        self._byte_budgets = byte_budgets or ByteBudgets()
+        self._entries: dict[bytes, _Entry] = {}
+        self._ordinary: Lane[_Entry] = Lane()
+        self._reserved: Lane[_Entry] = Lane()
+        self._loads: dict[bytes, _Load] = {}  # of accounts, and of senders who share one
+        self._roomy_blocks = 0
+        self.evicted_count = 0
+
+    @property
+    def size_bytes(self) -> int:
+        """How many bytes wait."""
+        return self._ordinary.size_bytes + self._reserved.size_bytes
+
+    @property
+    def ordinary_bytes(self) -> int:
+        """How many of them have no room kept for them."""
+        return self._ordinary.size_bytes
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __contains__(self, txid: object) -> bool:
+        return txid in self._entries
+
+    def get(self, txid: bytes) -> Transaction | None:
+        """Return a waiting transaction."""
+        entry = self._entries.get(txid)
+        return None if entry is None else entry.transaction
+
+    def transactions(self) -> list[Transaction]:
+        """Return all that wait, oldest first."""
+        return [entry.transaction for entry in self._entries.values()]
+
+    # Admission
+
+    def admit(
+        self, wire: bytes, now_ms: int, also: Callable[[Transaction], None] | None = None
+    ) -> tuple[Transaction, bool]:
+        """Check a transaction and let it wait; return it and whether it is new here. `also` may refuse it by raising.
+
+        Raises what `read`, `screen` and `insert` raise, and SIGNATURE_*. The signature comes last: it costs most.
+        """
+        transaction, is_verified = self.read(wire)
+        screened = self.screen(transaction, now_ms, also, is_verified=is_verified)
+        if not screened.is_verified:
+            transaction.verify_sender()
+        return self.insert(screened)
+
+    def read(self, wire: bytes) -> tuple[Transaction, bool]:
+        """Return the transaction of these bytes, and whether its signature was checked here before.
+
+        Raises ENCODING_*, TRANSACTION_TOO_LARGE.
+        """
+        known = self._cache.get(wire)
+        return (decode_transaction(wire), False) if known is None else (known, True)
+
+    def screen(
+        self,
+        transaction: Transaction,
+        now_ms: int,
+        also: Callable[[Transaction], None] | None = None,
+        *,
+        is_verified: bool,
+    ) -> Screened:
+        """Do all checks of a transaction but that of its signature. `also` may refuse it by raising.
+
+        What is wrong only for this sender stands in `refusal`, for `insert` to raise: it would tell who has not signed that
+        the sender is a member. Raises TRANSACTION_WRONG_CHAIN, TRANSACTION_EXPIRED, TRANSACTION_TOO_FAR_AHEAD,
+        TRANSACTION_REPLAYED, MEMPOOL_FULL, SENDER_WITHOUT_STANDING or what `has_standing` raises.
+        """
+        if transaction.txid in self._entries:
+            return Screened(transaction, Account(b""), reserved=False, is_verified=True, is_waiting=True)
+        self._require_timely(transaction, now_ms)
+        if self._is_spent(transaction.txid):
+            raise BlockRobotError("TRANSACTION_REPLAYED")
+        body = transaction.body
+        reserved = body.contract in RESERVED_CONTRACTS or (body.contract, body.entry) in RESERVED_CALLS
+        if not self._has_standing(transaction):
+            raise BlockRobotError("SENDER_WITHOUT_STANDING")
+        account = self._account_of(transaction)
+        self._plan_evictions(
+            transaction, account, reserved
+        )  # for its refusal alone: nothing leaves for who has not signed
+        refusal = None
+        try:
+            self._require_shares(transaction, account)
+            if also is not None:
+                also(transaction)
+        except BlockRobotError as error:
+            refusal = error
+        return Screened(transaction, account, reserved, is_verified, False, refusal)
+
+    def insert(self, screened: Screened) -> tuple[Transaction, bool]:
+        """Let a transaction wait whose signature was checked since it was screened; return it and whether it is new.
+
+        What is refused changes nothing. Raises its `refusal`, RATE_LIMITED if the account has used up its bytes, and
+        TRANSACTION_REPLAYED, SENDER_LIMIT or MEMPOOL_FULL if that came to pass in between.
+        """
+        transaction = screened.transaction
+        if screened.refusal is not None:
+            raise screened.refusal
+        if screened.is_waiting or transaction.txid in self._entries:
+            return transaction, False
+        if self._is_spent(transaction.txid):
+            raise BlockRobotError("TRANSACTION_REPLAYED")
+        self._require_shares(transaction, screened.account)
+        evicted = self._plan_evictions(transaction, screened.account, screened.reserved)
+        self._byte_budgets.take(screened.account, len(transaction.wire))
+        self._evict(evicted)
+        if not screened.is_verified:
+            self._cache.add(transaction)
+        self._insert(transaction, screened.account, reserved=screened.reserved)
+        return transaction, True
+
+    def _require_shares(self, transaction: Transaction, account: Account) -> None:
+        size = len(transaction.wire)
+        self._require_share(account.name, size)
+        if account.is_shared:
+            self._require_share(transaction.body.sender, size, SHARED_DIVISOR)
+
+    def _require_timely(self, transaction: Transaction, now_ms: int) -> None:
+        body = transaction.body
+        if body.chain_id != self._chain_id:
+            raise BlockRobotError("TRANSACTION_WRONG_CHAIN")
+        if body.valid_until_ms <= now_ms:
+            raise BlockRobotError("TRANSACTION_EXPIRED")
+        if body.valid_until_ms > now_ms + TRANSACTION_LIFETIME_MAX_MS:
+            raise BlockRobotError("TRANSACTION_TOO_FAR_AHEAD")
+
+    def _plan_evictions(self, transaction: Transaction, account: Account, reserved: bool) -> Collection[bytes]:
+        """Return the txids of what makes room for a transaction; nothing changes yet.
+
+        While the ordinary lane is over its own limit, nothing else makes room for what goes there. Raises MEMPOOL_FULL if
+        too little may go.
+        """
+        size = len(transaction.wire)
+        over_ordinary = 0 if reserved else self.ordinary_bytes + size - self._ordinary_max_bytes
+        over_all = self.size_bytes + size - self._max_bytes
+        if over_ordinary > 0:
+            lanes = [self._ordinary]
+        elif over_all > 0:
+            lanes = sorted([self._ordinary, self._reserved], key=lambda lane: lane.largest_bytes, reverse=True)
+        else:
+            return ()
+        waiting = self._ordinary.size_of(account.name) + self._reserved.size_of(account.name)
+        plan = EvictionPlan(lanes, max(over_ordinary, over_all))
+        return plan.make(account, size + waiting, is_first=not waiting)
+
+    def _evict(self, txids: Collection[bytes]) -> None:
+        """Take out what makes room for another, and give its bytes back: no block keeps them."""
+        for txid in txids:
+            entry = self._entries[txid]
+            self._byte_budgets.refund(entry.payer, entry.size_bytes)
+        self.evicted_count += self.remove(txids)
+
+    def _require_share(self, name: bytes, size_bytes: int, divisor: int = 1) -> None:
+        load = self._loads.get(name, _Load())
+        too_many = load.count >= max(1, self._sender_max_count // divisor)
+        if too_many or load.size_bytes + size_bytes > self._sender_max_bytes // divisor:
+            raise BlockRobotError("SENDER_LIMIT")
+
+    def _insert(self, transaction: Transaction, account: Account, *, reserved: bool) -> None:
+        entry = _Entry(transaction, reserved, self._roomy_blocks, account)
+        size = len(transaction.wire)
+        self._entries[transaction.txid] = entry
+        (self._reserved if reserved else self._ordinary).add(transaction.txid, entry)
+        for name in dict.fromkeys((account.name, transaction.body.sender)):
+            load = self._loads.setdefault(name, _Load())
+            load.count, load.size_bytes = load.count + 1, load.size_bytes + size
+
+    # Leaving
+
+    def remove(self, txids: Iterable[bytes]) -> int:
+        """Take out what became final, or what cannot be executed; return how many were here."""
+        count = 0
+        for txid in txids:
+            entry = self._entries.pop(txid, None)
+            if entry is None:
+                continue
+            count += 1
+            (self._reserved if entry.reserved else self._ordinary).remove(txid, entry)
+            for name in dict.fromkeys((entry.account, entry.transaction.body.sender)):
+                load = self._loads[name]
+                load.count, load.size_bytes = load.count - 1, load.size_bytes - entry.size_bytes
+                if not load.count:
+                    del self._loads[name]
+        return count
+
+    def purge_expired(self, now_ms: int) -> list[bytes]:
+        """Take out what would not be admitted at `now_ms`: too old, or (the clock was put back) too far ahead.
+
+        Returns the txids.
+        """
+        expired = [txid for txid, entry in self._entries.items() if not _is_timely(entry.transaction, now_ms)]
+        self.remove(expired)
+        return expired
+
+    # Blocks
+
+    def take(
+        self, *, max_count: int, max_bytes: int, timestamp_ms: int, exclude: Collection[bytes] = ()
+    ) -> list[Transaction]:
+        """Choose transactions for a block with this timestamp; they stay here until they are final.
+
+        First up to a tenth of the block from the reserved lane, then round robin over all accounts, the reserved ones
+        first in each turn. `exclude` holds the txids of the branch.
+        """
+        taken: list[Transaction] = []
+        chosen: set[bytes] = set()
+        self._fill(
+            (self._reserved,),
+            taken,
+            chosen,
+            max(1, max_count // RESERVED_DIVISOR),
+            max_bytes // RESERVED_DIVISOR,
+            timestamp_ms,
+            exclude,
+        )
+        self._fill((self._reserved, self._ordinary), taken, chosen, max_count, max_bytes, timestamp_ms, exclude)
+        return taken
+
+    def _fill(
+        self,
+        lanes: tuple[Lane[_Entry], ...],
+        taken: list[Transaction],
+        chosen: set[bytes],
+        max_count: int,
+        max_bytes: int,
+        timestamp_ms: int,
+        exclude: Collection[bytes],
+    ) -> None:
+        size = sum(len(transaction.wire) for transaction in taken)
+        turns = [
+            (lane, account, iter(list(queue.values()))) for lane in lanes for account, queue in lane.queues.items()
+        ]
+        served: list[tuple[Lane[_Entry], bytes]] = []
+        while turns and len(taken) < max_count:
+            remaining = []
+            for lane, account, queue in turns:
+                if len(taken) >= max_count:
+                    break
+                for entry in queue:
+                    transaction = entry.transaction
+                    txid = transaction.txid
+                    if txid in exclude or txid in chosen or not _is_timely(transaction, timestamp_ms):
+                        continue
+                    if size + len(transaction.wire) > max_bytes:
+                        continue
+                    taken.append(transaction)
+                    chosen.add(txid)
+                    size += len(transaction.wire)
+                    served.append((lane, account))
+                    remaining.append((lane, account, queue))
+                    break
+            turns = remaining
+        for lane, account in served:
+            lane.queues.move_to_end(account)
+
+    def note_block(self, *, is_roomy: bool) -> None:
+        """A block was certified; `is_roomy` if it had room left, so that what it lacks was left out by choice."""
+        self._roomy_blocks += is_roomy
+
+    def has_work(self, exclude: Collection[bytes], patience_blocks: int) -> bool:
+        """Tell whether a transaction outside the branch is worth a block: not left out of too many roomy ones."""
+        newest = self._roomy_blocks - patience_blocks
+        return any(
+            entry.roomy_blocks_at_start > newest and txid not in exclude
+            for txid, entry in reversed(self._entries.items())
+        )
+
+
+def _is_timely(transaction: Transaction, timestamp_ms: int) -> bool:
+    valid_until_ms = transaction.body.valid_until_ms
+    return timestamp_ms < valid_until_ms <= timestamp_ms + TRANSACTION_LIFETIME_MAX_MS

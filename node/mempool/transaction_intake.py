@@ -1,0 +1,417 @@
+"""Where transactions come in, from peers and from clients: each source in its turn, and each for its own budget.
+
+Cheap checks come first (`Mempool.screen`); signatures are checked last, in slices and in a thread, so that the event loop
+goes on. A sender pays for what he signed; what nobody signed is paid for by who brought it. Must never let one source
+keep another one waiting for more than a slice, and never check a signature that nobody pays for.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+import structlog
+
+from consensus.chain.transaction import Transaction
+from consensus.errors import BlockRobotError
+from contracts.execution.sender_admission import is_registration
+from node.budgets.token_buckets import OWN, Allowance, Budgets, Receipt, Source, SourceKind, over_budget
+from node.budgets.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
+from node.mempool.mempool import Mempool, Screened
+
+SLICE_MAX_US = 2_000
+INLINE_MAX_COUNT = 4
+REGISTRATION_US = 3 * EC_OPERATION_US
+KNOWN_US = 5
+QUEUE_OF_PEER_MAX_BYTES = 4 * 1024 * 1024
+QUEUE_OF_CLIENT_MAX_BYTES = 2 * 1024 * 1024
+QUEUE_OF_VISIT_KEY_MAX_BYTES = 64 * 1024
+"""What one of the visit keys at an address may have in their queue; a request alone may be larger if there is room. So much
+of one that has nothing there is taken up to twice the limit, so that it takes 32 visits to have another one refused."""
+QUEUES_MAX_COUNT = 512
+
+PEER_ALLOWANCE = Allowance(us_per_s=100_000, burst_us=250_000)
+ADDRESS_ALLOWANCE = Allowance(us_per_s=25_000, burst_us=250_000)
+LOOPBACK_ALLOWANCE = Allowance(us_per_s=50_000, burst_us=250_000)
+"""On an emulated network every client shares one address."""
+SESSION_ALLOWANCE = Allowance(us_per_s=50_000, burst_us=250_000)
+VISIT_KEYS_ALLOWANCE = Allowance(us_per_s=100_000, burst_us=500_000)
+VISIT_KEY_ALLOWANCE = Allowance(us_per_s=2 * TRANSACTION_SCREENING_US, burst_us=8 * TRANSACTION_SCREENING_US)
+"""What each of the visit keys at one address may have looked at when the others have used up what they share."""
+SENDER_ALLOWANCE = Allowance(us_per_s=150_000, burst_us=300_000)
+"""Some 1,000 transactions a second, whoever brings them."""
+TRIAL_ALLOWANCE = Allowance(us_per_s=2 * EC_OPERATION_US, burst_us=8 * EC_OPERATION_US)
+"""What a sender may have checked behind an address that others used up."""
+
+REFUSAL_GRID_S = 0.05
+"""A client is told at the next such step that nobody admitted signed: checking a signature or not takes less."""
+
+log = structlog.get_logger(__name__)
+
+_UNSIGNED = frozenset({"SIGNATURE_INVALID", "SIGNATURE_HIGH_S"})
+_NOT_ADMITTED = "SENDER_WITHOUT_STANDING"
+_KNOW_MEMBERS = frozenset({"own", "peer"})  # sources to which it is no secret who is a member
+_ALLOWANCES: dict[SourceKind, Allowance] = {
+    "own": Allowance(us_per_s=1_000_000, burst_us=10_000_000),
+    "peer": PEER_ALLOWANCE,
+    "address": ADDRESS_ALLOWANCE,
+    "loopback": LOOPBACK_ALLOWANCE,
+    "session": SESSION_ALLOWANCE,
+    "visit_keys": VISIT_KEYS_ALLOWANCE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one transaction: refused with an error, or waiting; `is_new` if it was not here before.
+
+    `transaction` is None for what is none, or was not even read.
+    """
+
+    wire: bytes
+    transaction: Transaction | None
+    is_new: bool
+    error: BlockRobotError | None
+
+
+Sink = Callable[[list[Outcome]], None]
+"""Hears what became of a slice of what was brought."""
+
+
+@dataclass(slots=True)
+class _Job:
+    source: Source
+    wires: deque[bytes]
+    sink: Sink
+    also: Callable[[Transaction], None] | None
+    done: asyncio.Future[None] | None = None
+    waiting_bytes: int = 0
+    counted_bytes: int = 0
+    """What its queue has counted of it."""
+
+    def __post_init__(self) -> None:
+        self.waiting_bytes = sum(map(len, self.wires))
+
+    def take(self) -> bytes:
+        """Take out the next transaction."""
+        wire = self.wires.popleft()
+        self.waiting_bytes -= len(wire)
+        return wire
+
+    def clear(self) -> None:
+        """Drop what waits of it."""
+        self.wires.clear()
+        self.waiting_bytes = 0
+
+
+@dataclass(slots=True)
+class _Paid:
+    """What was paid for one transaction, by who brings it and by its sender: one of them gets it back."""
+
+    item: Screened
+    by_bringer: list[Receipt]
+    by_sender: Receipt | None = None
+
+
+@dataclass(slots=True)
+class _Queue:
+    jobs: deque[_Job] = field(default_factory=deque)
+    size_bytes: int = 0
+    size_of_parts_bytes: Counter[str] = field(default_factory=Counter)
+
+    def count(self, job: _Job) -> None:
+        """Count what waits of a job now instead of what was counted of it before."""
+        change_bytes, job.counted_bytes = job.waiting_bytes - job.counted_bytes, job.waiting_bytes
+        self.size_bytes += change_bytes
+        part = job.source.part
+        if part:
+            self.size_of_parts_bytes[part] += change_bytes
+            if not self.size_of_parts_bytes[part]:
+                del self.size_of_parts_bytes[part]
+
+
+class TransactionIntake:
+    """The one way into the mempool while the node runs. On the event loop only."""
+
+    def __init__(
+        self,
+        mempool: Mempool,
+        clock: Callable[[], int],
+        note_over: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
+    ) -> None:
+        """`clock` says ms since 1970; `note_over` hears who is over his budget."""
+        self._loop = asyncio.get_running_loop()
+        self._mempool = mempool
+        self._clock = clock
+        self._note_over = note_over
+        self._sources: Budgets[Source] = Budgets(lambda source: _ALLOWANCES[source.kind], self._loop.time)
+        self._senders: Budgets[bytes] = Budgets(lambda _sender: SENDER_ALLOWANCE, self._loop.time)
+        self._parts: Budgets[Source] = Budgets(lambda _part: VISIT_KEY_ALLOWANCE, self._loop.time)
+        self._trials: Budgets[tuple[Source, bytes]] = Budgets(lambda _pair: TRIAL_ALLOWANCE, self._loop.time)
+        self._rings: tuple[OrderedDict[Source, _Queue], ...] = (OrderedDict(), OrderedDict())
+        self._turn = 0
+        self._task: asyncio.Task[None] | None = None
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="signatures")
+        self.signatures_checked_count = 0
+        self.dropped_count = 0
+
+    async def stop(self) -> None:
+        """Stop; what waits is forgotten."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        for ring in self._rings:
+            for queue in ring.values():
+                for job in queue.jobs:
+                    if job.done is not None:
+                        job.done.cancel()
+            ring.clear()
+        self._thread.shutdown(wait=True)
+
+    # Bringing
+
+    def offer(self, source: Source, wires: Sequence[bytes], sink: Sink) -> None:
+        """Take what a peer passes on. What is beyond its queue is dropped: it comes again, or stands in a block."""
+        self._bring(_Job(source, deque(wires), sink, None))
+
+    async def submit(
+        self, source: Source, wires: Sequence[bytes], also: Callable[[Transaction], None], sink: Sink
+    ) -> None:
+        """Take what a client sends, and return when all of it was looked at.
+
+        Raises RATE_LIMITED if too much waits, or if the source cannot even have it all looked at: then nothing is.
+        """
+        if len(wires) > INLINE_MAX_COUNT and source != OWN:
+            cost_us = len(wires) * TRANSACTION_SCREENING_US
+            receipt = self._sources.take(source.shared, cost_us)
+            if receipt is None:
+                self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
+            receipt.give_back()  # paid for one by one as they are looked at
+        began_s, is_refused = self._loop.time(), False
+
+        def told(outcomes: list[Outcome]) -> None:
+            nonlocal is_refused
+            is_refused = is_refused or any(one.error and one.error.code == _NOT_ADMITTED for one in outcomes)
+            sink(outcomes)
+
+        job = _Job(source, deque(wires), told, also, done=self._loop.create_future())
+        if not self._bring(job):
+            raise over_budget(str(source), 1.0)
+        if job.done is not None:
+            await job.done
+        if is_refused and source != OWN:
+            await asyncio.sleep(REFUSAL_GRID_S - (self._loop.time() - began_s) % REFUSAL_GRID_S)
+
+    def _bring(self, job: _Job) -> bool:
+        is_idle = self._task is None or self._task.done()
+        if is_idle and len(job.wires) <= INLINE_MAX_COUNT:
+            screened, outcomes = self._screen_slice(job)
+            outcomes += [self._settle(job.source, paid, _check(paid.item)) for paid in screened]
+            if not job.wires:
+                job.sink(outcomes)
+                _finish(job)
+                return True
+            job.sink(outcomes)
+        ring = self._rings[job.source.kind not in {"own", "peer"}]
+        limit = QUEUE_OF_PEER_MAX_BYTES if job.source.kind in {"own", "peer"} else QUEUE_OF_CLIENT_MAX_BYTES
+        queue = ring.get(job.source.shared)
+        if not _has_place(queue, job.source, job.waiting_bytes, limit) or (
+            queue is None and len(ring) >= QUEUES_MAX_COUNT
+        ):
+            self.dropped_count += len(job.wires)
+            self._note_over(str(job.source), over_budget(str(job.source), 1.0))
+            return False
+        if queue is None:
+            queue = ring[job.source.shared] = _Queue()
+        queue.jobs.append(job)
+        queue.count(job)
+        if is_idle:
+            self._task = self._loop.create_task(self._work(), name="intake")
+        return True
+
+    def forget(self, source: Source) -> None:
+        """Drop what waits of a source that is not listened to any more."""
+        for ring in self._rings:
+            queue = ring.pop(source, None)
+            for job in () if queue is None else queue.jobs:
+                job.clear()
+                _finish(job)
+
+    # Working
+
+    async def _work(self) -> None:
+        """Take a slice of each source in turn, peers and clients alternating, until nothing waits."""
+        while True:
+            ring = self._rings[self._turn] or self._rings[1 - self._turn]
+            self._turn = 1 - self._turn
+            if not ring:
+                return
+            source, queue = next(iter(ring.items()))
+            job = queue.jobs[0]
+            try:
+                await self._take_slice(source, queue, job)
+            except Exception as fault:
+                log.exception("intake_fault", source=str(source))
+                job.clear()
+                queue.count(job)
+                if job.done is not None and not job.done.done():
+                    job.done.set_exception(fault)
+            if not job.wires:
+                _finish(job)
+                queue.jobs.popleft()
+            if ring.get(source) is queue:
+                ring.move_to_end(source)
+                if not queue.jobs:
+                    del ring[source]
+            await asyncio.sleep(0)
+
+    async def _take_slice(self, source: Source, queue: _Queue, job: _Job) -> None:
+        screened, outcomes = self._screen_slice(job)
+        queue.count(job)
+        if len(screened) <= INLINE_MAX_COUNT:
+            checked = [_check(paid.item) for paid in screened]
+        else:
+            checked = await self._loop.run_in_executor(self._thread, _check_all, [paid.item for paid in screened])
+        outcomes += [self._settle(source, paid, error) for paid, error in zip(screened, checked, strict=True)]
+        job.sink(outcomes)
+
+    def _screen_slice(self, job: _Job) -> tuple[list[_Paid], list[Outcome]]:
+        """Take transactions of a job until they are worth a slice; return those to be checked, and the others' outcomes."""
+        now_ms, weight_us = self._clock(), 0
+        screened: list[_Paid] = []
+        outcomes: list[Outcome] = []
+        while job.wires and weight_us < SLICE_MAX_US:
+            wire, transaction = job.take(), None
+            weight_us += TRANSACTION_SCREENING_US
+            try:
+                receipt = self._pay(job.source, TRANSACTION_SCREENING_US)
+                transaction, is_verified = self._mempool.read(wire)
+                paid, cost_us = self._screen(job, receipt, transaction, now_ms, is_verified=is_verified)
+            except BlockRobotError as error:
+                outcomes.append(Outcome(wire, transaction, is_new=False, error=error))
+                continue
+            weight_us += cost_us
+            if paid.item.is_verified:
+                outcomes.append(self._settle(job.source, paid, None))
+            else:
+                screened.append(paid)
+        return screened, outcomes
+
+    def _screen(
+        self, job: _Job, receipt: Receipt, transaction: Transaction, now_ms: int, *, is_verified: bool
+    ) -> tuple[_Paid, int]:
+        """Do the cheap checks of one transaction, and have its signature paid for; return it and what that costs.
+
+        `receipt` is of its screening. Raises RATE_LIMITED, and what `Mempool.screen` raises.
+        """
+        source, cost_us, receipts = job.source, 0, [receipt]
+        if is_registration(transaction) and not is_verified:
+            cost_us = REGISTRATION_US
+            receipts.append(self._pay(source, cost_us))
+        try:
+            item = self._mempool.screen(transaction, now_ms, job.also, is_verified=is_verified)
+        except BlockRobotError as error:
+            if error.code == _NOT_ADMITTED and source.kind not in _KNOW_MEMBERS and not cost_us:
+                self._pay_for_signature(source, transaction.body.sender)  # so that no stranger is told from a member
+            raise
+        paid = _Paid(item, receipts)
+        if item.is_waiting:
+            receipt.give_back(TRANSACTION_SCREENING_US - KNOWN_US)
+        elif not is_verified and not cost_us:
+            cost_us = EC_OPERATION_US
+            if source != OWN:
+                paid.by_sender = self._pay_as_sender(payer_of(item))
+                try:
+                    receipts.append(self._pay_for_signature(source, payer_of(item)))
+                except BlockRobotError:
+                    paid.by_sender.give_back()
+                    raise
+        return paid, cost_us
+
+    def _pay(self, source: Source, cost_us: int) -> Receipt:
+        receipt = self._sources.take(source.shared, cost_us)
+        if receipt is None and source.part:
+            receipt = self._parts.take(source, cost_us)
+        return receipt or self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
+
+    def _pay_as_sender(self, sender: bytes) -> Receipt:
+        receipt = self._senders.take(sender, EC_OPERATION_US + TRANSACTION_SCREENING_US)
+        return receipt or self._refuse(f"member {sender.hex()}", self._senders.wait_s(sender, EC_OPERATION_US))
+
+    def _pay_for_signature(self, source: Source, sender: bytes) -> Receipt:
+        """Take it from who brings the transaction, or from the little that a sender has behind a used-up address."""
+        source = source.shared
+        receipt = self._sources.take(source, EC_OPERATION_US)
+        if receipt is None and source.kind != "peer":
+            receipt = self._trials.take((source, sender), EC_OPERATION_US)
+        return receipt or self._refuse(str(source), self._sources.wait_s(source, EC_OPERATION_US))
+
+    def _refuse(self, who: str, wait_s: float) -> NoReturn:
+        self.dropped_count += 1
+        error = over_budget(who, wait_s)
+        self._note_over(who, error)
+        raise error
+
+    def _settle(self, source: Source, paid: _Paid, error: BlockRobotError | None) -> Outcome:
+        """Let a checked transaction wait, and give back what it turns out that somebody else has to pay."""
+        item, is_signed = paid.item, error is None
+        transaction = item.transaction
+        if not item.is_verified:
+            self.signatures_checked_count += 1
+            if is_signed:
+                for receipt in paid.by_bringer:
+                    receipt.give_back()
+            elif paid.by_sender is not None:
+                paid.by_sender.give_back()
+        is_new = False
+        if is_signed:
+            try:
+                _, is_new = self._mempool.insert(item)
+            except BlockRobotError as refusal:
+                error = refusal
+        if error is not None and source.kind not in _KNOW_MEMBERS:
+            error = as_told_to_clients(error)
+        return Outcome(transaction.wire, transaction, is_new, error)
+
+
+def as_told_to_clients(error: BlockRobotError) -> BlockRobotError:
+    """Return what a client is told: of who did not sign, the same whether the sender is a member or not."""
+    return BlockRobotError(_NOT_ADMITTED) if error.code in _UNSIGNED else error
+
+
+def payer_of(item: Screened) -> bytes:
+    """Return who pays for a signature: an account, whichever key it has now, or one of the many keys that share one."""
+    return item.transaction.body.sender if item.account.is_shared else item.account.name
+
+
+def _check(item: Screened) -> BlockRobotError | None:
+    try:
+        item.transaction.verify_sender()
+    except BlockRobotError as error:
+        return error
+    return None
+
+
+def _check_all(items: list[Screened]) -> list[BlockRobotError | None]:
+    return [_check(item) for item in items]
+
+
+def _has_place(queue: _Queue | None, source: Source, size_bytes: int, limit_bytes: int) -> bool:
+    """Tell whether a queue has room for so much more, and the part that this key may have of a queue that many share."""
+    waiting_bytes = 0 if queue is None else queue.size_bytes
+    if queue is not None and source.part:
+        own_bytes = queue.size_of_parts_bytes[source.part]
+        if own_bytes + size_bytes <= QUEUE_OF_VISIT_KEY_MAX_BYTES:
+            limit_bytes *= 1 if own_bytes else 2
+        elif own_bytes:
+            return False
+    return waiting_bytes + size_bytes <= limit_bytes
+
+
+def _finish(job: _Job) -> None:
+    if job.done is not None and not job.done.done():
+        job.done.set_result(None)

@@ -1,0 +1,135 @@
+"""Answers what peers ask for: a few requests of each peer at a time, for its own budget, and off the event loop.
+
+A request beyond the budget waits, and is refused if that takes too long: whoever catches up waits a moment, whoever asks
+in a loop waits for ever. Must never read a block of the ledger on the event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from consensus.chain.block import Block
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, encode
+from node.budgets.token_buckets import Allowance, Budgets, Source, over_budget
+from node.budgets.work_costs import REQUEST_COSTS, bytes_cost_us
+from node.p2p.wire import BlockBatch, BranchRequest, FinalizedRequest, RequestKind
+from node.storage.ledger_store import LedgerStore
+from node.sync.block_ranges import read_range
+
+REQUEST_ALLOWANCE = Allowance(us_per_s=200_000, burst_us=500_000)
+WAIT_MAX_S = 1.5
+OF_BLOCKS = frozenset({RequestKind.BRANCH, RequestKind.FINALIZED})
+"""One of these at a time for each peer: one thread reads them all."""
+OTHERS_AT_ONCE_COUNT = 4
+BRANCH_MAX_BYTES = 4 * 1024 * 1024
+BRANCH_STORED_MAX_COUNT = 128
+ANSWERS_KEPT_MAX_BYTES = 16 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """An answer, and the ledger that it was read from."""
+
+    answer: bytes
+    height: int
+    is_full: bool
+
+
+class PeerRequests:
+    """The requests of all peers. On the event loop, but for what it reads."""
+
+    def __init__(self, ledger: LedgerStore, note_over: Callable[[str, BlockRobotError], None]) -> None:
+        """`note_over` hears who is over his budget."""
+        self._ledger = ledger
+        self._note_over = note_over
+        self._loop = asyncio.get_running_loop()
+        self._budgets: Budgets[str] = Budgets(lambda _peer: REQUEST_ALLOWANCE, self._loop.time)
+        self._turns: dict[tuple[str, bool], asyncio.Semaphore] = {}
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="answers")
+        self._kept: OrderedDict[FinalizedRequest, _Kept] = OrderedDict()
+        self._kept_bytes = 0
+        self._dropped_below = 0
+
+    def stop(self) -> None:
+        """Answer nothing more."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    async def answer(self, peer: str, kind: RequestKind, make: Callable[[], Awaitable[bytes]]) -> bytes:
+        """Return an answer in the peer's turn and for its budget. Raises RATE_LIMITED, and what `make` raises."""
+        of_blocks = kind in OF_BLOCKS
+        turn = self._turns.setdefault((peer, of_blocks), asyncio.Semaphore(1 if of_blocks else OTHERS_AT_ONCE_COUNT))
+        async with turn:
+            cost_us = REQUEST_COSTS[kind]
+            wait_s = self._budgets.wait_s(peer, cost_us)
+            if wait_s > WAIT_MAX_S:
+                who = str(Source("peer", peer))
+                error = over_budget(who, wait_s)
+                self._note_over(who, error)
+                raise error
+            if wait_s > 0:
+                await asyncio.sleep(wait_s)
+            self._budgets.charge(peer, cost_us)
+            answer = await make()
+            self._budgets.charge(peer, bytes_cost_us(len(answer)))
+            return answer
+
+    # Blocks
+
+    async def read_finalized(self, request: FinalizedRequest) -> bytes:
+        """Return stored blocks; what was asked for lately is not read again. Raises STORAGE_*."""
+        position = self._ledger.position
+        kept = self._kept.get(request)
+        if kept is not None and position is not None and (kept.is_full or kept.height == position.height):
+            self._kept.move_to_end(request)
+            return kept.answer
+        found = await self._loop.run_in_executor(self._thread, self._read_finalized, request)
+        self._keep(request, found)
+        return found.answer
+
+    def forget_below(self, height: int) -> None:
+        """Drop the answers that hold blocks below a height, since the ledger has dropped them."""
+        self._dropped_below = height
+        for request in [request for request in self._kept if request.from_height < height]:
+            self._kept_bytes -= len(self._kept.pop(request).answer)
+
+    def _read_finalized(self, request: FinalizedRequest) -> _Kept:
+        with self._ledger.snapshot() as snapshot:
+            height = -1 if snapshot.position is None else snapshot.position.height
+            batch = read_range(snapshot, max(1, request.from_height), request.count)
+            is_full = len(batch.blocks) >= request.count > 0
+            return _Kept(encode(batch), height, is_full)
+
+    def _keep(self, request: FinalizedRequest, found: _Kept) -> None:
+        if request.from_height < self._dropped_below:
+            return  # it may have been read just before
+        before = self._kept.pop(request, None)
+        self._kept_bytes += len(found.answer) - (0 if before is None else len(before.answer))
+        self._kept[request] = found
+        while self._kept_bytes > ANSWERS_KEPT_MAX_BYTES:
+            _, oldest = self._kept.popitem(last=False)
+            self._kept_bytes -= len(oldest.answer)
+
+    async def read_branch(self, request: BranchRequest, branch: list[bytes]) -> bytes:
+        """Return a branch, oldest first, completed from the ledger where the core no longer holds it. Raises STORAGE_*."""
+        return await self._loop.run_in_executor(self._thread, self._read_branch, request, branch)
+
+    def _read_branch(self, request: BranchRequest, branch: list[bytes]) -> bytes:
+        lowest = decode(branch[0], Block).header.height if branch else 0
+        with self._ledger.snapshot() as snapshot:
+            if not branch:
+                lowest = (snapshot.block_height(request.block_id) or -1) + 1
+            first = max(request.above_height + 1, lowest - BRANCH_STORED_MAX_COUNT, 1)
+            stored = [data for _, data in snapshot.iter_blocks(first, lowest - first)] if lowest > first else []
+        kept: list[bytes] = []
+        size = 0
+        for data in reversed(stored + branch):
+            size += len(data)
+            if kept and size > BRANCH_MAX_BYTES:
+                break
+            kept.append(data)
+        return encode(BlockBatch(blocks=tuple(reversed(kept)), proof=None))

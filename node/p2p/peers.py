@@ -1,0 +1,431 @@
+"""What the node says to its peers and hears from them. Must never encode a received message again to pass it on.
+
+Between the frames of `node/p2p` and the parts that decide: the engine, the mempool, the synchroniser and custody.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Protocol
+
+import structlog
+
+from consensus.chain.block import Block, EpochProof
+from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, encode
+from consensus.protocol.effects import FetchBlocks, Message
+from consensus.protocol.events import (
+    BlocksFetched,
+    Event,
+    NoticeReceived,
+    PeerConnected,
+    ProposalReceived,
+    TimeoutReceived,
+    VoteReceived,
+    WordsAnswered,
+    WordsAsked,
+)
+from node.budgets.token_buckets import Allowance, Budgets, Source, over_budget
+from node.budgets.work_costs import FRAME_COSTS, Lane
+from node.consensus.engine import Engine
+from node.consensus.epoch_change import EpochStart, Handover, verify_following
+from node.mempool.gossip import AGAIN_MAX_BYTES, Gossip, batches, oldest_within
+from node.mempool.mempool import Mempool
+from node.mempool.transaction_intake import Outcome, TransactionIntake
+from node.p2p.peer_requests import PeerRequests
+from node.p2p.wire import (
+    BlockBatch,
+    BranchRequest,
+    FinalizedRequest,
+    FrameKind,
+    HeightNotice,
+    RequestKind,
+    TransactionBatch,
+)
+from node.storage.ledger_store import LedgerStore
+from node.sync.block_sync import Synchroniser
+
+FETCH_PEERS_MAX_COUNT = 2
+UNSETTLED_OF_PEER_MAX_COUNT = 256
+UNSETTLED_MAX_MS = 3_000
+OWN_BOUNDARY_WAIT_MS = 100
+NEVER_PASSED_ON = frozenset(
+    {
+        "ENCODING_INVALID",
+        "ENCODING_NOT_CANONICAL",
+        "SIGNATURE_HIGH_S",
+        "SIGNATURE_INVALID",
+        "TRANSACTION_TOO_LARGE",
+        "TRANSACTION_WRONG_CHAIN",
+    }
+)
+"""What is wrong with a transaction whoever looks at it: a node passes on what it checked, so a peer that sends it lies."""
+CONTROL_ALLOWANCE = Allowance(us_per_s=50_000, burst_us=250_000)
+
+_KINDS: dict[type[Message], FrameKind] = {
+    Proposal: FrameKind.PROPOSAL,
+    Vote: FrameKind.VOTE,
+    Timeout: FrameKind.TIMEOUT,
+    CertificateNotice: FrameKind.NOTICE,
+    WordsRequest: FrameKind.WORDS_REQUEST,
+    WordsAnswer: FrameKind.WORDS_ANSWER,
+}
+_WORDS = frozenset(_KINDS.values())
+
+log = structlog.get_logger(__name__)
+
+
+class Network(Protocol):
+    """The links to all peers."""
+
+    @property
+    def connected(self) -> list[str]:
+        """The names of the connected peers, sorted."""
+        ...
+
+    async def start(self) -> None:
+        """Let peers come, and go to them. Raises PORT_IN_USE."""
+        ...
+
+    async def stop(self) -> None:
+        """Let go of all links."""
+        ...
+
+    def broadcast(self, kind: FrameKind, payload: bytes) -> None:
+        """Send one payload to all connected peers."""
+        ...
+
+    def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
+        """Send to one peer; tell whether it is connected."""
+        ...
+
+    async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
+        """Ask one peer and return its answer. Raises PEER_UNAVAILABLE."""
+        ...
+
+    def cut_off(self, peer: str, error: BlockRobotError) -> None:
+        """Hear nothing more of a peer that sent what no honest node sends, for a while that grows each time."""
+        ...
+
+
+class SnapshotSource(Protocol):
+    """What a node serves to those who are too far behind for blocks."""
+
+    async def serve(self, body: bytes) -> bytes:
+        """Answer a request for a snapshot's manifest or chunk; nothing if there is none (yet)."""
+        ...
+
+
+class ClipSource(Protocol):
+    """What a custodian serves to other custodians."""
+
+    async def serve_peer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
+        """Answer a request for a clip or a background. Raises BlockRobotError to refuse."""
+        ...
+
+
+class Peers:
+    """The engine's outbox, and the handler of what peers send."""
+
+    def __init__(
+        self,
+        *,
+        chain_id: bytes,
+        name: str,
+        start: EpochStart,
+        name_of_producer: Callable[[bytes], str | None],
+        mempool: Mempool,
+        intake: TransactionIntake,
+        ledger: LedgerStore,
+        clock: Callable[[], int],
+        note_over: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
+    ) -> None:
+        """`start` is how the epoch began that the node is in; `name_of_producer` finds the node of a producer key."""
+        self._chain_id = chain_id
+        self._name_of_producer = name_of_producer
+        self._mempool = mempool
+        self._intake = intake
+        self._note_over = note_over
+        self._control: Budgets[str] = Budgets(lambda _peer: CONTROL_ALLOWANCE, asyncio.get_running_loop().time)
+        self._requests = PeerRequests(ledger, note_over)
+        self._ledger = ledger
+        with ledger.snapshot() as view:
+            self._earliest_height = view.earliest_height
+        self._clock = clock
+        self._own_name = name
+        self._epoch = start
+        self._handover = Handover(start=start, ledger=ledger, send=self._send)
+        self.name_producers()
+        self._unsettled: dict[str, dict[bytes, int]] = {}
+        self._fetching: set[asyncio.Task[None]] = set()
+        self._hints: dict[str, asyncio.TimerHandle] = {}
+        self.gossip = Gossip(self._send_batch)
+        self.clips: ClipSource | None = None
+        self.snapshots: SnapshotSource | None = None
+
+    def connect(self, network: Network, engine: Engine, sync: Synchroniser) -> None:
+        """Tie the parts together; called once, before anything starts."""
+        self._network, self._engine, self._sync = network, engine, sync
+
+    async def stop(self) -> None:
+        """Stop what is under way."""
+        self.gossip.stop()
+        self._handover.stop()
+        self._requests.stop()
+        for timer in self._hints.values():
+            timer.cancel()
+        for task in self._fetching:
+            task.cancel()
+        await asyncio.gather(*self._fetching, return_exceptions=True)
+
+    # Epochs
+
+    def name_producers(self) -> None:
+        """Find the names of the epoch's producers (again, after a change of who is who)."""
+        names = [self._name_of_producer(key) for key in self._epoch.schedule.producers]
+        self._names = names
+        self._indexes = {node: index for index, node in enumerate(names) if node is not None}
+
+    def begin_epoch(self, start: EpochStart) -> None:
+        """A new epoch began here: say so, help its producers into it, and take up what they said in it already."""
+        self._epoch = start
+        self.name_producers()
+        self.announce_height(self.finalized_height())
+        for peer, kind, payload in self._handover.begin(start, set(self._indexes) - {self._own_name}):
+            self._take_word(peer, kind, payload)
+
+    def _take_word(self, peer: str, kind: FrameKind, payload: bytes) -> None:
+        """Pass a word of this epoch on to the core; answer a word of another one. Raises BlockRobotError."""
+        event, epoch = self._event_of(peer, kind, payload)
+        if epoch == self._epoch.number:
+            self._note_word(peer)
+            self._engine.submit(event)
+        elif epoch < self._epoch.number:
+            self._handover.answer(peer, epoch)
+        else:
+            if epoch == self._epoch.number + 1:
+                self._handover.keep(peer, kind, payload)
+            self._follow_later(peer, epoch)
+
+    def _note_word(self, peer: str) -> None:
+        """R25: a producer that is first heard in this epoch may have missed what was said in it so far."""
+        index = self._indexes.get(peer)
+        if self._handover.note_word(peer) and index is not None:
+            self._engine.submit(PeerConnected(index=index, now_ms=self._clock()))
+
+    def _event_of(self, peer: str, kind: FrameKind, payload: bytes) -> tuple[Event, int]:
+        """Return the event that a word is, and its epoch. Raises ENCODING_*."""
+        now_ms, sender = self._clock(), self._indexes.get(peer)
+        if kind is FrameKind.VOTE:
+            vote = decode(payload, Vote)
+            return VoteReceived(vote=vote, now_ms=now_ms, sender=sender), vote.epoch
+        if kind is FrameKind.PROPOSAL:
+            proposal = decode(payload, Proposal)
+            return ProposalReceived(proposal=proposal, sender=sender, now_ms=now_ms), proposal.block.header.epoch
+        if kind is FrameKind.TIMEOUT:
+            timeout = decode(payload, Timeout)
+            return TimeoutReceived(timeout=timeout, sender=sender, now_ms=now_ms), timeout.epoch
+        if kind is FrameKind.WORDS_REQUEST:
+            request = decode(payload, WordsRequest)
+            return WordsAsked(request=request, sender=sender, now_ms=now_ms), request.epoch
+        if kind is FrameKind.WORDS_ANSWER:
+            answer = decode(payload, WordsAnswer)
+            return WordsAnswered(answer=answer, sender=sender, now_ms=now_ms), answer.epoch
+        notice = decode(payload, CertificateNotice)
+        return NoticeReceived(notice=notice, now_ms=now_ms), notice.qc.epoch
+
+    def _follow_later(self, peer: str, epoch: int) -> None:
+        """A peer is in a later epoch: catch up with it, unless one's own boundary is stored in a moment."""
+        if peer not in self._hints:
+            loop = asyncio.get_running_loop()
+            self._hints[peer] = loop.call_later(OWN_BOUNDARY_WAIT_MS / 1000, self._follow, peer, epoch)
+
+    def _follow(self, peer: str, epoch: int) -> None:
+        self._hints.pop(peer, None)
+        if epoch > self._epoch.number:
+            self._sync.note_epoch(peer, epoch)
+
+    def _take_proof(self, peer: str, payload: bytes) -> None:
+        """A peer says that this node's epoch is over. Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*."""
+        proof = decode(payload, EpochProof)
+        if proof.epoch.number <= self._epoch.number:
+            self._tell_height(peer)
+            return
+        if proof.epoch.number == self._epoch.number + 1:
+            verify_following(proof, self._epoch, self._chain_id)
+        self._follow_later(peer, proof.epoch.number)
+
+    def _note_height(self, peer: str, notice: HeightNotice) -> None:
+        if notice.epoch < self._epoch.number:
+            self._handover.answer(peer, notice.epoch)
+        else:
+            self._note_word(peer)
+        if notice.epoch > self._epoch.number:
+            self._follow_later(peer, notice.epoch)
+        self._sync.note_height(peer, notice.finalized_height, notice.earliest_height)
+
+    # Outbox of the engine
+
+    def broadcast(self, message: Message) -> None:
+        """Send to all peers."""
+        self._network.broadcast(_KINDS[type(message)], encode(message))
+
+    def send_to(self, index: int, message: Message) -> None:
+        """Send to one producer."""
+        name = self._names[index]
+        if name is not None:
+            self._network.send(name, _KINDS[type(message)], encode(message))
+
+    def gossip_again(self) -> None:
+        """Send the waiting transactions to all peers again."""
+        self.gossip.repeat(self._mempool.transactions())
+
+    def fetch(self, effect: FetchBlocks) -> None:
+        """Ask some of the named producers for a branch; what comes first goes to the core.
+
+        Not while a long gap is being closed: the core asks again, and then needs only what lies above it.
+        """
+        if self._sync.closes_gap:
+            return
+        connected = self._network.connected
+        signers = [self._names[index] for index in effect.producers]
+        names = [name for name in signers if name is not None and name in connected]
+        others = [name for name in connected if name not in names]
+        for name in (names + others)[:FETCH_PEERS_MAX_COUNT]:
+            task = asyncio.get_running_loop().create_task(self._fetch_branch(name, effect))
+            self._fetching.add(task)
+            task.add_done_callback(self._fetching.discard)
+
+    async def _fetch_branch(self, name: str, effect: FetchBlocks) -> None:
+        request = BranchRequest(block_id=effect.block_id, above_height=effect.above_height)
+        try:
+            answer = await self._network.request(name, RequestKind.BRANCH, encode(request))
+            blocks = tuple(decode(data, Block) for data in decode(answer, BlockBatch).blocks)
+        except BlockRobotError as error:
+            log.info("fetch_failed", peer=name, code=error.code)
+            return
+        if blocks:
+            self._engine.submit(BlocksFetched(blocks=blocks, now_ms=self._clock()))
+
+    def _send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
+        return self._network.send(peer, kind, payload)
+
+    def _send_batch(self, payload: bytes) -> None:
+        self._network.broadcast(FrameKind.TRANSACTIONS, payload)
+
+    def announce_height(self, height: int) -> None:
+        """Tell all peers how far this node is."""
+        notice = HeightNotice(height, self._epoch.number, self._earliest_height)
+        self._network.broadcast(FrameKind.HEIGHT, encode(notice))
+
+    def forget_blocks(self, below_height: int) -> None:
+        """The ledger has dropped the bodies below a height: serve none of them from memory, and tell all peers."""
+        self._requests.forget_below(below_height)
+        self._earliest_height = below_height
+        self.announce_height(self.finalized_height())
+
+    def _tell_height(self, peer: str) -> None:
+        notice = HeightNotice(self.finalized_height(), self._epoch.number, self._earliest_height)
+        self._network.send(peer, FrameKind.HEIGHT, encode(notice))
+
+    # Handler of the network
+
+    def finalized_height(self) -> int:
+        """Return the height of the newest stored block."""
+        position = self._ledger.position
+        return 0 if position is None else position.height
+
+    def peer_connected(self, peer: str, finalized_height: int) -> None:
+        """Greet a peer: what waits here, and what the core has to say."""
+        for payload in batches(oldest_within(self._mempool.transactions(), AGAIN_MAX_BYTES)):
+            self._network.send(peer, FrameKind.TRANSACTIONS, payload)
+        self._tell_height(peer)
+        self._sync.note_height(peer, finalized_height)
+        index = self._indexes.get(peer)
+        if index is not None:
+            self._engine.submit(PeerConnected(index=index, now_ms=self._clock()))
+
+    def peer_disconnected(self, peer: str) -> None:
+        """A peer is gone."""
+        self._sync.forget(peer)
+        self._intake.forget(Source("peer", peer))
+        self._unsettled.pop(peer, None)
+
+    def note_over(self, source: Source, wait_s: float) -> None:
+        """Name a source of frames, requests or handshakes that is over its budget for so long."""
+        self._note_over(str(source), over_budget(str(source), wait_s))
+
+    def peer_frame(self, peer: str, kind: FrameKind, payload: bytes) -> None:
+        """Take a frame. Raises ENCODING_* for what is malformed, PROOF_INVALID or CERTIFICATE_INVALID for a forgery.
+
+        Heights and questions beyond the peer's budget are dropped: they come again.
+        """
+        cost = FRAME_COSTS[kind]
+        if cost.lane is Lane.CONTROL and not self._control.take(peer, cost.us):
+            self.note_over(Source("peer", peer), self._control.wait_s(peer, cost.us))
+            return
+        if kind in _WORDS:
+            self._take_word(peer, kind, payload)
+        elif kind is FrameKind.TRANSACTIONS:
+            self._take_transactions(peer, decode(payload, TransactionBatch).transactions)
+        elif kind is FrameKind.HEIGHT:
+            self._note_height(peer, decode(payload, HeightNotice))
+        elif kind is FrameKind.EPOCH:
+            self._take_proof(peer, payload)
+
+    async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
+        """Answer a request. Raises BlockRobotError to refuse."""
+        return await self._requests.answer(peer, kind, partial(self._answer, peer, kind, body))
+
+    async def _answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
+        if kind is RequestKind.BRANCH:
+            request = decode(body, BranchRequest)
+            branch = [encode(block) for block in self._engine.core.branch(request.block_id, request.above_height)]
+            return await self._requests.read_branch(request, branch)
+        if kind is RequestKind.FINALIZED:
+            return await self._requests.read_finalized(decode(body, FinalizedRequest))
+        if kind is RequestKind.SNAPSHOT:
+            return b"" if self.snapshots is None else await self.snapshots.serve(body)
+        if self.clips is None:
+            raise BlockRobotError("NOT_FOUND", "This node is no custodian.")
+        return await self.clips.serve_peer(peer, kind, body)
+
+    # Transactions
+
+    def _take_transactions(self, peer: str, wires: Sequence[bytes]) -> None:
+        self._intake.offer(Source("peer", peer), wires, partial(self._note_taken, peer, None))
+
+    def _note_taken(self, peer: str, until_ms: int | None, outcomes: list[Outcome]) -> None:
+        """Wake the engine; keep what may get standing soon; hear no more of a peer that passes on what nobody checked."""
+        for outcome in outcomes:
+            error = outcome.error
+            if error is None:
+                continue
+            if error.code in NEVER_PASSED_ON:
+                self._network.cut_off(peer, error)
+                self._intake.forget(Source("peer", peer))
+                return
+            if error.code == "SENDER_WITHOUT_STANDING":
+                self._keep_unsettled(peer, outcome.wire, until_ms)
+        if any(outcome.is_new for outcome in outcomes):
+            self._engine.note_work()
+
+    def _keep_unsettled(self, peer: str, wire: bytes, until_ms: int | None) -> None:
+        kept = self._unsettled.setdefault(peer, {})
+        if len(kept) < UNSETTLED_OF_PEER_MAX_COUNT:
+            kept.setdefault(wire, self._clock() + UNSETTLED_MAX_MS if until_ms is None else until_ms)
+
+    def retry_unsettled(self) -> None:
+        """Look again at transactions whose sender had no standing here yet: the peer may have been ahead."""
+        if not self._unsettled:
+            return
+        now_ms = self._clock()
+        waiting, self._unsettled = self._unsettled, {}
+        for peer, kept in waiting.items():
+            for until_ms in sorted(set(kept.values())):
+                if until_ms > now_ms:
+                    wires = [wire for wire, until in kept.items() if until == until_ms]
+                    self._intake.offer(Source("peer", peer), wires, partial(self._note_taken, peer, until_ms))
