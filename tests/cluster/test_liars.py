@@ -14,7 +14,7 @@ from tests.cluster.story import Story
 LIAR = "node-4"
 PROVABLE = ("equivocate", "double-vote")
 """What leaves two signatures of one round behind."""
-REWRITING = ("wrong-roots", "stale-certificates", "forged-certificates")
+REWRITING = ("wrong-roots", "stale-certificates", "forged-certificates", "wrong-epochs")
 """What signs another block than its journal says: made honest, it may say the journal's last words again, and be caught."""
 
 

@@ -18,6 +18,7 @@ from tests.security.intruder import Intruder
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 ANSWER_MAX_S = 10.0
+ASK_AGAIN_S = 0.2
 
 
 class Crowd:
@@ -50,10 +51,20 @@ async def crowd(intruder: Intruder, count: int, words: bytes):
         crowd.leave()
 
 
+async def _answered(intruder: Intruder, path: str) -> None:
+    """Ask as a client does: again, if the crowd's requests from the same address used up what it has for a moment."""
+    while True:
+        status, _, _ = await intruder.ask("GET", path)
+        if status != 429:
+            break
+        await asyncio.sleep(ASK_AGAIN_S)
+    assert status == 200
+
+
 async def _is_served(network: NetworkUnderTest, intruder: Intruder) -> None:
     async with asyncio.timeout(ANSWER_MAX_S):
-        assert (await intruder.ask("GET", "/v1/genesis"))[0] == 200
-        assert (await intruder.ask("GET", "/v1/transactions/" + "00" * 32))[0] == 200
+        await _answered(intruder, "/v1/genesis")
+        await _answered(intruder, "/v1/transactions/" + "00" * 32)
         await intruder.final(network.transaction())
 
 

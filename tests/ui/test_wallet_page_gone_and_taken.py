@@ -80,7 +80,7 @@ async def test_she_erases_one_picture_out_of_the_player_and_the_others_stay(
         assert await find_accessibility_faults(page, by_keyboard=False) == []
     async with recorded_network.wallet() as ann:
         states = {entry.record_id: entry.state for report in await ann.records() for entry in report.records}
-    erased = {record_id: list(state["erased_frames"]) for record_id, state in states.items() if state["erased_frames"]}
+    erased = {record_id: state.erased_frames for record_id, state in states.items() if state.erased_frames}
     assert erased == {record.record_id: [PLACE]}
 
 
