@@ -100,7 +100,7 @@ def write_state_page(made: str) -> str:
         told = list(told_of(module))
         for contract in dict.fromkeys(rows.flat.partition(b"\x00")[0].decode() for rows, _ in told):
             own = [(rows, words) for rows, words in told if rows.flat.startswith(contract.encode() + b"\x00")]
-            what = str(inspect.getdoc(module)).splitlines()[0].partition("; and ")[0].rstrip(".") + "."
+            what = str(inspect.getdoc(module)).partition("\n")[0].partition("; and ")[0].rstrip(".") + "."
             lines += [f"## `{contract}`", "", what, ""]
             cells = [[_describe_key(rows), describe_type(rows.kind), words] for rows, words in own]
             lines += [*write_table(["key", "value", "what it says"], cells), ""]
