@@ -12,8 +12,7 @@ from typing import Any
 from consensus.primitives.encoding import encode_value
 from contracts.lifecycle.registry import read_source
 from contracts.vm import CompiledContract, Diagnostic
-from contracts.vm.compiler.compile_cache import describe_source
-from contracts.vm.library.source_functions import FACTS_MAX_BYTES
+from contracts.vm.compiler.compile_cache import FACTS_MAX_BYTES, describe_source
 
 
 @cache

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from contracts.kit.telling import told_short
-from contracts.vm.compiler.closures import Frame
 from contracts.vm.compiler.line_watch import Place
+from contracts.vm.model.closures import Frame
 from contracts.vm.model.values import Mark
 
 STEPS_MAX_COUNT = 5_000

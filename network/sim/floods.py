@@ -6,7 +6,6 @@ Must never send faster than its links let it: what a peer has not handled yet is
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING
 
 from consensus.chain.messages import WordsRequest
 from consensus.chain.transaction import SALT_SIZE_BYTES, TransactionWire, sign_transaction
@@ -16,12 +15,10 @@ from network.sim.history import Flooded
 from network.sim.plan import Fault, max_faulty
 from network.sim.world.links import KIB, SimNetwork
 from network.sim.world.sim_chain import EPOCH_MS, make_key
+from network.sim.world.sim_node import SimNode
+from network.sim.world.sim_world import SimWorld
 from network.sim.world.virtual_time import Owner
 from node.p2p.wire import FinalizedRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
-
-if TYPE_CHECKING:
-    from network.sim.world.sim_cluster import SimCluster
-    from network.sim.world.sim_node import SimNode
 
 WINDOW_BYTES = 1024 * 1024
 TRANSACTIONS_A_FRAME_COUNT = 256
@@ -34,7 +31,7 @@ MESSAGE_SIZE_BYTES = 32
 class Flood:
     """One fault `flood` while it lasts. What it sends is drawn from the plan's seed."""
 
-    def __init__(self, cluster: SimCluster, node: SimNode, fault: Fault) -> None:
+    def __init__(self, cluster: SimWorld, node: SimNode, fault: Fault) -> None:
         self._cluster, self._node, self._fault = cluster, node, fault
         self._dice = random.Random(f"flood {cluster.plan.seed} {fault}")  # noqa: S311 - a simulation's dice
         self._until_ms = cluster.loop.now_ms + fault.for_ms

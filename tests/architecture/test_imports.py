@@ -36,6 +36,15 @@ def test_the_linter_sees_every_module() -> None:
     assert modules - graph.modules == set()
 
 
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    """Imports for types alone count too: who reads one of the modules has to read all of them."""
+    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
+    below = {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
+    while leaves := {module for module, imported in below.items() if not imported & below.keys()}:
+        below = {module: imported for module, imported in below.items() if module not in leaves}
+    assert below == {}
+
+
 @pytest.mark.parametrize(
     ("module", "others"),
     [

@@ -7,6 +7,7 @@ import io
 import re
 import subprocess
 import tokenize
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -19,6 +20,7 @@ PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
 DIALECT_FOLDERS = (ROOT / "contracts" / "privacy", ROOT / "contracts" / "system")
 
 MODULE_MAX_LINES = 600
+FOLDER_MAX_MODULES = 15
 FUNCTION_MAX_LINES = 80
 DOCUMENTED_MIN_SHARE = 0.95
 BANNED_NAMES = {"utils", "util", "helpers", "helper", "manager", "common", "misc"}
@@ -90,6 +92,11 @@ def matches(paths: tuple[Path, ...], pattern: re.Pattern[str]) -> list[str]:
 def test_there_is_something_to_look_at() -> None:
     assert len(modules()) > 100
     assert len(texts()) > len(modules())
+
+
+def test_no_folder_holds_more_modules_than_one_sees_at_a_glance() -> None:
+    counts = Counter(place(path.parent) for path in modules() if path.name != "__init__.py")
+    assert {folder: count for folder, count in counts.items() if count > FOLDER_MAX_MODULES} == {}
 
 
 def test_no_module_is_longer_than_600_lines() -> None:

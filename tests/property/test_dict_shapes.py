@@ -23,7 +23,7 @@ dicts = st.dictionaries(keys, items, max_size=40)
 
 
 def new_runtime(gas: int) -> Runtime:
-    return Runtime({}, None, CONTEXT, gas, None, read_only=False)  # type: ignore[arg-type]
+    return Runtime(None, CONTEXT, gas, None, None, read_only=False)  # type: ignore[arg-type]
 
 
 def encode(value: dict[Any, Any], gas: int, size_max: int, *, quickly: bool) -> Any:

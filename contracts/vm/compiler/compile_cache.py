@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
+from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import tagged_hash
 from consensus.state.keys import flat_prefix
 from contracts.vm.compiler.compiled_contract import CompiledContract, compile_contract
@@ -18,6 +19,8 @@ from contracts.vm.model.faults import ContractSourceError, Diagnostic
 
 SOURCE_TAG = "blockrobot/contract-source"
 SOURCES_KEPT_COUNT = 64
+FACTS_MAX_BYTES = 8 * 1024
+"""What may be kept of a source, encoded."""
 _NAMELESS = "contract"
 
 
@@ -73,3 +76,17 @@ def describe_source(data: bytes, compiled: CompiledContract) -> dict[str, Any]:
         ],
         "migrates": any(entry.kind == "migrate" for entry in entries),
     }
+
+
+def judge_source(data: bytes) -> tuple[str, dict[str, Any]]:
+    """Return what is wrong with a source (empty: nothing), and its facts (`describe_source`; {} if it is refused)."""
+    try:
+        facts = describe_source(data, check_once(data.decode()))
+    except UnicodeDecodeError:
+        return "The source is not UTF-8.", {}
+    except ContractSourceError as error:
+        found = error.verdict
+        return f"Line {found.line} of the source: {found.code}: {found.message}", {}
+    if len(encode_value(facts)) > FACTS_MAX_BYTES:
+        return f"The names and types of a contract's entries take at most {FACTS_MAX_BYTES} bytes.", {}
+    return "", facts

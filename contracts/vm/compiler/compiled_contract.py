@@ -80,6 +80,10 @@ def _no_call(runtime: Runtime, contract: str, entry: str, arguments: list[Any]) 
     raise AssertionError(runtime.contract, contract, entry, arguments)
 
 
+def _no_source(data: bytes) -> tuple[str, dict[str, Any]]:
+    raise AssertionError(data)
+
+
 def compile_contract(source: str, name: str, *, watch: Watch | None = None) -> CompiledContract:
     """Check and compile a source. Raises ContractSourceError, whose `diagnostics` list every problem found.
 
@@ -121,7 +125,7 @@ def _compute_constants(
     facts: SourceFacts,
 ) -> tuple[dict[str, Any], dict[str, list[Any]], list[Diagnostic]]:
     """Compute what is sound of the constants and defaults; also return what cannot be computed."""
-    runtime = Runtime({}, _NoHost(), _NO_CONTEXT, CONSTANT_GAS, _no_call, read_only=True)
+    runtime = Runtime(_NoHost(), _NO_CONTEXT, CONSTANT_GAS, _no_call, _no_source, read_only=True)
     runtime.memory = CONSTANTS_MAX_BYTES
     constants: dict[str, Any] = {}
     problems: list[Diagnostic] = []

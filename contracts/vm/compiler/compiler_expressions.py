@@ -10,7 +10,25 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-from contracts.vm.compiler.closures import (
+from contracts.vm.frontend.name_binding import CALLABLES, Bound, FunctionFacts, bind, bind_method, dotted_name
+from contracts.vm.library.builtins_table import TYPES, join_texts, text_of
+from contracts.vm.library.host import CONTEXT_FIELDS
+from contracts.vm.library.operations import (
+    ARITHMETIC,
+    BINARY,
+    COMPARE,
+    ORDER,
+    UNARY,
+    add,
+    equal,
+    get_item,
+    get_slice,
+    is_short_text,
+    iterate,
+    not_equal,
+    unpack,
+)
+from contracts.vm.model.closures import (
     FIRST_FREE_SLOT,
     RESULT_SLOT,
     Code,
@@ -31,24 +49,6 @@ from contracts.vm.compiler.closures import (
     read_slot,
     read_variable,
     unary,
-)
-from contracts.vm.frontend.name_binding import CALLABLES, Bound, FunctionFacts, bind, bind_method, dotted_name
-from contracts.vm.library.builtins_table import TYPES, join_texts, text_of
-from contracts.vm.library.host import CONTEXT_FIELDS
-from contracts.vm.library.operations import (
-    ARITHMETIC,
-    BINARY,
-    COMPARE,
-    ORDER,
-    UNARY,
-    add,
-    equal,
-    get_item,
-    get_slice,
-    is_short_text,
-    iterate,
-    not_equal,
-    unpack,
 )
 from contracts.vm.model.faults import CALL_DEPTH, TYPE_ERROR, Fault
 from contracts.vm.model.meter import ALLOCATION_GAS, ALLOCATION_SHIFT

@@ -8,13 +8,15 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Literal
 
 import msgspec
 
-from contracts.vm.compiler.closures import RESULT_SLOT
+from contracts.vm.compiler.compile_cache import judge_source
 from contracts.vm.compiler.compiled_contract import CompiledContract, CompiledEntry
 from contracts.vm.frontend.abi import check_arguments
+from contracts.vm.model.closures import RESULT_SLOT
 from contracts.vm.model.faults import (
     ARGUMENTS_INVALID,
     CALL_DEPTH,
@@ -105,16 +107,16 @@ def invoke(
     Raises InternalFault if the interpreter or the host fails in an unforeseen way: then there is no result.
     """
     runtime = Runtime(
-        contracts,
         host,
         context,
         gas_limit,
-        _enter_by_call,
+        partial(_enter_by_call, contracts),
+        judge_source,
         mode == "view",
         _WRITES_MAX_COUNT[mode],
     )
     try:
-        found = _find(runtime, contract, entry, (mode,))
+        found = _find(contracts, runtime, contract, entry, (mode,))
         given = _copy_arguments(runtime, args)
         result = _run(runtime, contracts[contract], found, given)
         return Outcome(True, OK, "", None, result, gas_limit - runtime.gas, runtime.events)
@@ -131,11 +133,13 @@ def invoke(
         _garbage.note(MEMORY_MAX_BYTES - runtime.memory)
 
 
-def _find(runtime: Runtime, contract: str, entry: str, kinds: tuple[str, ...]) -> CompiledEntry:
+def _find(
+    contracts: Mapping[str, CompiledContract], runtime: Runtime, contract: str, entry: str, kinds: tuple[str, ...]
+) -> CompiledEntry:
     runtime.gas -= ENTRY_GAS
     if runtime.gas < 0:
         runtime.exhausted()
-    compiled = runtime.contracts.get(contract)
+    compiled = contracts.get(contract)
     if compiled is None:
         raise Fault(ENTRY_UNKNOWN, f"There is no contract {contract[:32]}.")
     found = compiled.entries.get(entry)
@@ -195,7 +199,9 @@ def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arg
     return result
 
 
-def _enter_by_call(runtime: Runtime, contract: str, entry: str, arguments: list[Any]) -> Any:
+def _enter_by_call(
+    contracts: Mapping[str, CompiledContract], runtime: Runtime, contract: str, entry: str, arguments: list[Any]
+) -> Any:
     """What `call` does: run another contract's export or view with the same caller, gas and budgets."""
     runtime.gas -= CROSS_CALL_GAS
     if runtime.gas < 0:
@@ -205,13 +211,13 @@ def _enter_by_call(runtime: Runtime, contract: str, entry: str, arguments: list[
         raise Fault(CALL_DEPTH, "Contracts call each other too deep.")
     if contract in runtime.stack:
         raise Fault(REENTRANT, f"The contract {contract} is already running in this call.")
-    found = _find(runtime, contract, entry, ("export", "view"))
+    found = _find(contracts, runtime, contract, entry, ("export", "view"))
     given = arguments if _PLAIN.issuperset(map(type, arguments)) else _copy_arguments(runtime, arguments)
     caller, prefix, before, read_only = runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only
     runtime.calling_contract = caller
     if found.entry.kind == "view":
         runtime.read_only = True
-    result = _run(runtime, runtime.contracts[contract], found, given)
+    result = _run(runtime, contracts[contract], found, given)
     runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only = caller, prefix, before, read_only
     runtime.depth += CROSS_CALL_FRAMES
     return result

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from contracts.vm.compiler.closures import Frame, Run
+from contracts.vm.model.closures import Frame, Run
 
 
 @dataclass(frozen=True, slots=True, eq=False)

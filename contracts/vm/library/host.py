@@ -12,9 +12,9 @@ from typing import Any
 from consensus.errors import BlockRobotError
 from consensus.limits import STATE_KEY_MAX_BYTES, STATE_VALUE_MAX_BYTES
 from consensus.primitives import hashing, keys
-from contracts.vm.compiler.closures import CONTEXT_SLOTS, Code, read_slot
 from contracts.vm.library.builtins_table import Builtin
 from contracts.vm.library.source_functions import SOURCE_FUNCTIONS
+from contracts.vm.model.closures import CONTEXT_SLOTS, Code, read_slot
 from contracts.vm.model.dict_shapes import encode_by_shape
 from contracts.vm.model.faults import TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.model.meter import EVENTS_MAX_COUNT, Runtime

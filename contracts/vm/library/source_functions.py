@@ -6,9 +6,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.primitives.encoding import encode_value
 from contracts.vm.library.builtins_table import Builtin
-from contracts.vm.model.faults import LIFECYCLE_ONLY, ContractSourceError, Fault
+from contracts.vm.model.faults import LIFECYCLE_ONLY, Fault
 from contracts.vm.model.meter import Runtime
 from contracts.vm.model.values import charge_decoded, need_bytes
 
@@ -18,7 +17,6 @@ SOURCE_CHECK_BYTE_GAS = 3
 SOURCE_CHECK_GAS = 2000
 SOURCE_KEPT_GAS = 20_000
 """What must be left to keep the verdict, or nothing is compiled; it is not taken."""
-FACTS_MAX_BYTES = 8 * 1024
 PROBLEM_MAX_CHARS = 200
 """What may be kept of a source: so that what follows the compiling is bounded, and no call fails for it."""
 
@@ -44,28 +42,12 @@ def _check_source(runtime: Runtime, data: Any) -> list[Any]:
     price = SOURCE_CHECK_GAS + SOURCE_CHECK_BYTE_GAS * len(need_bytes(data, "check_source"))
     runtime.charge(price + SOURCE_KEPT_GAS)
     runtime.gas += SOURCE_KEPT_GAS
-    problem, facts = _judge(data)
+    problem, facts = runtime.judge_source(data)
     problem = problem.encode("ascii", "backslashreplace").decode()
     if len(problem) > PROBLEM_MAX_CHARS:
         problem = problem[: PROBLEM_MAX_CHARS - 3] + "..."
     charge_decoded(runtime, [problem, facts])
     return [problem, facts]
-
-
-def _judge(data: bytes) -> tuple[str, dict[str, Any]]:
-    # The compiler knows these functions by name, so that it can only be looked up when it is needed.
-    from contracts.vm.compiler.compile_cache import check_once, describe_source  # noqa: PLC0415
-
-    try:
-        facts = describe_source(data, check_once(data.decode()))
-    except UnicodeDecodeError:
-        return "The source is not UTF-8.", {}
-    except ContractSourceError as error:
-        found = error.verdict
-        return f"Line {found.line} of the source: {found.code}: {found.message}", {}
-    if len(encode_value(facts)) > FACTS_MAX_BYTES:
-        return f"The names and types of a contract's entries take at most {FACTS_MAX_BYTES} bytes.", {}
-    return "", facts
 
 
 SOURCE_FUNCTIONS: dict[str, Builtin] = {

@@ -6,15 +6,12 @@ charges the same. Running out cannot be caught by a contract.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from collections.abc import Callable
+from typing import Any, NoReturn, Protocol
 
 import msgspec
 
 from contracts.vm.model.faults import EVENT_BUDGET, MEMORY_BUDGET, OUT_OF_GAS, VIEW_WRITES, WRITE_BUDGET, Fault
-
-if TYPE_CHECKING:
-    from contracts.vm.compiler.compiled_contract import CompiledContract
 
 LANGUAGE_VERSION = 4
 """The version of the language: whatever changes a result or a charge raises it, and chains of another one are refused."""
@@ -62,29 +59,30 @@ class CallContext(msgspec.Struct, frozen=True, gc=False):
 class Runtime:
     """The state of one running call; shared by every contract the call reaches.
 
-    `enter(runtime, contract, entry, arguments)` is how `call` reaches another contract.
+    `enter(runtime, contract, entry, arguments)` is how `call` reaches another contract, `judge_source(data)` how the
+    contract `lifecycle` has a source compiled: it returns what is wrong with it, and the facts of it.
     """
 
     __slots__ = (
-        "calling_contract", "context_values", "contract", "contracts", "depth", "enter", "events", "gas",
-        "host", "memory", "prefix", "read_only", "stack", "writes_left", "writes_max",
+        "calling_contract", "context_values", "contract", "depth", "enter", "events", "gas",
+        "host", "judge_source", "memory", "prefix", "read_only", "stack", "writes_left", "writes_max",
     )  # fmt: skip
 
     def __init__(
         self,
-        contracts: Mapping[str, CompiledContract],
         host: HostInterface,
         context: CallContext,
         gas_limit: int,
         enter: Callable[[Runtime, str, str, list[Any]], Any],
+        judge_source: Callable[[bytes], tuple[str, dict[str, Any]]],
         read_only: bool,
         writes_max: int = WRITES_MAX_COUNT,
     ) -> None:
-        self.contracts = contracts
         self.host = host
         self.context_values = (context.caller, context.height, context.time_ms, context.txid, context.chain_id)
         self.gas = gas_limit
         self.enter = enter
+        self.judge_source = judge_source
         self.memory = MEMORY_MAX_BYTES
         self.depth = DEPTH_MAX_FRAMES
         self.writes_left = self.writes_max = writes_max

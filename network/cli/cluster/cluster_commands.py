@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,10 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from clients.sdk.terminal.terminal import console, home_folder, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from network.blocks_kept import kept_lines
+from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
 from network.cluster import Cluster, NodeStatusReport
 from network.cluster_monitor import accusers_of
 from network.notices.notice_publishing import publish_demo_notice
@@ -30,21 +30,6 @@ TOLD_NODES_COUNT = 2
 TOLD_LINES_COUNT = 5
 TOLD_LINE_CHARS = 400
 _TEXT_COLUMNS = frozenset({"node", "state", "leads"})
-
-
-def network_folder(folder: Path | None) -> Path:
-    """Return the folder that a command means: the one given, or the user's own network."""
-    return folder or home_folder() / "network"
-
-
-def dir_words(place: Path) -> str:
-    """Return what a command that is told as a next step needs to mean the network in `place`, a blank before it."""
-    return "" if place.absolute() == network_folder(None).absolute() else f" --dir {shlex.quote(str(place.absolute()))}"
-
-
-folder_option = click.option(
-    "--dir", "folder", type=click.Path(path_type=Path, file_okay=False), help="The network's folder."
-)
 
 
 @click.command()

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from clients.sdk.terminal.terminal import console as terminal
 from clients.sdk.terminal.terminal import home_folder, json_option, plain_errors, print_json
-from network.cli.cluster.cluster_commands import dir_words, folder_option, network_folder
+from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
 from network.cluster import Cluster
 from pages.local_page import Opened
 from pages.opening import open_in_browser

@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import plain_table
 from network.doctor.examination import Examination, examine_network, examine_node
 

@@ -23,7 +23,7 @@ from clients.sdk.terminal.terminal import console, home_folder, json_option, pla
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
-from network.cli.cluster.cluster_commands import folder_option
+from network.cli.cluster.cluster_options import folder_option
 from network.cli.contract.contract_signers import Signer, find_signers
 from pages.local_page import write_redirect
 from pages.opening import open_in_browser

@@ -14,7 +14,7 @@ from rich.table import Table
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cluster import Cluster
 from network.faults.actions import Action, Heal, Kill, Pause, Restart, Resume, check_seed, make_link_fault
 from network.faults.control import FaultControl

@@ -23,7 +23,7 @@ from clients.wallet.store.member_keys import derive_keys
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import admin_keys, read_private_key
 
 T = TypeVar("T")

@@ -17,7 +17,7 @@ from rich.table import Table
 from clients.sdk.terminal.lazy_group import CommandPlace, LazyGroup
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
 from consensus.errors import BlockRobotError
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster
 from network.custody.asking import ask_all, run_work

@@ -13,7 +13,7 @@ from rich.markup import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
 from consensus.errors import BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cluster import Cluster
 from network.custody.hunt import HuntReport, gather
 from network.custody.hunt import hunt as search

@@ -31,7 +31,7 @@ from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from pages.moments import show_day, show_moment
 
 ADMIN_KEY_FILE = "admin.key"

@@ -27,7 +27,7 @@ from consensus.rights.notices import (
 )
 from consensus.state import identity
 from consensus.visible_text import split_lines
-from network.cli.cluster.cluster_commands import folder_option
+from network.cli.cluster.cluster_options import folder_option
 from network.cli.governance.governance_signer import (
     Seat,
     governing_options,

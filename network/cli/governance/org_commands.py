@@ -15,7 +15,7 @@ from consensus.chain.proof_of_possession import prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import is_public_key
 from consensus.state.membership import NodeRow, OrganisationRow
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
     decide_on_proposal,
     governing_options,

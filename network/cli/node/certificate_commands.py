@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
     governing_options,
     plain_table,

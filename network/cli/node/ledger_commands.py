@@ -12,7 +12,7 @@ import click
 
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
 from consensus.errors import BlockRobotError
-from network.cli.cluster.cluster_commands import folder_option
+from network.cli.cluster.cluster_options import folder_option
 from network.cli.node.node_commands import find_node
 from network.ledger_diff.block_replay import Base, base_of_genesis, base_of_snapshot
 from network.ledger_diff.ledger_comparison import newest_height

@@ -18,7 +18,7 @@ from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import NodeEntry
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import admin_keys, read_private_key
 from network.cluster import Cluster
 from network.provisioning.node_adding import Growth, Step

@@ -8,7 +8,7 @@ import click
 
 from clients.sdk.terminal.lazy_group import CommandPlace, LazyGroup
 from consensus.errors import BlockRobotError
-from network.cli.cluster.cluster_commands import network_folder
+from network.cli.cluster.cluster_options import network_folder
 from network.cluster import Cluster
 from node.config import CONFIG_FILE, NodeConfig, load_config
 

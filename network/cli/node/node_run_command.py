@@ -11,7 +11,7 @@ import click
 
 from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
-from network.cli.cluster.cluster_commands import network_folder
+from network.cli.cluster.cluster_options import network_folder
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster
 from node.config import NodeConfig

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
 from consensus.chain.genesis import Genesis
-from network.cli.cluster.cluster_commands import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster

@@ -8,7 +8,7 @@ import click
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
 
 from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
-from network.cli.cluster.cluster_commands import folder_option
+from network.cli.cluster.cluster_options import folder_option
 from network.cli.node.node_commands import find_node
 from node.config import load_genesis as load_own_genesis
 from node.snapshot.checking import restore_into, verify_head

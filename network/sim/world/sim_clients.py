@@ -8,7 +8,6 @@ from __future__ import annotations
 import itertools
 import random
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 from consensus.chain.block import Receipts
 from consensus.errors import BlockRobotError
@@ -20,10 +19,8 @@ from network.sim.history import Acknowledged, Asked, ClipTaken, CodeFault, Submi
 from network.sim.plan import NetworkSize
 from network.sim.workload import Call, enrolment, growth, producer_turnover, setting_change, visit
 from network.sim.world.cpu import COSTS, charge
-
-if TYPE_CHECKING:
-    from network.sim.world.sim_cluster import SimCluster
-    from network.sim.world.sim_node import SimNode
+from network.sim.world.sim_node import SimNode
+from network.sim.world.sim_world import SimWorld
 
 REQUEST_DELAY_MS = (0.2, 4.0)
 WAIT_MS = 1_500
@@ -60,12 +57,13 @@ class SimClient:
 
     def __init__(
         self,
-        cluster: SimCluster,
+        cluster: SimWorld,
+        nodes: list[SimNode],
         dice: random.Random,
         batches: Iterator[tuple[Call, ...]],
         gap_ms: tuple[float, float] = (0.0, 5.0),
     ) -> None:
-        self.cluster, self.dice = cluster, dice
+        self.cluster, self.nodes, self.dice = cluster, nodes, dice
         self.is_stopping = False
         self._batches, self._gap_ms = batches, gap_ms
         self._open: dict[bytes, Call] = {}
@@ -106,16 +104,16 @@ class SimClient:
 
     def _seats(self) -> int:
         """Return how many producers the newest epoch has that a node in service knows."""
-        epochs = [node.parts.engine.epoch for node in self.cluster.nodes if node.is_serving and node.parts is not None]
+        epochs = [node.parts.engine.epoch for node in self.nodes if node.is_serving and node.parts is not None]
         return len(max(epochs, key=lambda start: start.number).epoch.producers) if epochs else 0
 
     def _choose(self) -> SimNode | None:
-        serving = [node for node in self.cluster.nodes if node.is_serving]
+        serving = [node for node in self.nodes if node.is_serving]
         return self.dice.choice(serving) if serving else None
 
     def _upload(self, call: Call) -> None:
         """Give the clip to some custodians; the others fetch it from those."""
-        for node in self.cluster.nodes:
+        for node in self.nodes:
             if node.custody_key is not None and self.dice.random() < UPLOAD_SHARE:
                 self._travel(lambda node=node: self._stage(node, call))  # type: ignore[misc]
 
@@ -134,7 +132,7 @@ class SimClient:
                 return
             self.cluster.history.add(ClipTaken(self.cluster.now, node.index, upload.record_id))
 
-        self.cluster.run_on(node, stage)
+        self.cluster.run_on(node.owner, stage)
 
     def _try(self, call: Call) -> None:
         """Ask one node; look again after a while whether any answered."""
@@ -186,7 +184,7 @@ class SimClient:
             )
             self._travel(lambda: self._hear(node, told))
 
-        cluster.run_on(node, submit)
+        cluster.run_on(node.owner, submit)
 
     def _hear(self, node: SimNode, told: Acknowledged) -> None:
         """A node said that a call is final."""

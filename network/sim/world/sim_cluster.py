@@ -5,30 +5,24 @@
 
 from __future__ import annotations
 
-import random
 import sys
-from collections import OrderedDict
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import structlog
 
-from consensus.chain.block import Block, Header
-from consensus.primitives.encoding import decode
-from network.byzantine import Accomplices
 from network.sim.audit import audit_custody
 from network.sim.floods import Flood
-from network.sim.history import CodeFault, Ended, ExecutionDiffered, FaultBegan, Healed, History, PeerCutOff
+from network.sim.history import CodeFault, Ended, FaultBegan, Healed, History
 from network.sim.plan import PROFILES, Fault, Plan
 from network.sim.world.cpu import charging
-from network.sim.world.links import LinkQuality, Wires
-from network.sim.world.sim_chain import make_chain, node_name
+from network.sim.world.links import LinkQuality
+from network.sim.world.sim_chain import node_name
 from network.sim.world.sim_clients import SimClient, batches_of, decisions_of
-from network.sim.world.sim_machine import ComparingMachine
 from network.sim.world.sim_node import Backup, SimNode
-from network.sim.world.virtual_time import Owner, SimLoop
-from node.storage.ledger_store import FinalizedBlock
+from network.sim.world.sim_world import SimWorld
+from network.sim.world.virtual_time import Owner
 
 CLIENTS_COUNT = 3
 DECISION_GAP_MS = (20.0, 300.0)
@@ -39,90 +33,31 @@ SETTLE_MAX_S = 60.0
 MORE_ROUNDS_MAX_S = 120.0
 DISK_SYNC_MS = 0.05
 STORE_SYNC_MS = 4.0
-HEADERS_KEPT_COUNT = 4_096
-
-_headers: OrderedDict[bytes, Header] = OrderedDict()
 
 
-class SimCluster:
-    """The stage. One object plays one plan once."""
+class SimCluster(SimWorld):
+    """The world with its nodes and clients. One object plays one plan once."""
 
     def __init__(self, plan: Plan, history: History) -> None:
-        self.plan, self.history = plan, history
-        self.chain = make_chain(plan.size)
-        self.loop = SimLoop(plan.seed)
-        self.machine = ComparingMachine(
-            self.chain.machine, shares=not plan.executes_apart, on_difference=self._note_difference
-        )
-        self.dice = random.Random(f"run {plan.seed}")  # noqa: S311 - a simulation's dice
-        self.accomplices = Accomplices()
-        self.owners: list[Owner] = [self.loop.stage]
-        self._indexes = {node_name(index): index for index in range(plan.nodes)}
-        self.wires = Wires(self.loop, self._own_dice("wires"), self._note_frame, self._note_cut_off)
-        self.wires.quality = LinkQuality(**PROFILES[plan.profile])
-        self.nodes = [SimNode(self, index, self._own_dice(f"node {index}")) for index in range(plan.nodes)]
+        super().__init__(plan, history)
+        self.nodes = [SimNode(self, index, self.own_dice(f"node {index}")) for index in range(plan.nodes)]
         for index, behaviour in plan.byzantine_nodes.items():
             self.nodes[index].behaviour = behaviour
         history.byzantine = frozenset(plan.byzantine_nodes)
         self.clients = [
-            SimClient(self, self._own_dice(f"client {number}"), batches_of(plan.size, number))
+            SimClient(self, self.nodes, self.own_dice(f"client {number}"), batches_of(plan.size, number))
             for number in range(CLIENTS_COUNT)
         ]
         if plan.governance:
             decisions = decisions_of(plan.size, plan.governance)
-            self.clients.append(SimClient(self, self._own_dice("organisations"), decisions, DECISION_GAP_MS))
+            self.clients.append(SimClient(self, self.nodes, self.own_dice("organisations"), decisions, DECISION_GAP_MS))
         self._partitions: list[tuple[tuple[int, ...], ...]] = []
         self._one_way: list[tuple[int, int]] = []
-        self._is_healed = False
-        self._final_rounds: dict[int, int] = {}
-
-    def _own_dice(self, name: str) -> random.Random:
-        return random.Random(f"{name} of {self.plan.seed}")  # noqa: S311 - a simulation's dice
-
-    # What the parts ask of the stage
-
-    @property
-    def now(self) -> float:
-        """The virtual time, ms."""
-        return round(self.loop.now_ms, 6)
 
     @property
     def honest(self) -> list[SimNode]:
         """The nodes without a behaviour of their own."""
         return [node for node in self.nodes if not node.behaviour]
-
-    @property
-    def is_healed(self) -> bool:
-        """Tell whether all faults are over."""
-        return self._is_healed
-
-    def run_on(self, node: SimNode, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Begin a task in a node's name."""
-        self.loop.call_for(node.owner, self.loop.time(), lambda: self.loop.create_task(work()))
-
-    def header_of(self, block: FinalizedBlock) -> Header:
-        """Return the header of a stored block, decoded once."""
-        known = _headers.get(block.block_id)
-        if known is None:
-            known = _headers[block.block_id] = decode(block.block_bytes, Block).header
-            if len(_headers) > HEADERS_KEPT_COUNT:
-                _headers.popitem(last=False)
-        return known
-
-    def id_of(self, block_bytes: bytes) -> bytes:
-        """Return the id of a block."""
-        return decode(block_bytes, Block).block_id
-
-    def _note_frame(self, sender: str, receiver: str, kind: int, payload: bytes) -> None:
-        self.history.note_frame(self.now, self._indexes[sender], self._indexes[receiver], kind, payload)
-
-    def _note_cut_off(self, name: str, peer: str, code: str) -> None:
-        self.history.add(PeerCutOff(self.now, self._indexes[name], self._indexes[peer], code))
-
-    def _note_difference(self, height: int, text: str) -> None:
-        self.history.add(ExecutionDiffered(self.now, -1, height, text))
-
-    # The run
 
     def run(self) -> None:
         """Play the plan to its end."""
@@ -163,15 +98,6 @@ class SimCluster:
 
     def _after(self, delay_ms: float, action: Callable[[], None]) -> None:
         self._at(self.loop.now_ms + delay_ms, action)
-
-    @property
-    def rounds(self) -> int:
-        """How many rounds the chain went through: of each epoch up to its last block that is final on an honest node."""
-        return sum(self._final_rounds.values())
-
-    def note_final(self, header: Header) -> None:
-        """Count the rounds up to a block that became final on an honest node."""
-        self._final_rounds[header.epoch] = max(self._final_rounds.get(header.epoch, 0), header.round)
 
     def _lowest(self) -> int:
         return min(node.ledger_height for node in self.honest)
@@ -267,7 +193,7 @@ class SimCluster:
     def _free_disk(self, node: SimNode) -> None:
         """There is room again: the node goes on by itself; one that did not even start is started."""
         node.disk.is_full = node.ledger.is_full = False
-        if not node.is_up and not self._is_healed:
+        if not node.is_up and not self.is_healed:
             self._after(1, node.start)
 
     def _end_partition(self, fault: Fault) -> None:
@@ -283,7 +209,7 @@ class SimCluster:
             self.wires.break_connection(node_name(fault.node), node_name(fault.peer))
 
     def _restore_links(self) -> None:
-        if not self._is_healed:
+        if not self.is_healed:
             self.wires.quality = LinkQuality(**PROFILES[self.plan.profile])
 
     def _refresh_cuts(self) -> None:
@@ -301,7 +227,7 @@ class SimCluster:
 
     def heal(self) -> None:
         """End every fault: links are good, disks have room, every honest node runs and can write."""
-        self._is_healed = True
+        self.is_healed = True
         self._partitions, self._one_way = [], []
         self._refresh_cuts()
         self.wires.quality = LinkQuality(**PROFILES["lan"])

@@ -10,7 +10,7 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from consensus.chain.messages import Proposal, Timeout, Vote
 from consensus.errors import BlockRobotError
@@ -35,6 +35,7 @@ from network.sim.world.links import SimNetwork
 from network.sim.world.sim_chain import EPOCH_MS, node_name
 from network.sim.world.sim_disk import SimDisk
 from network.sim.world.sim_ledger import SimLedger
+from network.sim.world.sim_world import SimWorld
 from network.sim.world.virtual_time import Owner, PowerCutError
 from node.components import Assembly, Surroundings
 from node.consensus.engine import Outbox
@@ -44,9 +45,6 @@ from node.custody.chain.custody_setup import CustodyPlace
 from node.p2p.network import PeerHandler
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore
-
-if TYPE_CHECKING:
-    from network.sim.world.sim_cluster import SimCluster
 
 JOURNAL_PATH = Path("/journal/votes.journal")
 STORE_PAUSE_MS = 2.0
@@ -92,7 +90,7 @@ class Backup:
 class SimNode:
     """The machine and its lives. `parts` is None while the node is down."""
 
-    def __init__(self, cluster: SimCluster, index: int, dice: random.Random) -> None:
+    def __init__(self, cluster: SimWorld, index: int, dice: random.Random) -> None:
         self.cluster, self.index, self.dice = cluster, index, dice
         self.name = node_name(index)
         self.disk = SimDisk(dice)

@@ -124,7 +124,7 @@ def test_a_new_network_that_did_not_start_says_the_last_lines_of_the_logs_that_g
 HALF_MADE = """
 import signal, sys
 from pathlib import Path
-from network import layout
+from network.provisioning import network_layout as layout
 
 write = layout._write_network
 

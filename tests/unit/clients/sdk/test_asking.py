@@ -11,7 +11,7 @@ import clients
 _COMMAND = """
 import asyncio, os, signal
 import click
-from clients.sdk.terminal.terminal.terminal import ask, ask_for
+from clients.sdk.terminal.terminal import ask, ask_for
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

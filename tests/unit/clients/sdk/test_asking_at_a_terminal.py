@@ -13,7 +13,7 @@ from tests.waiting_process import wait_for_reading
 _COMMAND = """
 import asyncio
 import click
-from clients.sdk.terminal.terminal.terminal import ask, ask_for
+from clients.sdk.terminal.terminal import ask, ask_for
 
 @click.command()
 def command():

@@ -7,7 +7,7 @@ import sys
 
 _SPEAKS = """
 import click
-from clients.sdk.terminal.terminal.terminal import plain_errors
+from clients.sdk.terminal.terminal import plain_errors
 
 @click.command()
 @plain_errors

@@ -296,7 +296,7 @@ def test_receipts_of_consent_are_told_in_portuguese(monkeypatch: pytest.MonkeyPa
 def steps_in_the_code() -> set[str]:
     """Every step that a job of the page, or an export, tells in the wallet's code."""
     found = set()
-    for path in Path(cli.__file__).parent.rglob("*.py"):
+    for path in Path(cli.__file__).parents[1].rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name) and node.args:
                 name = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id

@@ -19,7 +19,7 @@ LARGE = 4_000_000
 
 @pytest.fixture
 def runtime() -> Runtime:
-    return Runtime({}, None, CallContext(b"", 0, 0, b"", b""), 10**9, lambda *_: None, False)  # type: ignore[arg-type]
+    return Runtime(None, CallContext(b"", 0, 0, b"", b""), 10**9, lambda *_: None, None, False)  # type: ignore[arg-type]
 
 
 def peak_of(make, *arguments) -> int:

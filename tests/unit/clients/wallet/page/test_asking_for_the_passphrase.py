@@ -90,7 +90,7 @@ async def test_the_same_wish_with_the_passphrase_begins(desk: Desk, path: str) -
 
 def test_every_route_that_asks_for_the_passphrase_is_among_those_tried_here() -> None:
     """A route that is guarded from now on belongs into GUARDED; one that lost its question fails above."""
-    sources = [path.read_text(encoding="utf-8") for path in Path(page_package.__path__[0]).glob("*_routes.py")]
+    sources = [path.read_text(encoding="utf-8") for path in Path(page_package.__path__[0]).rglob("*_routes.py")]
     asking = sum(len(re.findall(r'asked\.text\("passphrase"\)', source)) for source in sources)
     guarding = sum(source.count("session.gate.require(passphrase)") for source in sources)
     assert asking == guarding == len(GUARDED)

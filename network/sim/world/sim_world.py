@@ -1,0 +1,87 @@
+"""What nodes, clients and faults of a simulated network share: its loop, links, chain and history."""
+
+from __future__ import annotations
+
+import random
+from collections import OrderedDict
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from consensus.chain.block import Block, Header
+from consensus.primitives.encoding import decode
+from network.byzantine import Accomplices
+from network.sim.history import ExecutionDiffered, History, PeerCutOff
+from network.sim.plan import PROFILES, Plan
+from network.sim.world.links import LinkQuality, Wires
+from network.sim.world.sim_chain import make_chain, node_name
+from network.sim.world.sim_machine import ComparingMachine
+from network.sim.world.virtual_time import Owner, SimLoop
+from node.storage.ledger_store import FinalizedBlock
+
+HEADERS_KEPT_COUNT = 4_096
+
+_headers: OrderedDict[bytes, Header] = OrderedDict()
+
+
+class SimWorld:
+    """The stage on which one plan is played."""
+
+    def __init__(self, plan: Plan, history: History) -> None:
+        self.plan, self.history = plan, history
+        self.chain = make_chain(plan.size)
+        self.loop = SimLoop(plan.seed)
+        self.machine = ComparingMachine(
+            self.chain.machine, shares=not plan.executes_apart, on_difference=self._note_difference
+        )
+        self.dice = random.Random(f"run {plan.seed}")  # noqa: S311 - a simulation's dice
+        self.accomplices = Accomplices()
+        self.owners: list[Owner] = [self.loop.stage]
+        self._indexes = {node_name(index): index for index in range(plan.nodes)}
+        self.wires = Wires(self.loop, self.own_dice("wires"), self._note_frame, self._note_cut_off)
+        self.wires.quality = LinkQuality(**PROFILES[plan.profile])
+        self.is_healed = False
+        self._final_rounds: dict[int, int] = {}
+
+    def own_dice(self, name: str) -> random.Random:
+        """Return the dice of one part, drawn from the plan's seed."""
+        return random.Random(f"{name} of {self.plan.seed}")  # noqa: S311 - a simulation's dice
+
+    @property
+    def now(self) -> float:
+        """The virtual time, ms."""
+        return round(self.loop.now_ms, 6)
+
+    @property
+    def rounds(self) -> int:
+        """How many rounds the chain went through: of each epoch up to its last block that is final on an honest node."""
+        return sum(self._final_rounds.values())
+
+    def note_final(self, header: Header) -> None:
+        """Count the rounds up to a block that became final on an honest node."""
+        self._final_rounds[header.epoch] = max(self._final_rounds.get(header.epoch, 0), header.round)
+
+    def run_on(self, owner: Owner, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Begin a task in a node's name."""
+        self.loop.call_for(owner, self.loop.time(), lambda: self.loop.create_task(work()))
+
+    def header_of(self, block: FinalizedBlock) -> Header:
+        """Return the header of a stored block, decoded once."""
+        known = _headers.get(block.block_id)
+        if known is None:
+            known = _headers[block.block_id] = decode(block.block_bytes, Block).header
+            if len(_headers) > HEADERS_KEPT_COUNT:
+                _headers.popitem(last=False)
+        return known
+
+    def id_of(self, block_bytes: bytes) -> bytes:
+        """Return the id of a block."""
+        return decode(block_bytes, Block).block_id
+
+    def _note_frame(self, sender: str, receiver: str, kind: int, payload: bytes) -> None:
+        self.history.note_frame(self.now, self._indexes[sender], self._indexes[receiver], kind, payload)
+
+    def _note_cut_off(self, name: str, peer: str, code: str) -> None:
+        self.history.add(PeerCutOff(self.now, self._indexes[name], self._indexes[peer], code))
+
+    def _note_difference(self, height: int, text: str) -> None:
+        self.history.add(ExecutionDiffered(self.now, -1, height, text))
