@@ -237,7 +237,6 @@ def admitting(house: House, monkeypatch: pytest.MonkeyPatch, reserve: DiskReserv
     hold = None if reserve is None else reserve.hold
     admission = UploadAdmission(MemoryStore(), FinalityFeed(-1), house.custodian, hold)
     monkeypatch.setattr("node.custody.chain.upload_admission.may_upload", lambda *_: True)
-    monkeypatch.setattr("node.custody.chain.upload_admission.find_visit", lambda *_: {})
     monkeypatch.setattr(admission, "read_terms", lambda robot: terms(robot, robot_staged_max_count=2))
     return admission
 

@@ -205,7 +205,7 @@ def prune_now_and_then(cluster: SimCluster) -> None:
     def prune() -> None:
         for node in cluster.nodes:
             if node.is_serving and node.custody_key is None:
-                cluster.run_on(node, partial(_prune, node.ledger, node.ledger_height - 4))
+                cluster.run_on(node.owner, partial(_prune, node.ledger, node.ledger_height - 4))
         cluster._after(300, prune)
 
     cluster._after(300, prune)
@@ -290,7 +290,7 @@ def change_settings(cluster: SimCluster, times_ms: tuple[int, ...]) -> None:
     def ask(wires: list[bytes], place: int) -> None:
         for node in cluster.nodes:
             if node.is_serving and node.parts is not None:
-                cluster.run_on(node, partial(_submit, node.parts.pool, wires[place : place + 1]))
+                cluster.run_on(node.owner, partial(_submit, node.parts.pool, wires[place : place + 1]))
 
     for number, at_ms in enumerate(times_ms):
         wires = change_setting(cluster, number, 20_000 + number)
@@ -339,7 +339,7 @@ def remove_a_producer(cluster: SimCluster) -> None:
     def ask() -> None:
         for node in cluster.nodes:
             if node.is_serving and node.parts is not None:
-                cluster.run_on(node, partial(_submit, node.parts.pool, [removal]))
+                cluster.run_on(node.owner, partial(_submit, node.parts.pool, [removal]))
 
     for again in range(12):
         cluster._at(300 + 150 * again, ask)
