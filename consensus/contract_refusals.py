@@ -78,7 +78,7 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
         "REPRESENTED_WRONG": "Name the handle of a person with a card of her own, as their `wallet handle` shows it.",
         "REPRESENTATIVE_WRONG": "Name the handle of another subject, member of the staff or officer for whom nobody acts.",
         "BEYOND_MANDATE": "Name an earlier end with --until: `blockrobot wallet mandates list` shows the mandate's.",
-        "OWN_NO_STANDS": "Leave that purpose out: only the person can say yes to it, with the own wallet.",
+        "OWN_NO_STANDS": "Leave that purpose out, or end it with the person's own yes: for more it takes the own wallet.",
         # Sharing
         "GRANT_ENDED": "It has ended; nothing is left to do. See `blockrobot wallet shares`, or `blockrobot wallet inbox`.",
         "GRANT_UNKNOWN": "What you share: `blockrobot wallet shares`; what is shared with you: `blockrobot wallet inbox`.",

@@ -21,6 +21,14 @@ class StepRow(ListRow, frozen=True):
     mandate: bytes
 
 
+class OwnYesRow(ListRow, frozen=True):
+    """How far a person's own yes goes: from `height` on, and in a period (ms; 0 is no bound)."""
+
+    height: int
+    from_ms: int
+    until_ms: int
+
+
 class NoticeRow(Row, frozen=True):
     """A version of what an organisation tells people."""
 
@@ -38,11 +46,13 @@ class NoticeTextRow(NoticeRow, frozen=True):
 
 ChoicesRow = dict[str, dict[str, list[StepRow]]]
 """Steps by purpose and sensor."""
+OwnRow = dict[str, dict[str, OwnYesRow | None]]
+"""A yes or (None) a no, by sensor and purpose; an empty purpose is all that are not named."""
 
 CHOICES: Prefix[ChoicesRow] = Prefix(CONSENT, "of/", (HASH,), ChoicesRow)
 """By handle: steps by purpose and sensor."""
-NOTHING: Prefix[dict[str, list[str]]] = Prefix(CONSENT, "nothing/", (HASH,), dict[str, list[str]])
-"""The sensors for which a person took back everything, each with the purposes that she gave since."""
+OWN: Prefix[OwnRow] = Prefix(CONSENT, "own/", (HASH,), OwnRow)
+"""What a person said last herself, by sensor and purpose; no yes of another's goes beyond it."""
 SAID: Prefix[int] = Prefix(CONSENT, "said/", (HASH,), int)
 """The height of a person's last word."""
 CHANGES: StateKey[int] = StateKey(CONSENT, "changes", int)
@@ -51,7 +61,7 @@ NOTICE: Prefix[NoticeRow] = Prefix(CONSENT, "notice/", (TEXT,), NoticeRow)
 """The version in force, by organisation."""
 NOTICE_TEXT: Prefix[NoticeTextRow] = Prefix(CONSENT, "notice-text/", (U32, TEXT), NoticeTextRow)
 """By version and organisation; none goes again."""
-LAYOUT = (CHOICES, NOTHING, SAID, CHANGES, NOTICE, NOTICE_TEXT)
+LAYOUT = (CHOICES, OWN, SAID, CHANGES, NOTICE, NOTICE_TEXT)
 
 
 def step_at(steps: list[StepRow], height: int) -> StepRow | None:

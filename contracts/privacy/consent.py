@@ -1,5 +1,5 @@
 """Who may be recorded, for what, by which sensor and until when, as each person says it. Must never let another speak,
-but for who acts for her by a mandate, within it, and never against her own no.
+but for who acts for her by a mandate, within it, and never beyond her own last word.
 
 of/handle -> {purpose: {sensor: [step, ...]}}; changes -> how often anything here changed. A step is [height, status,
 since_ms, from_ms, until_ms, mandate]: from that height on the status (`given`, `refused`, `withdrawn`, `objected`) holds.
@@ -7,8 +7,8 @@ since_ms, from_ms, until_ms, mandate]: from that height on the status (`given`, 
 `since_ms` is the chain's time when a no was said, or since when a consent has held without a break; `from_ms` and
 `until_ms` are the period in which pictures may be taken (0: no bound). A row has at most what holds now and one word
 that is still to come.
-nothing/handle -> {sensor: [purpose, ...]}: the sensors for which she took back everything herself, each with what she
-gave since. said/handle -> the height of the block of her last word. notice/organisation -> {version, hash, height, time} of what it
+own/handle -> {sensor: {purpose: word}}: what she said last herself, whatever others said since, the purpose `` being all
+that are not named. A word is nil, a no, or [height, from_ms, until_ms], how far her yes goes. said/handle -> the height of the block of her last word. notice/organisation -> {version, hash, height, time} of what it
 tells people before anything is recorded, as it is in force; notice-text/u32 version + organisation -> the same with the
 `document`, for every version that there ever was.
 
@@ -34,6 +34,7 @@ WITHDRAWN = "withdrawn"
 OBJECTED = "objected"
 MANDATED_ACT = "consent"
 OWN = b""
+ALL_OTHERS = ""
 
 
 def require_person(handle: bytes) -> dict | None:
@@ -67,7 +68,7 @@ def standing(steps: list) -> list:
 
 
 def own_nos(steps: list) -> list:
-    """Return the person's own nos that hold now or will: nobody else says yes to that, also where her yes comes later."""
+    """Return the person's own nos that hold now or will: they stay hers, whoever says no as well."""
     return [step for step in standing(steps) if step[1] != GIVEN and step[5] == OWN]
 
 
@@ -144,6 +145,32 @@ def keep(handle: bytes, row: dict):
     note_change()
 
 
+def note_own(handle: bytes, purposes: list, sensors: list, word: list | None):
+    """Keep what a person said last herself of these choices; no purpose named: of everything."""
+    own = state.get(b"own/" + handle, {})
+    for sensor in sensors:
+        if len(purposes) == 0:
+            own[sensor] = {ALL_OTHERS: word}
+        words = own.get(sensor, {})
+        for purpose in purposes:
+            words[purpose] = word
+        own[sensor] = words
+    state.put(b"own/" + handle, own)
+
+
+def leaves_free(words: dict, purpose: str, from_ms: int, until_ms: int) -> bool:
+    """Tell whether a yes of another's stays within the person's own last word, if there is one.
+
+    Her yes opens nothing before its height: another's would end it while it is still to come.
+    """
+    if purpose not in words:
+        return ALL_OTHERS not in words
+    own = words[purpose]
+    if own is None or own[0] > ctx.height or max(from_ms, ctx.time) < own[1]:
+        return False
+    return own[2] == 0 or until_ms <= own[2]
+
+
 def note_word(handle: bytes):
     state.put(b"said/" + handle, ctx.height)
 
@@ -164,7 +191,7 @@ def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: i
     """Consent to be recorded, from a height on (0: soon) and in a period.
 
     `seen` is the height of the newest final block that she knew: nothing was said after it. Who acts for her names an end,
-    within the mandate. Who may call: the person of the handle, or who acts for her by a mandate.
+    within the mandate, and gives nothing beyond her own last word. Who may call: the person of the handle, or who acts for her by a mandate.
     """
     mandate = require_person(handle)
     check_purposes(purposes)
@@ -181,19 +208,15 @@ def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: i
         within = 0 < until_ms and until_ms <= mandate["until_ms"]
         require(within, "BEYOND_MANDATE", "Who acts for another names an end, not later than the mandate's.")
     row = state.get(b"of/" + handle, {})
-    nothing = state.get(b"nothing/" + handle, {})
+    own = state.get(b"own/" + handle, {})
     for purpose in purposes:
         for sensor in sensors:
-            if mandate is None:
-                if sensor in nothing and purpose not in nothing[sensor]:
-                    nothing[sensor].append(purpose)
-            else:
-                free = len(own_nos(row.get(purpose, {}).get(sensor, []))) == 0
-                free = free and (sensor not in nothing or purpose in nothing[sensor])
-                require(free, "OWN_NO_STANDS", "The person said no to that herself: nobody else can say yes.")
+            if mandate is not None:
+                free = leaves_free(own.get(sensor, {}), purpose, from_ms, until_ms)
+                require(free, "OWN_NO_STANDS", "Beyond what the person said herself nobody else can say yes.")
             say(row, purpose, sensor, [height, GIVEN, ctx.time, from_ms, until_ms, id_of(mandate)])
-    if mandate is None and len(nothing) > 0:
-        state.put(b"nothing/" + handle, nothing)
+    if mandate is None:
+        note_own(handle, purposes, sensors, [height, from_ms, until_ms])
     keep(handle, row)
     note_word(handle)
     note_act(mandate, GIVEN, purposes, sensors, from_ms, until_ms)
@@ -233,6 +256,8 @@ def objected(handle: bytes, purposes: list):
 
 def say_no(handle: bytes, mandate: dict | None, status: str, purposes: list, sensors: list):
     """Write a no to each of these choices."""
+    if mandate is None:
+        note_own(handle, purposes, sensors, None)
     row = state.get(b"of/" + handle, {})
     count = 0
     for purpose in purposes:
@@ -296,15 +321,11 @@ def withdraw(handle: bytes, purposes: list, sensors: list):
 def withdraw_ahead(handle: bytes, row: dict, purposes: list, sensors: list) -> int:
     """Write a person's own no also to what she had not given; return to how many choices.
 
-    Where she names no purpose it is one for each sensor, from which her own givings are excepted later.
+    Where she names no purpose it stands in no step, and in her own last word.
     """
     if len(sensors) == 0:
         sensors = [sensor for sensor in SENSORS]
-    if len(purposes) == 0:
-        nothing = state.get(b"nothing/" + handle, {})
-        for sensor in sensors:
-            nothing[sensor] = []
-        state.put(b"nothing/" + handle, nothing)
+    note_own(handle, purposes, sensors, None)
     count = 0
     for purpose in purposes:
         for sensor in sensors:
@@ -351,7 +372,7 @@ def end(handle: bytes):
     """Forget the choices of who is no member any more. Who may call: the contract `identity`."""
     require_identity()
     state.delete(b"of/" + handle)
-    state.delete(b"nothing/" + handle)
+    state.delete(b"own/" + handle)
     state.delete(b"said/" + handle)
     note_change()
 

@@ -213,7 +213,7 @@ def test_the_childs_own_no_is_told_with_a_next_step(house: House, run: Run, name
     assert run("child", "consent", "refuse", "--purpose", "demo").exit_code == 0
     refused = run("mother", "consent", "give", "--for", house.handle("child"), "--purpose", "demo", "--yes")
     assert "OWN_NO_STANDS" in refused.stderr
-    assert "Leave that purpose out: only the person can say yes to it" in refused.stderr
+    assert "Leave that purpose out, or end it with the person's own yes" in refused.stderr
 
 
 def test_the_second_officer_agrees_to_the_papers_that_the_first_one_saw(house: House, run: Run) -> None:

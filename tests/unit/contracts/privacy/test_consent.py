@@ -223,10 +223,13 @@ def test_taking_back_what_was_never_given_says_so_and_writes_no_choice(hospital:
 
 def test_who_leaves_or_is_revoked_leaves_no_choices(hospital: Hospital, anna: Person) -> None:
     ben = hospital.enrol("ben")
+    for person in (anna, ben):
+        say(hospital, person, "withdraw", [], [])
     hospital.must(anna.identity, "identity", "leave", anna.handle)
     hospital.must(hospital.registrar, "identity", "revoke", ben.handle)
     for person in (anna, ben):
         assert hospital.value("consent", b"of/" + person.handle) is None
+        assert hospital.value("consent", b"own/" + person.handle) is None
         assert hospital.value("consent", b"said/" + person.handle) is None
         assert code(hospital, person, "give", ["care"], ["depth"], 0, 0, 0) == "MEMBER_NOT_ACTIVE"
 
@@ -269,8 +272,9 @@ def test_a_full_row_costs_less_than_half_a_call_and_stays_bounded(hospital: Hosp
     for number in range(4):
         receipt = say(hospital, ben, "give", purposes, sensors, 0, 0, hospital.height + 2 + number)
         assert receipt.gas_used < CALL_GAS_MAX // 2
-    last = say(hospital, ben, "withdraw", [], [])
-    assert last.gas_used < CALL_GAS_MAX // 2
+    for entry, named in (("refuse", (purposes, sensors)), ("withdraw", (purposes, sensors)), ("withdraw", ([], []))):
+        last = say(hospital, ben, entry, *named)
+        assert last.gas_used < CALL_GAS_MAX // 2
     row = hospital.view("consent", "choices", ben.handle)
     assert max(len(found) for by_sensor in row.values() for found in by_sensor.values()) <= 2
 

@@ -70,7 +70,8 @@ class Family:
         told = self.hospital.view("consent", "allowed", self.child.handle, purpose, "depth")
         steps = read_choices(self.hospital.value("consent", b"of/" + self.child.handle)).get((purpose, "depth"), ())
         step = find_consent(steps, self.hospital.height)
-        open_now = step is not None and (not step.until_ms or self.hospital.time_ms < step.until_ms)
+        now = self.hospital.time_ms
+        open_now = step is not None and step.from_ms <= now and (not step.until_ms or now < step.until_ms)
         assert open_now == told
         return bool(told)
 
@@ -180,6 +181,46 @@ def test_a_yes_of_her_own_that_is_still_to_come_opens_nothing_to_others(family: 
         (step,) = read_choices(hospital.value("consent", b"of/" + family.child.handle))["research", "depth"]
         assert (step.status, step.mandate) == ("refused", b"")
     assert not family.allowed()
+
+
+@pytest.mark.parametrize("no", ["refuse", "withdraw all", "nothing"])
+@pytest.mark.parametrize("begins", [0, 20 * DAY_MS])
+@pytest.mark.parametrize("ends", [0, 25 * DAY_MS])
+def test_no_yes_for_her_goes_beyond_her_own_in_time(family: Family, no: str, begins: int, ends: int) -> None:
+    """Her own yes is of a period: outside of it what she said before stands, also once it is over."""
+    hospital, choice = family.hospital, (["research"], ["depth"])
+    family.give()
+    if no != "nothing":
+        assert family.say(family.child, no.split(maxsplit=1)[0], *(([], []) if no.endswith("all") else choice)).ok
+    start = hospital.bucket()
+    from_ms, until_ms = start + begins if begins else 0, start + ends if ends else 0
+    assert family.say(family.child, "give", *choice, from_ms, until_ms, 0).ok
+    hospital.block([])
+    within = "OWN_NO_STANDS" if begins else "OK"
+    assert family.yes(family.mother, until_ms=start + 22 * DAY_MS) == within
+    assert family.allowed() == (within == "OK")
+    assert family.yes(family.mother) == ("OWN_NO_STANDS" if ends else within)
+    inside = family.say(family.mother, "give", *choice, start + 20 * DAY_MS, start + 22 * DAY_MS, 0)
+    assert inside.ok, "within her own period anything goes"
+    hospital.time_ms = start + 21 * DAY_MS
+    assert family.allowed()
+    hospital.time_ms = start + 26 * DAY_MS
+    assert family.yes(family.mother) == ("OWN_NO_STANDS" if ends else "OK")
+    assert family.allowed() != bool(ends)
+    assert family.say(family.child, "give", *choice, 0, 0, 0).ok
+    assert family.allowed()
+
+
+def test_a_no_for_her_leaves_her_own_yes_known(family: Family) -> None:
+    """Whoever acts for her says no and yes again, as far as her own yes goes, and no further."""
+    end_ms = family.hospital.bucket() + DAY_MS
+    family.give()
+    assert family.yes(family.child, until_ms=end_ms) == "OK"
+    assert family.say(family.mother, "refuse", ["research"], ["depth"]).ok
+    assert not family.allowed()
+    assert family.yes(family.mother) == "OWN_NO_STANDS"
+    assert family.yes(family.mother, until_ms=end_ms) == "OK"
+    assert family.allowed()
 
 
 def test_a_no_that_changes_nothing_leaves_nothing_in_the_trail(family: Family) -> None:
