@@ -5,6 +5,7 @@ She sees what was recorded before and after, erases of it, takes it along, and a
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,9 @@ from clients.wallet.recovery.key_rotation import Rotating
 from clients.wallet.store.keystore import Keystore
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.sharing import GRANT_STEP_MS
+from consensus.state.access import GRANT
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward, settle
 from tests.cluster.test_taking_data_along import run
@@ -47,13 +51,25 @@ async def renew_roster(ward: Ward) -> None:
     (ward.robot / "roster.sealed").write_bytes(sealed)
 
 
-async def change_words(ann: Wallet) -> None:
+async def change_words(ann: Wallet, *, shared: bytes) -> None:
+    """Change the words; what the thief shared ends with that."""
     rotating = Rotating(ann)
     rotating.prepare()
     rotating.confirm_shown()
     assert await rotating.rotate()
     done = await rotating.transfer_all(0.0, quiet)
     assert (len(done.done), done.taken, done.refusal) == (1, (), None)
+    assert done.ended == (shared,)
+    state = await ann.network.state_values([GRANT.key(shared)], ann.keys.identity)
+    assert state.values[GRANT.key(shared)]["status"] == "revoked"
+
+
+async def share(thief: Wallet, entry: RecordEntry) -> bytes:
+    """Share a record by the old words with a key of the thief's own; return the grant's id."""
+    until_ms = (time.time_ns() // 1_000_000 // GRANT_STEP_MS + 12) * GRANT_STEP_MS
+    keys = [PrivateKey(bytes([number]) * 32).public_key for number in (1, 2)]
+    arguments = [[entry.record_id], *keys, 1, bytes(32), "research", until_ms]
+    return await thief.sign_and_wait(entry.visit, "access", "grant", arguments)
 
 
 async def look(wallet: Wallet, entry: RecordEntry) -> str:
@@ -95,7 +111,7 @@ async def test_who_has_the_old_words_is_refused_everywhere_and_she_goes_on(
             early = await Viewing(thief).request_access(list(seen.records[:1]), "own-access")
             await settle(thief, seen.records[0], early, "RELEASED")
 
-            await change_words(ann)
+            await change_words(ann, shared=await share(thief, seen.records[0]))
             await refuse_the_thief(thief, seen, early)
 
             (again,) = await ann.records()

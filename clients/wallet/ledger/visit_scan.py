@@ -67,7 +67,7 @@ def follow_announcements(
             places[name] = len(visits)
             visits.append(found)
         elif item.root:
-            found.sequence = visits[place].sequence
+            found.sequence, found.shares_due = visits[place].sequence, visits[place].shares_due
             visits[place] = found
 
 

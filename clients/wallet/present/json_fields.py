@@ -126,6 +126,7 @@ _TRANSFERRED = (
     Field("transferred", Kind.HEXES, "visits that have a new key now"),
     Field("taken_visits", Kind.HEXES, "visits that obey somebody else's key"),
     Field("stuck_visits", Kind.HEXES, "visits that can be given no other key any more"),
+    Field("ended_shares", Kind.HEXES, "shares that this wallet had no note of, ended by this; see `--keep-shares`"),
 )
 
 NOTICE = (

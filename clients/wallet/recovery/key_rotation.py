@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import refusal
+from clients.wallet.sharing.outgoing_shares import Sharing
 from clients.wallet.store.kept_proofs import keep_receipt
 from clients.wallet.store.keystore import KnownVisit
 from clients.wallet.store.member_keys import WalletKeys, derive_keys, draw_words
@@ -31,13 +32,15 @@ _KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_WITHOUT_STANDING"})
 class Transferred:
     """What became of the visits: those with a new key, those that somebody else has, and what ended it early.
 
-    `stuck` obey former words still, and the contract lets nobody transfer them any more.
+    `stuck` obey former words still, and the contract lets nobody transfer them any more. `ended` are ids of grants that
+    this wallet had no note of, and revoked.
     """
 
     done: tuple[KnownVisit, ...]
     taken: tuple[KnownVisit, ...]
     stuck: tuple[KnownVisit, ...]
     refusal: BlockRobotError | None = None
+    ended: tuple[bytes, ...] = ()
 
 
 class Rotating:
@@ -148,15 +151,17 @@ class Rotating:
         key = derive_owner_key(keys.spend, keys.view, new.ephemeral, chain_id=chain_id, robot=visit.robot)
         return sign_transfer(key, chain_id=chain_id, root=visit.owner)
 
-    async def transfer_all(self, over_s: float, tell: Tell) -> Transferred:
+    async def transfer_all(self, over_s: float, tell: Tell, *, keep_shares: bool = False) -> Transferred:
         """Transfer every visit that former words still decide of, in an order and at moments that chance decides.
 
         The moments lie within `over_s` seconds: the longer, the less the ledger tells that the visits are one person's.
-        A key that was replaced already, by this wallet before a cut or by somebody else, ends nothing, nor does a visit
-        that the contract lets nobody transfer any more. What it refuses otherwise is told once the others are done;
-        any other failure ends it at once.
+        Right behind its transfer those shares of a visit end that this wallet has no note of, unless they are to be kept:
+        who stole the former key may have made them. A key that was replaced already, by this wallet before a cut or by
+        somebody else, ends nothing, nor does a visit that the contract lets nobody transfer any more. What it refuses
+        otherwise is told once the others are done; any other failure ends it at once.
         """
-        order = await self.exposed_visits()
+        order = await self._due_visits()
+        ended: list[bytes] = []
         chance = secrets.SystemRandom()
         chance.shuffle(order)
         moments = sorted(chance.random() * over_s for _ in order)
@@ -167,7 +172,7 @@ class Rotating:
             if over_s:
                 await self._sleep(pause_s)
             try:
-                await self._move(visit)
+                ended += await self._renew(visit, keep_shares=keep_shares)
             except BlockRobotError as error:
                 refusal = refusal or error
                 if error.code != "CALL_REFUSED":
@@ -182,7 +187,33 @@ class Rotating:
             taken=tuple(visit for visit in known if visit.taken),
             stuck=tuple(visit for visit in known if visit.stuck and not visit.taken),
             refusal=refusal,
+            ended=tuple(ended),
         )
+
+    async def _due_visits(self) -> list[KnownVisit]:
+        """Return the visits to transfer, and those that were cut off between their transfer and the end of shares."""
+        exposed = await self.exposed_visits()
+        return exposed + [visit for visit in self._moved if visit.shares_due]
+
+    @property
+    def _moved(self) -> list[KnownVisit]:
+        newest = len(self._wallet.eras) - 1
+        return [visit for visit in self._wallet.store.content.visits if visit.era == newest and not visit.taken]
+
+    async def _renew(self, visit: KnownVisit, *, keep_shares: bool) -> list[bytes]:
+        """Transfer a visit and end the shares of it that this wallet does not know; return these."""
+        store = self._wallet.store
+        if visit not in self._moved:
+            visit.shares_due = True
+            store.save()
+            await self._move(visit)
+        ended: list[bytes] = []
+        for moved in self._moved:
+            if moved.owner == visit.owner:
+                ended += [] if keep_shares else await Sharing(self._wallet).end_unknown(moved)
+                moved.shares_due = False
+                store.save()
+        return ended
 
     async def _move(self, visit: KnownVisit) -> None:
         """Transfer one visit, whoever moves it to and fro under former words meanwhile, or note that nobody can."""

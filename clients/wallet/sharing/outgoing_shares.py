@@ -44,6 +44,7 @@ from consensus.records.sharing import (
     split_share_key,
 )
 from consensus.state.access import REQUEST, AccessRow
+from consensus.state.audit import COUNT
 from consensus.state.identity import REMOVED, MemberRow, handle_from, member_with, role_now
 from consensus.state.records import RECORD
 
@@ -441,6 +442,23 @@ class Sharing:
     async def revoke(self, share: Share) -> bytes:
         """End a grant; custodians destroy their parts at once. Returns the txid. Raises CALL_REFUSED (GRANT_ENDED)."""
         return await self._wallet.sign_and_wait(share.visit, "access", "revoke", [share.grant.grant_id])
+
+    async def end_unknown(self, visit: KnownVisit) -> list[bytes]:
+        """End each open grant of a visit that this wallet has no note of, and return their ids. Raises CALL_REFUSED."""
+        wallet, key = self._wallet, self._wallet.owner_key(visit)
+        state = await wallet.network.state_values([COUNT.key(visit.owner)], key)
+        trail = await audit_visit(wallet, visit, COUNT.among(state.values, visit.owner) or 0)
+        known = {given.grant_id for given in wallet.store.content.given_grants}
+        ids = [entry.data["grant_id"] for entry in trail if entry.kind == "granted"]
+        grants = await read_grants(wallet, [grant_id for grant_id in ids if grant_id not in known], key)
+        found = [grant.grant_id for grant in grants if grant.row.is_open(state.timestamp_ms)]
+        for grant_id in found:
+            try:
+                await wallet.sign_and_wait(visit, "access", "revoke", [grant_id])
+            except BlockRobotError as error:
+                if error.context.get("contract_code") != "GRANT_ENDED":
+                    raise
+        return found
 
 
 def find_looks(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[Look, ...]:

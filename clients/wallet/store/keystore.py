@@ -41,6 +41,7 @@ class KnownVisit(msgspec.Struct):
     `owner` is the visit's first key, its name on the chain; `current`, if it was transferred, the key that decides of it
     now. `ephemeral` and `era` (which words, counted from the wallet's first) belong to the key that decides. `taken`: it
     was transferred to a key that none of the wallet's words lead to. `stuck`: the chain lets nobody transfer it any more.
+    `shares_due`: it was, or is about to be, transferred, and shares that others made by its former key may stand yet.
     """
 
     owner: bytes
@@ -52,6 +53,7 @@ class KnownVisit(msgspec.Struct):
     era: int = 0
     taken: bool = False
     stuck: bool = False
+    shares_due: bool = False
 
 
 class WalletContent(msgspec.Struct):

@@ -40,7 +40,8 @@ def _spread(command: Any) -> Any:
         is_flag=True,
         help="All at once, without pauses: whoever reads the ledger can tell that they are one's.",
     )
-    return over(now(command))
+    keep = click.option("--keep-shares", is_flag=True, help="End no share, whoever made it.")
+    return over(now(keep(command)))
 
 
 def _hand_over(words: str, words_file: Path | None) -> None:
@@ -56,12 +57,13 @@ def _tell_progress(number: int, count: int, pause_s: float) -> None:
 
 
 async def _transfer(
-    rotating: Rotating, over_minutes: int, *, now: bool, with_member: bool, as_json: bool
+    rotating: Rotating, over_minutes: int, *, now: bool, keep_shares: bool, with_member: bool, as_json: bool
 ) -> Transferred:
     count = len(await rotating.exposed_visits())
     if now and not as_json:
         tell_linked_moves(count, with_member=with_member)
-    return await rotating.transfer_all(0.0 if now else over_minutes * 60.0, _tell_progress)
+    over_s = 0.0 if now else over_minutes * 60.0
+    return await rotating.transfer_all(over_s, _tell_progress, keep_shares=keep_shares)
 
 
 def _transferred_json(done: Transferred) -> dict[str, Any]:
@@ -69,11 +71,14 @@ def _transferred_json(done: Transferred) -> dict[str, Any]:
         "transferred": [visit.owner.hex() for visit in done.done],
         "taken_visits": [visit.owner.hex() for visit in done.taken],
         "stuck_visits": [visit.owner.hex() for visit in done.stuck],
+        "ended_shares": [grant_id.hex() for grant_id in done.ended],
     }
 
 
 def _tell_transferred(done: Transferred) -> None:
     console.print(text("rotate.moved", count=len(done.done)))
+    if done.ended:
+        console.print(text("rotate.shares_ended", count=len(done.ended)))
     print_taken(len(done.taken))
     print_stuck(len(done.stuck))
     if done.refusal is not None:
@@ -185,10 +190,19 @@ async def _fetch_receipts(opened: Wallet) -> int:
 @json_option
 @click.pass_context
 @plain_errors
-def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes: int, now: bool, as_json: bool) -> None:
+def rotate(
+    ctx: click.Context,
+    words_file: Path | None,
+    yes: bool,
+    over_minutes: int,
+    now: bool,
+    keep_shares: bool,
+    as_json: bool,
+) -> None:
     """Get new words after a theft: whoever has the old ones sees, decides and erases nothing any more.
 
-    Your membership gets its new key at once, then each visit, one by one. Cut off anywhere, run it again: it goes on.
+    Your membership gets its new key at once, then each visit, one by one; shares that this wallet did not make end with
+    that. Cut off anywhere, run it again: it goes on.
 
     Example: blockrobot wallet rotate
     """
@@ -214,7 +228,9 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
         due_count = await _fetch_receipts(opened) if content.next_words else 0
         if await rotating.rotate() and due_count:
             click.echo(text("rotate.receipts_lost", count=due_count), err=True)
-        return await _transfer(rotating, over_minutes, now=now, with_member=True, as_json=as_json)
+        return await _transfer(
+            rotating, over_minutes, now=now, keep_shares=keep_shares, with_member=True, as_json=as_json
+        )
 
     with tell_if_stopped(ctx, found.say_how_far):
         done = run_opened(ctx, action)
@@ -232,14 +248,19 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
 @json_option
 @click.pass_context
 @plain_errors
-def transfer(ctx: click.Context, over_minutes: int, now: bool, as_json: bool) -> None:
+def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool, as_json: bool) -> None:
     """Give visits that came late, under former words, a key of the present ones.
+
+    Shares of them that this wallet did not make end with that.
 
     Example: blockrobot wallet transfer
     """
 
     async def action(opened: Wallet) -> Transferred:
-        return await _transfer(Rotating(opened), over_minutes, now=now, with_member=False, as_json=as_json)
+        rotating = Rotating(opened)
+        return await _transfer(
+            rotating, over_minutes, now=now, keep_shares=keep_shares, with_member=False, as_json=as_json
+        )
 
     done = run_opened(ctx, action)
     if as_json:

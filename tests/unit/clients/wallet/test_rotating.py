@@ -11,10 +11,13 @@ from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.records.erasure import Erasing
 from clients.wallet.recovery.key_rotation import Rotating
-from clients.wallet.store.keystore import Keystore, WalletContent
+from clients.wallet.store.keystore import Keystore, KnownVisit, WalletContent
 from clients.wallet.store.member_keys import derive_keys, draw_words
+from clients.wallet.store.sharing_memory import GivenGrant
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.wallet.stolen import Holder, PowerCut, Story
+from tests.unit.contracts.privacy.hospital import DAY_MS, Visit, key_of
 
 OLD_WORDS = "abandon " * 23 + "art"
 
@@ -144,6 +147,90 @@ async def test_cut_off_at_any_moment_it_ends_as_if_it_was_not(tmp_path: Path) ->
         assert all(report.visit.era == 1 for report in reports)
         cut_at += 1
     assert cuts == cut_at > 15
+
+
+def give_grant(story: Story, key: PrivateKey, visit: KnownVisit | Visit, name: str) -> bytes:
+    """Share a record of a visit by its key, as whoever has the words can."""
+    record_id = bytes(story.hospital.view("records", "of_visit", visit.owner)[0])
+    keys = key_of(name).public_key, key_of(f"{name}'s ephemeral").public_key
+    arguments = [[record_id], *keys, 1, bytes(32), "research", story.hospital.bucket() + DAY_MS]
+    return story.hospital.must(key, "access", "grant", *arguments).txid
+
+
+def give_own(story: Story, wallet: Wallet, visit: KnownVisit) -> bytes:
+    """Share a record as this wallet does, with a note of it."""
+    grant_id = give_grant(story, wallet.owner_key(visit), visit, f"own {visit.sequence}")
+    wallet.store.content.given_grants.append(GivenGrant(grant_id, visit.owner, bytes(32), "Dr Weber", bytes(32)))
+    wallet.store.save()
+    return grant_id
+
+
+def status_of(story: Story, grant_id: bytes) -> str:
+    return str(story.hospital.view("access", "grant_of", grant_id)["status"])
+
+
+@pytest.mark.parametrize("keep", [False, True])
+async def test_what_a_thief_shared_ends_with_the_visits_old_key_and_own_shares_go_on(story: Story, keep: bool) -> None:
+    wallet = story.open()
+    visits = await wallet.scan()
+    thief = story.copy("thief", OLD_WORDS.strip(), [])
+    own = [give_own(story, wallet, visit) for visit in visits]
+    his = [give_grant(story, thief.owner_key(visit), visit, f"his {visit.sequence}") for visit in await thief.scan()]
+    over = give_grant(story, thief.owner_key(visits[0]), visits[0], "over")
+    story.hospital.must(thief.owner_key(visits[0]), "access", "revoke", over)
+    story.chain.calls.clear()
+    rotating = Rotating(wallet, sleep=no_pause)
+    rotating.prepare()
+    rotating.confirm_shown()
+    await rotating.rotate()
+    done = await rotating.transfer_all(600.0, no_words, keep_shares=keep)
+    assert (done.refusal, set(done.ended)) == (None, set() if keep else set(his))
+    assert [status_of(story, grant_id) for grant_id in own] == ["active", "active"]
+    assert [status_of(story, grant_id) for grant_id in his] == ["active" if keep else "revoked"] * 2
+    entries = [entry for _, entry in story.chain.calls]
+    each = ["transfer"] if keep else ["transfer", "revoke"]
+    assert entries == ["rotate", *each, *each], "a visit's shares end beside its own transfer, not all at once"
+
+
+async def test_what_a_thief_shares_at_the_last_moment_ends_too(story: Story) -> None:
+    wallet = story.open()
+    visits = await wallet.scan()
+    thief, his = story.copy("thief", OLD_WORDS.strip(), []), list[bytes]()
+    known = await thief.scan()
+
+    async def share(_: float) -> None:
+        left = [visit for visit in known if story.current(visit) == visit.owner]
+        his.append(give_grant(story, thief.owner_key(left[0]), left[0], f"his {len(his)}"))
+
+    rotating = Rotating(wallet, sleep=share)
+    rotating.prepare()
+    rotating.confirm_shown()
+    await rotating.rotate()
+    assert set((await rotating.transfer_all(600.0, no_words)).ended) == set(his)
+    assert len(his) == len(visits)
+
+
+async def test_cut_off_between_a_transfer_and_the_end_of_a_share_it_goes_on(tmp_path: Path) -> None:
+    cut_at = 0
+    while True:
+        folder = tmp_path / str(cut_at)
+        folder.mkdir()
+        story = Story(folder, OLD_WORDS.strip())
+        story.visit(1)
+        wallet = story.open()
+        (visit,) = await wallet.scan()
+        his = give_grant(story, wallet.owner_key(visit), visit, "his")
+        story.power.moments, story.power.cut_at = 0, cut_at
+        try:
+            await rotate(story.open())
+        except PowerCut:
+            await rotate(story.open())
+        else:
+            break
+        assert status_of(story, his) == "revoked"
+        assert not any(visit.shares_due for visit in story.open().store.content.visits)
+        cut_at += 1
+    assert cut_at > 10
 
 
 async def test_words_that_were_not_shown_are_shown_again_and_never_signed_with(story: Story) -> None:

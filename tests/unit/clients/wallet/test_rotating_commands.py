@@ -23,6 +23,7 @@ from clients.wallet.store.member_keys import derive_keys
 from clients.wallet.store.wallet_lock import claim_or_read, claim_wallet
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.stolen import Holder, Story
+from tests.unit.clients.wallet.test_rotating import give_grant
 
 OLD_WORDS = " ".join(["abandon"] * 23 + ["art"])
 
@@ -86,6 +87,20 @@ def test_a_program_gets_one_object(desk: Desk) -> None:
     moved = json.loads(desk.run("transfer", "--now", "--json").stdout)
     assert moved["transferred"] == [late.owner.hex()]
     assert json.loads(desk.run("records", "--json").stdout)["exposed_visits"] == []
+
+
+@pytest.mark.parametrize("keep", [(), ("--keep-shares",)])
+def test_what_others_shared_with_the_old_words_ends_and_is_told(desk: Desk, keep: tuple[str, ...]) -> None:
+    story = desk.story
+    visit = story.visit(3)
+    his = give_grant(story, visit.key, visit, "his")
+    answer = json.loads(desk.rotate("--json", *keep).stdout)
+    assert answer["ended_shares"] == ([] if keep else [his.hex()])
+    late = story.visit(2)
+    give_grant(story, late.key, late, "late")
+    said = desk.run("transfer", "--now", *keep).output
+    assert "1 visit has a key" in said
+    assert ("1 share that this wallet did not make was ended." in said) == (not keep)
 
 
 def test_without_a_terminal_words_go_to_a_file_and_nothing_begins_without_one(desk: Desk) -> None:
