@@ -18,10 +18,12 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.message_types import MessageTypes, own_types, types_with
 from clients.robot.sources.recordings.bounded_chunks import bound_chunks
+from clients.robot.sources.recordings.database import bound_databases
 from clients.robot.sources.recordings.salvage import BrokenOffError, Channel, Found, scan_file
 from consensus.errors import BlockRobotError
 
 bound_chunks()
+bound_databases()
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_SUFFIXES = (".bag", ".bag.active")
@@ -64,6 +66,7 @@ class Recording:
         self._known = types_with(definitions or {})
         self.types = MessageTypes(self._known, ros1=self._ros1)
         self._salvage: list[Path] = []
+        _require_regular(path)
         try:
             self._look_by_index()
         except BlockRobotError as error:
@@ -209,10 +212,20 @@ def _parse(name: str, definition: MessageDefinition) -> Any:
     return types
 
 
+def _require_regular(path: Path) -> None:
+    """Raise BAG_DAMAGED for what is no regular file, or a folder that holds such: to read one may never end."""
+    try:
+        for file in path.iterdir() if path.is_dir() else [path]:
+            if file.exists() and not (file.is_file() or (path.is_dir() and file.is_dir())):
+                raise BlockRobotError("BAG_DAMAGED", f"{file.name} is no regular file.")
+    except OSError as error:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror}.") from None
+
+
 def _storage_files(path: Path) -> list[Path]:
     """Return the files of a recording in the order in which they were written. Raises BAG_DAMAGED if there are none."""
     if path.is_dir():
-        files = [file for file in path.iterdir() if file.suffix in STORAGE_SUFFIXES]
+        files = [file for file in path.iterdir() if file.suffix in STORAGE_SUFFIXES and file.is_file()]
         found = sorted(files, key=lambda file: (len(file.name), file.name))  # ..._9 before ..._10
     else:
         found = [path] if path.is_file() and path.name.endswith(SUFFIXES) else []

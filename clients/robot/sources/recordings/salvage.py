@@ -7,7 +7,6 @@ write one, and never give a record of which a part is missing.
 
 from __future__ import annotations
 
-import sqlite3
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,10 +14,13 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
+import apsw
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2.storage_mcap import decompress
 from rosbags.typesys.msg import normalize_msgtype
+
+from clients.robot.sources.recordings.database import open_database
 
 RECORD_MAX_BYTES = 1 << 30
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -214,23 +216,22 @@ def _ros1_fields(data: bytes) -> dict[str, bytes]:
 def scan_sqlite(path: Path) -> Scan:
     """Scan a rosbag2 database. One that is shorter than it says is read all the same, as far as its pages go."""
     try:
-        base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
-    except sqlite3.Error as error:
-        raise BrokenOffError("The database cannot be opened.") from error
+        base = open_database(path, cut_off=True)
+    except (apsw.Error, OSError) as error:
+        raise BrokenOffError("The database is damaged, or no recorder wrote it.") from error
     try:
-        base.execute("PRAGMA writable_schema=ON")  # otherwise a short file is refused as a whole
         definitions = _sqlite_definitions(base)
         for number, name, kind in base.execute("SELECT id, name, type FROM topics ORDER BY id"):
             yield Channel(int(number), str(name), str(kind), definitions.get(str(kind), _NO_DEFINITION))
         for number, at_ns, data in base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
             yield Found(int(number), int(at_ns), bytes(data))
-    except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
+    except (apsw.Error, ValueError, TypeError, OverflowError, MemoryError) as error:
         raise BrokenOffError("The database is damaged or cut off.") from error
     finally:
         base.close()
 
 
-def _sqlite_definitions(base: sqlite3.Connection) -> dict[str, MessageDefinition]:
+def _sqlite_definitions(base: apsw.Connection) -> dict[str, MessageDefinition]:
     tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if "message_definitions" not in tables:
         return {}
