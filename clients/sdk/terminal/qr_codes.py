@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import itertools
-from io import BytesIO
+import json
+import subprocess
+import sys
 from pathlib import Path
 
-import cv2
-import numpy as np
 import segno
-from PIL import Image
 from rich.text import Text
 
-from clients.sdk.pictures.picture_guard import JPEG_SIGNATURE, has_few_scans
 from consensus.errors import BlockRobotError
 
 PICTURE_MAX_BYTES = 16 * 1024 * 1024
-PICTURE_SIDE_MAX_PX = 8_192
-READ_SIDE_MAX_PX = 1_600
+READING_MAX_S = 60.0
+"""For a machine that is busy; the process itself takes no more than `qr_reading.CPU_MAX_S` of a processor."""
 TEXT_FILE_MAX_BYTES = 4_096
 _QUIET_MODULES = 4
 _HALVES = {(False, False): " ", (True, False): "▀", (False, True): "▄", (True, True): "█"}
-_PICTURES = ("PNG", "JPEG", "WEBP", "BMP", "GIF")
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+_NO_PROCESS = "The process that looks at pictures does not run here."
+TOO_MUCH = "To look for a code in this picture takes more time or memory than any photograph needs."
 
 
 def _matrix(text: str) -> list[list[bool]]:
@@ -55,28 +54,27 @@ def qr_svg(text: str) -> str:
 
 
 def read_qr(data: bytes) -> str:
-    """Return the text of the QR code in a picture (PNG, JPEG, WebP, BMP, GIF). Raises QR_UNREADABLE."""
+    """Return the text of the QR code in a picture (PNG, JPEG, WebP, BMP, GIF). Raises QR_UNREADABLE.
+
+    The picture is looked at in a process of its own, which a picture that asks for too much work takes along.
+    """
     if len(data) > PICTURE_MAX_BYTES:
         raise BlockRobotError("QR_UNREADABLE", f"The picture has more than {PICTURE_MAX_BYTES >> 20} MiB.")
-    if data.startswith(JPEG_SIGNATURE) and not has_few_scans(data):
-        raise BlockRobotError("QR_UNREADABLE", "The picture asks for more work than its pixels need.")
+    command = [sys.executable, "-I", "-m", "clients.sdk.terminal.qr_reading"]
     try:
-        with Image.open(BytesIO(data), formats=_PICTURES) as opened:
-            if max(opened.size) > PICTURE_SIDE_MAX_PX:
-                raise BlockRobotError("QR_UNREADABLE", f"The picture is wider than {PICTURE_SIDE_MAX_PX} pixels.")
-            opened.thumbnail((READ_SIDE_MAX_PX, READ_SIDE_MAX_PX))
-            grey = np.asarray(opened.convert("L"), dtype=np.uint8)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        raise BlockRobotError("QR_UNREADABLE", "The file is no picture that can be read.") from None
-    tries = (grey, cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST), 255 - grey)
-    for pixels, make in itertools.product(tries, (cv2.QRCodeDetector, cv2.QRCodeDetectorAruco)):
-        try:  # the first detector is better at photographs, and misses one drawn code in a hundred
-            text, _, _ = make().detectAndDecode(np.asarray(pixels, dtype=np.uint8))
-        except cv2.error:
-            continue
-        if text:
-            return str(text)
-    raise BlockRobotError("QR_UNREADABLE")
+        done = subprocess.run(
+            command, input=data, capture_output=True, check=False, cwd="/", env=_ONE_THREAD, timeout=READING_MAX_S
+        )
+    except subprocess.TimeoutExpired:
+        raise BlockRobotError("QR_UNREADABLE", TOO_MUCH) from None
+    except OSError as error:
+        raise BlockRobotError("QR_UNREADABLE", _NO_PROCESS) from error
+    if done.returncode != 0:
+        raise BlockRobotError("QR_UNREADABLE", TOO_MUCH if done.returncode < 0 else _NO_PROCESS)
+    answer: dict[str, str] = json.loads(done.stdout)
+    if not answer.get("text"):
+        raise BlockRobotError("QR_UNREADABLE", answer.get("detail", ""))
+    return answer["text"]
 
 
 def read_given(given: str) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import resource
+import time
 from io import BytesIO
 from pathlib import Path
 
@@ -13,7 +15,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from PIL import Image
 
+from clients.sdk.terminal import qr_codes
 from clients.sdk.terminal.qr_codes import PICTURE_MAX_BYTES, qr_columns, qr_lines, qr_svg, read_given, read_qr
+from clients.sdk.terminal.qr_reading import CPU_MAX_S, find_text
 from consensus.errors import BlockRobotError
 
 CODE = "BR1-" + "ABCDEFGHIJKLMNOPQRSTUVWXYZ234567" * 7
@@ -43,7 +47,7 @@ def test_what_a_page_shows_is_read(kind: str) -> None:
 @example("2222333222322333N222222233OL7223222222HN23D3L2223263C2H2353A222A33A")
 @given(st.text("ABCDEFGHIJKLMNOPQRSTUVWXYZ234567", min_size=40, max_size=220))
 def test_every_code_comes_back(letters: str) -> None:
-    assert read_qr(packed(drawn(qr_svg(f"BR1-{letters}")))) == f"BR1-{letters}"
+    assert find_text(packed(drawn(qr_svg(f"BR1-{letters}")))) == f"BR1-{letters}"
 
 
 def test_what_a_terminal_shows_is_read() -> None:
@@ -77,6 +81,30 @@ def test_no_code_is_said_and_never_guessed(data: bytes) -> None:
     with pytest.raises(BlockRobotError) as caught:
         read_qr(data)
     assert caught.value.code == "QR_UNREADABLE"
+
+
+@pytest.mark.timeout(120)
+def test_a_picture_full_of_finder_patterns_ends_with_its_process() -> None:
+    """Eight kilobytes, for which the detector would work for minutes."""
+    pattern = np.full((9, 9), 255, np.uint8)
+    pattern[1:8, 1:8] = 0
+    pattern[2:7, 2:7] = 255
+    pattern[3:6, 3:6] = 0
+    data = packed(Image.fromarray(np.kron(np.tile(pattern, (40, 40)), np.ones((4, 4), np.uint8))))
+    assert len(data) < 10_000
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.process_time()
+    with pytest.raises(BlockRobotError, match=r"QR_UNREADABLE.*more time or memory"):
+        read_qr(data)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert after.ru_utime - before.ru_utime < CPU_MAX_S + 2
+    assert time.process_time() - began < 1, "nothing of it is done in this process"
+
+
+@pytest.mark.timeout(60)
+def test_a_reading_that_is_not_given_a_processor_ends_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(qr_codes, "READING_MAX_S", 0.001)
+    with pytest.raises(BlockRobotError, match=r"QR_UNREADABLE.*more time or memory"):
+        read_qr(packed(drawn(qr_svg(CODE))))
 
 
 def test_a_damaged_code_is_not_read_as_another() -> None:
