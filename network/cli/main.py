@@ -112,15 +112,6 @@ _COMMANDS = {
         "Write http-api.md, errors.md, authorisation.md, state.md and json-output.md, made from the tables in the code.",
     ),
 }
-
-
-WITHOUT_SECRETS = frozenset(
-    {
-        *("verify", "status", "logs", "down", "doctor", "console", "explore", "fault", "demo", "experiment", "bench"),
-        *("privacy", "sim", "completion", "reference"),
-    }
-)
-"""Commands that open no key, passphrase or tag of anybody, or only those of a network that they make for a trial."""
 SECTIONS = {
     "Patients, and whom they share with": ("wallet", "verify"),
     "Robot operators": ("robot",),
@@ -140,13 +131,8 @@ SECTIONS = {
     cls=RootGroup, places=_COMMANDS, sections=SECTIONS, context_settings={"help_option_names": ["-h", "--help"]}
 )
 @click.version_option(package_name="blockrobot")
-@click.pass_context
-def main(ctx: click.Context) -> None:
+def main() -> None:
     """BlockRobot: a permissioned ledger that gives patients control of what a social robot records of them."""
-    if ctx.invoked_subcommand not in WITHOUT_SECRETS:
-        from clients.sdk.terminal.process_guard import guard_process  # noqa: PLC0415 - only when it is needed
-
-        guard_process()
 
 
 if __name__ == "__main__":

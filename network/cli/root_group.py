@@ -10,6 +10,7 @@ import click
 
 from clients.sdk.terminal.ascii_output import prepare_output
 from clients.sdk.terminal.lazy_group import LazyGroup
+from clients.sdk.terminal.process_guard import guard_process
 from clients.sdk.terminal.safe_output import safe_streams
 from clients.sdk.terminal.terminal import EXIT_FAILED, fail
 from consensus.errors import BlockRobotError
@@ -55,6 +56,7 @@ class RootGroup(LazyGroup):
         **extra: Any,
     ) -> Any:
         """Run what a command line says, and exit; see click.Command.main."""
+        guard_process()
         prepare_output()
         with safe_streams():
             return self._run(args, prog_name, complete_var, standalone_mode=standalone_mode, **extra)

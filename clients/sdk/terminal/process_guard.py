@@ -1,4 +1,4 @@
-"""Keep a command's secrets out of core files, as `node.process_memory` does for nodes, which clients may not import."""
+"""Keep a command's secrets out of core files. Nodes have the same in `node.process_memory`: clients may not import it."""
 
 from __future__ import annotations
 
