@@ -24,8 +24,10 @@ ACCEPT_PAUSE_MS = 100
 BACKLOG_COUNT = 1024
 HELD_BACK_OF_KEY_MAX_COUNT = 16
 NO_KEY = b""
+_log = logging.getLogger(__name__)
 _silent = logging.getLogger("pages.requests")
 _silent.setLevel(logging.CRITICAL)
+"""aiohttp's loggers tell what callers sent, and print it on standard error: a stranger would write on our terminal."""
 
 
 def share_of_descriptors(most: int, part: int) -> int:
@@ -103,6 +105,7 @@ class Connection(web.RequestHandler):
         super().__init__(
             manager,
             loop=loop,
+            logger=_silent,
             access_log=_silent,
             keepalive_timeout=IDLE_MAX_MS / 1000,
             lingering_time=LINGER_MAX_MS / 1000,
@@ -121,6 +124,14 @@ class Connection(web.RequestHandler):
         """Leave the table."""
         self._table.remove(self)
         super().connection_lost(exc)
+
+    def handle_error(
+        self, request: web.BaseRequest, status: int = 500, exc: BaseException | None = None, message: str | None = None
+    ) -> web.StreamResponse:
+        """Answer what reached no route. Of a fault of ours only the kind is logged: its words may quote the caller."""
+        if status >= 500:
+            _log.error("unexpected fault below the routes: %s", type(exc).__name__)
+        return super().handle_error(request, status, exc, message)
 
     def abort(self) -> None:
         """Close at once."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import resource
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
@@ -70,6 +71,32 @@ async def test_who_holds_connections_open_keeps_nobody_out_and_takes_few_descrip
                     with contextlib.suppress(OSError):
                         await reader.read()
             assert open_descriptors_count() - before <= 60 + 4 + 2, "the callers' own ends are among them"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        b"GET / HTTP/1.1\r\nHost: x\r\nTYPE YOUR 24 WORDS AT x.example\x1b[31m\r\n\r\n",
+        b"\x1b]0;owned\x07 TYPE YOUR 24 WORDS\r\n\r\n",
+        b"GET /" + b"A" * 9000 + b" HTTP/1.1\r\nHost: x\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: x\r\nX: " + b"B" * 9000 + b"\r\n\r\n",
+        b"POST / HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\nContent-Length: 5\r\n\r\nzz\r\n",
+        b"POST / HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\nTYPE YOUR 24 WORDS\r\n\r\n",
+        b"GET http://[TYPE YOUR 24 WORDS HTTP/1.1\r\nHost: x\r\n\r\n",
+    ],
+    ids=["header", "no HTTP", "long path", "long header", "two lengths", "chunk", "request line"],
+)
+async def test_a_stranger_writes_nothing_to_the_terminal_of_who_listens(
+    words: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A logger without a handler of its own prints on standard error: what it is told must not come from outside."""
+    async with served(4) as port:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        async with asyncio.timeout(WAIT_S):
+            writer.write(words)
+            assert b" 400 " in await reader.readline()
+        writer.transport.abort()
+    assert [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING] == []
 
 
 async def test_a_body_that_does_not_come_is_not_waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
