@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from contracts.execution.call_host import CallHost
@@ -110,7 +111,7 @@ def _play_refused(case: dict[str, Any]) -> dict[str, Any]:
 
 def read_vectors(folder: Path) -> dict[str, dict[str, Any]]:
     """Return the documents of a folder by file name. Raises VECTORS_MISSING if there are none."""
-    documents = {path.name: json.loads(path.read_text("utf-8")) for path in sorted(folder.glob("*.json"))}
+    documents = {path.name: read_json_text(path.read_text("utf-8")) for path in sorted(folder.glob("*.json"))}
     if not documents:
         raise BlockRobotError("VECTORS_MISSING", f"There are no vectors in {folder}.")
     return documents

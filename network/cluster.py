@@ -21,6 +21,7 @@ from typing import Any
 import aiohttp
 import msgspec
 
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
@@ -183,8 +184,8 @@ class Cluster:
 
     def _read_state(self) -> _ClusterState:
         try:
-            return msgspec.json.decode((self.folder / _STATE_FILE).read_bytes(), type=_ClusterState)
-        except (FileNotFoundError, msgspec.MsgspecError):
+            return read_json_as((self.folder / _STATE_FILE).read_bytes(), _ClusterState)
+        except (FileNotFoundError, TextInvalidError):
             return _ClusterState()
 
     def _note_start(self, name: str, pid: int, behaviour: str) -> None:

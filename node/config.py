@@ -5,11 +5,11 @@ Every path in the file is relative to the data directory, so that a directory ca
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.chain.proof_of_possession import require_possession
 from consensus.errors import BlockRobotError
@@ -180,10 +180,10 @@ def load_config(data_dir: Path) -> NodeConfig:
     """
     path = data_dir / CONFIG_FILE
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = read_toml_text(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {CONFIG_FILE} in {data_dir}.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (TextInvalidError, UnicodeDecodeError) as error:
         raise _invalid(f"it is not TOML: {error}.") from None
     unknown = sorted(set(document) - set(SECTIONS))
     if unknown:

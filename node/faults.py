@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from node.consensus.journal_disk import Disk, DiskFile
 from node.p2p.shaping import LinkFault, Shaper
@@ -68,8 +69,8 @@ class FaultSwitch:
 
     def _restore(self) -> None:
         try:
-            kept = msgspec.json.decode(self._path.read_bytes(), type=_Kept)
-        except (OSError, msgspec.MsgspecError):
+            kept = read_json_as(self._path.read_bytes(), _Kept)
+        except (OSError, TextInvalidError):
             raise BlockRobotError("FAULT_INVALID", f"{self._path.name} cannot be read; remove it to be rid.") from None
         links: dict[str, LinkFault | None] = dict(kept.links)
         disk = dict.fromkeys(kept.disk, True)
@@ -78,8 +79,8 @@ class FaultSwitch:
     def request(self, body: bytes) -> Mapping[str, Any]:
         """Do what a request's JSON asks, all of it or nothing; return what is on now. Raises FAULT_INVALID."""
         try:
-            wanted = msgspec.json.decode(body, type=FaultRequest)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            wanted = read_json_as(body, FaultRequest)
+        except TextInvalidError as error:
             raise BlockRobotError("FAULT_INVALID", f"The request is not understood: {error}.") from None
         self._apply(wanted)
         state = self.describe()

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 
 FORMAT = "blockrobot-export"
@@ -468,8 +469,8 @@ def write_document(document: Document) -> bytes:
 def read_document(name: str, content: bytes, kind: type[D]) -> D:
     """Read a document from its one form. Raises BUNDLE_INVALID."""
     try:
-        document = msgspec.json.decode(content, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        document = read_json_as(content, kind)
+    except TextInvalidError as error:
         raise BlockRobotError("BUNDLE_INVALID", f"{name} is no {kind.__name__}: {error}.") from None
     if write_document(document) != content:
         raise BlockRobotError("BUNDLE_INVALID", f"{name} is not written as a bundle has it; it was changed.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,6 +17,7 @@ from clients.wallet.cli.group_options import place_wallet, wallet_options
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import reads_only, run_opened
 from clients.wallet.consent.rights_requests import read_correction, write_correction
+from consensus.bounded_text import read_json_text
 from consensus.rights.right_codes import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
 from pages.moments import show_moment
 
@@ -197,7 +197,7 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
     number, row = run_opened(ctx, lambda opened: Breaches(opened).find_correction(correction))
     if as_json:
         place = {"number": number, "txid": row.txid.hex(), "height": row.height, "time_ms": row.time}
-        print_json({"ok": True, **place, "correction": json.loads(write_correction(correction))})
+        print_json({"ok": True, **place, "correction": read_json_text(write_correction(correction))})
         return
     of = counted(len(correction.record_ids), "record") if correction.record_ids else "all"
     console.print(

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from consensus.bounded_text import read_json_as
 from consensus.errors import BlockRobotError
 from consensus.rights.mandates import MANDATE_REASONS, PAPERS_MAX_COUNT, SALT_BYTES, commit_papers
 
@@ -115,12 +116,12 @@ def read_receipt(path: Path) -> PapersReceipt:
     except OSError as error:
         raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror or type(error).__name__}.") from None
     try:
-        receipt = msgspec.json.decode(content, type=PapersReceipt)
+        receipt = read_json_as(content, PapersReceipt)
         fits = receipt.format == FORMAT and receipt.reason in MANDATE_REASONS
         fits = fits and len(bytes.fromhex(receipt.salt)) == SALT_BYTES
         fits = fits and all(len(digest) == _DIGEST_BYTES for digest in receipt.digests)
         fits = fits and 0 < len(receipt.papers) <= PAPERS_MAX_COUNT
-    except (msgspec.MsgspecError, ValueError, RecursionError):
+    except ValueError:
         fits = False
     if not fits:
         raise BlockRobotError("MANDATE_PAPERS_OTHER", f"{path} is no receipt of a mandate's papers.")

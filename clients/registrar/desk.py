@@ -13,12 +13,11 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-import msgspec
-
 from clients.sdk.chain.proved_rows import Read, in_session, proved_row, put_query
 from clients.sdk.chain.transactions import Clock, SystemClock
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.members.roster import (
@@ -86,8 +85,8 @@ class Desk:
         if not path.exists():
             return []
         try:
-            return msgspec.json.decode(path.read_bytes(), type=list[CardEntry])
-        except msgspec.MsgspecError:
+            return read_json_as(path.read_bytes(), list[CardEntry])
+        except TextInvalidError:
             raise BlockRobotError(
                 "DATA_DIRECTORY_INVALID", f"The list of cards in {self._folder} is damaged."
             ) from None

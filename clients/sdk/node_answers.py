@@ -10,6 +10,7 @@ from typing import TypeVar
 import msgspec
 
 from clients.sdk.terminal.ascii_output import printable
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.block import FinalityProof, QuorumCertificate
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.primitives.encoding import decode
@@ -131,8 +132,8 @@ class QueryAnswer(Answer, frozen=True):
 def read_answer(content: bytes, kind: type[A]) -> A:
     """Read a JSON answer. Raises INTERNAL if the node does not speak this interface."""
     try:
-        return msgspec.json.decode(content, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return read_json_as(content, kind)
+    except TextInvalidError:
         raise BlockRobotError("INTERNAL", f"The node's answer is no {kind.__name__}.") from None
 
 
@@ -158,8 +159,8 @@ def error_of(problem: ProblemAnswer) -> BlockRobotError:
 def read_problem(content: bytes, status: int) -> BlockRobotError:
     """Return the exception for an answer that is no success."""
     try:
-        return error_of(msgspec.json.decode(content, type=ProblemAnswer))
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return error_of(read_json_as(content, ProblemAnswer))
+    except TextInvalidError:
         return BlockRobotError("INTERNAL", f"The node answered with status {status} and no problem document.")
 
 

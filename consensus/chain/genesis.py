@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from consensus.bounded_text import read_json_text
 from consensus.chain.block import HEADER_VERSION, NO_BLOCK, Block, Header, QuorumCertificate, compute_header_id
 from consensus.chain.epoch_settings import ChainSettings, Epoch, check_settings, parse_production
 from consensus.chain.schedule import Schedule
@@ -182,7 +183,7 @@ def _from_hex(kind: Any, value: Any) -> Any:
 def genesis_from_json(text: str) -> Genesis:
     """Read a genesis file. Raises GENESIS_INVALID with what is wrong."""
     try:
-        raw = json.loads(text)
+        raw = read_json_text(text)
         fields = dict(zip(Genesis.__struct_fields__, _named(Genesis, raw), strict=True))
         fields["settings"] = _named(ChainSettings, fields["settings"])
         fields["organisations"] = [_named(Organisation, part) for part in fields["organisations"]]

@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import tagged_hash
 from consensus.rights.purposes import PURPOSES
@@ -150,8 +151,8 @@ def encode_notice(notice: Notice) -> bytes:
 def decode_notice(document: bytes) -> Notice:
     """Read a document. Raises NOTICE_INVALID unless it is one, complete, in its one form."""
     try:
-        notice = msgspec.json.decode(document, type=Notice)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        notice = read_json_as(document, Notice)
+    except TextInvalidError as error:
         raise BlockRobotError("NOTICE_INVALID", f"It has not the form of a notice: {error}.") from None
     if encode_notice(notice) != document:
         raise BlockRobotError("NOTICE_INVALID", "It is not written in its one form.")

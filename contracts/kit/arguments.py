@@ -8,11 +8,11 @@ hex: stands for bytes unless only text fits.
 from __future__ import annotations
 
 import ast
-import json
 import re
 from collections.abc import Sequence
 from typing import Any
 
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from contracts.vm.frontend.abi import Abi, Entry, parse_type
@@ -118,12 +118,12 @@ def _read_one(text: str, node: ast.expr) -> Any:  # noqa: PLR0911 - one per type
             return None
         case "object":
             try:
-                return _fit(json.loads(text, parse_float=_no_float), node)
-            except (ValueError, RecursionError):
+                return _fit(read_json_text(text, parse_float=_no_float), node)
+            except ValueError:
                 return _fit(text, node)
     try:
-        value = json.loads(text, parse_float=_no_float)
-    except (ValueError, RecursionError):
+        value = read_json_text(text, parse_float=_no_float)
+    except ValueError:
         raise _MisfitError from None
     return _fit(value, node)
 

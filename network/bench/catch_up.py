@@ -8,13 +8,13 @@ differs in the end.
 from __future__ import annotations
 
 import asyncio
-import json
 import shutil
 import time
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from network.bench.conditions import build_result, measure_conditions
@@ -113,7 +113,7 @@ async def _settle(network: FreshNetwork) -> bool:
 def read_first_link(log: str, since: datetime) -> datetime | None:
     """Return when a node had its first peer after a moment, by its own log: before that it cannot catch up."""
     for line in split_lines(log):
-        entry = json.loads(line)
+        entry = read_json_text(line)
         at = datetime.fromisoformat(str(entry.get("timestamp")).replace("Z", "+00:00"))
         if at >= since and entry.get("event") == "peer_connected":
             return at

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import time
 from collections.abc import Sequence
 from types import TracebackType
 
 import aiohttp
 
+from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import Genesis, NodeEntry
 from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
@@ -73,7 +73,7 @@ class FinalityFollower:
     async def _follow(self, response: aiohttp.ClientResponse) -> None:
         async for line in response.content:
             if line.startswith(b"data: "):
-                self._note(json.loads(line[6:])["txid"], time.perf_counter())
+                self._note(read_json_text(line[6:])["txid"], time.perf_counter())
 
     def _note(self, txid: str, at_s: float) -> None:
         waiting = self._waiting.pop(txid, None)

@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 
+from consensus.bounded_text import read_json_text
 from network.console.chronicle import ROUTINE_KINDS, Event
 from network.console.moments import Moment
 
@@ -119,7 +120,7 @@ class Recorder:
         if not self._moments:
             return None
         place = max(0, bisect.bisect_right(self._times_ms, at_ms) - 1)
-        moment: Moment = msgspec.json.decode(self._moments[place])
+        moment: Moment = read_json_text(self._moments[place])
         return moment
 
     def events_after(self, number: int) -> list[Event]:

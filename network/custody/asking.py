@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable
 from typing import Any
 
 import aiohttp
 
+from consensus.bounded_text import read_json_text
 from consensus.errors import CATALOGUE, BlockRobotError
 from node.config import OPERATOR_HOST, NodeConfig
 from node.faults import TOKEN_FILE_NAME
@@ -72,7 +72,7 @@ async def run_work(config: NodeConfig, work: str, tell: Tell) -> dict[str, Any]:
                 if response.status != 200:
                     raise _refusal(await response.json())
                 async for line in response.content:
-                    answer = json.loads(line)
+                    answer = read_json_text(line)
                     if "progress" in answer:
                         progress = answer["progress"]
                         tell(config.name, progress["what"], progress["done"], progress["total"])

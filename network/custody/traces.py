@@ -21,6 +21,7 @@ import msgspec
 from pymongo import MongoClient
 from pymongo.errors import PyMongoError
 
+from consensus.bounded_text import read_json_as
 from consensus.chain.block import Block
 from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
@@ -123,7 +124,7 @@ def write_traces(path: Path, traces: Sequence[Trace]) -> None:
 def read_traces(path: Path) -> list[Trace]:
     """Read pieces back. Raises FILE_UNUSABLE for another kind of file."""
     try:
-        kept = msgspec.json.decode(path.read_bytes(), type=_Kept)
+        kept = read_json_as(path.read_bytes(), _Kept)
         traces = [
             Trace(bytes.fromhex(name), pieces={kind: {bytes.fromhex(piece) for piece in found} for kind, found in each})
             for name, each in ((name, each.items()) for name, each in kept.records.items())
@@ -131,7 +132,7 @@ def read_traces(path: Path) -> list[Trace]:
         for trace in traces:
             told = kept.grants.get(trace.record_id.hex(), {})
             trace.grants = {bytes.fromhex(piece): bytes.fromhex(grant) for piece, grant in told.items()}
-    except (msgspec.MsgspecError, ValueError):
+    except ValueError:
         raise BlockRobotError("FILE_UNUSABLE", f"{path.name} is no file of traces that custody hunt wrote.") from None
     if kept.format != FORMAT_VERSION:
         raise BlockRobotError("FILE_UNUSABLE", f"{path.name} was written by another version.")

@@ -6,13 +6,13 @@ Each child knows the genesis file, the nodes' HTTP addresses in it, and its own 
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from consensus.bounded_text import read_json_text
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.visible_text import split_lines
 
@@ -30,7 +30,7 @@ def _environment(extra: dict[str, str]) -> dict[str, str]:
 def parse_answer(output: bytes, errors: bytes, arguments: list[str]) -> dict[str, Any]:
     """Return a child's JSON answer. Raises the child's own refusal, or INTERNAL if it said nothing readable."""
     try:
-        answer = json.loads(output)
+        answer = read_json_text(output)
     except ValueError:
         answer = None
     if not isinstance(answer, dict):
@@ -113,7 +113,7 @@ class LongCommand:
         assert process.stderr is not None
         while line := await process.stderr.readline():
             try:
-                report = json.loads(line)
+                report = read_json_text(line)
             except ValueError:
                 report = None
             if isinstance(report, dict) and "progress" in report:

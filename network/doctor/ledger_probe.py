@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from consensus.bounded_text import read_json_text
 from consensus.chain.block import Block, compute_header_id
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
@@ -132,7 +133,7 @@ def _run_child(configs: Sequence[NodeConfig]) -> dict[str, LedgerFacts]:
     seen = {}
     for line in split_lines(output.decode()):
         if line.endswith("}"):
-            fields = json.loads(line)
+            fields = read_json_text(line)
             fields["roots"] = {int(height): root for height, root in fields["roots"].items()}
             seen[fields["name"]] = LedgerFacts(**fields)
     return seen

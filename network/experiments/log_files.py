@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import datetime
-import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from xml.parsers import expat
 
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from network.experiments.pages.event_table import EventTable, LoggedEvent
@@ -70,8 +70,8 @@ def _parse_json_lines(text: str) -> Iterator[LoggedEvent]:
         if not line.strip():
             continue
         try:
-            row = json.loads(line)
-        except (ValueError, RecursionError):
+            row = read_json_text(line)
+        except ValueError:
             raise invalid_line(number, "it is not JSON") from None
         if not isinstance(row, dict):
             raise invalid_line(number, "it is not a JSON object")

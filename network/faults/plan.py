@@ -25,12 +25,12 @@ that fault again after `lasting`. The draws are made when the plan is read, so t
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
 from typing import Any
 
+from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from network.byzantine import BEHAVIOURS
@@ -96,8 +96,8 @@ class FaultPlan:
 def parse_plan(text: str, names: Sequence[str]) -> FaultPlan:
     """Read a plan for a network of these nodes. Raises FAULT_PLAN_INVALID, whose detail begins with the line."""
     try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        document = read_toml_text(text)
+    except TextInvalidError as error:
         found = re.search(r"line (\d+)", str(error))
         line = int(found[1]) if found else max(1, len(split_lines(text)))
         raise _wrong(line, f"it is not TOML: {error}.") from None

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
 from importlib import resources
 
+from consensus.bounded_text import read_toml_text
 from consensus.rights.notices import Notice, notice_from
 
 DEMO_ORGANISATION = "hospital"
@@ -19,4 +19,4 @@ def demo_notice_text() -> str:
 @cache
 def demo_notice() -> Notice:
     """Return the notice."""
-    return notice_from(tomllib.loads(demo_notice_text()))
+    return notice_from(read_toml_text(demo_notice_text()))

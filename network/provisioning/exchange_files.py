@@ -13,6 +13,7 @@ from typing import Any
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import NodeEntry, Organisation
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import is_public_key
@@ -88,7 +89,7 @@ def read_organisation_entry(path: Path) -> dict[str, Any]:
     """
     text = read_public_text(path)
     try:
-        document = json.loads(text)
+        document = read_json_text(text)
         name, certificate = document["name"], document["ca_certificate"]
         keys = {kind: [bytes.fromhex(key) for key in document[kind]] for kind in ("admins", "registrars")}
     except (ValueError, TypeError, KeyError):
@@ -106,7 +107,7 @@ def read_node_entry(path: Path) -> dict[str, Any]:
     """
     text = read_public_text(path)
     try:
-        document = json.loads(text)
+        document = read_json_text(text)
         fields = {name: document[name] for name in NodeEntry.__struct_fields__}
         for name in ("producer_key", "producer_possession", "custodian_key"):
             fields[name] = bytes.fromhex(fields[name])

@@ -5,12 +5,12 @@ Must never let a plan through that would be played otherwise than it reads: a fa
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 
+from consensus.bounded_text import read_toml_text
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
 from network.sim.plan import CRASH_POINTS, FLOODS, PROFILES, Fault, Plan
@@ -63,7 +63,7 @@ def load_plan(path: Path) -> Plan:
     if len(data) > PLAN_FILE_MAX_BYTES:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The plan {path} is larger than {PLAN_FILE_MAX_BYTES} bytes.")
     try:
-        plan = msgspec.convert(tomllib.loads(data.decode()), Plan)
+        plan = msgspec.convert(read_toml_text(data.decode()), Plan)
     except (ValueError, msgspec.ValidationError) as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The plan {path} cannot be read: {error}.") from None
     wrong = find_problem(plan)

@@ -15,6 +15,7 @@ import msgspec
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Meter, Readings, Steps
 from node.api.access.rate_limit import Tab
@@ -185,8 +186,8 @@ class Call:
         """Return the request's JSON document. Raises REQUEST_INVALID with what is wrong, REQUEST_TOO_LARGE."""
         content = await self.body()
         try:
-            return msgspec.json.decode(content, type=kind)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            return read_json_as(content, kind)
+        except TextInvalidError as error:
             raise BlockRobotError("REQUEST_INVALID", f"The body is no {kind.__name__}: {error}.") from None
 
     def _parameter(self, name: str) -> Parameter:

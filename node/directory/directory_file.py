@@ -11,6 +11,7 @@ from pathlib import Path
 
 import msgspec
 
+from consensus.bounded_text import read_json_as
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from node.directory.node_directory import DirectoryContent, DirectoryNode, DirectoryOrganisation, content_of_genesis
@@ -72,7 +73,7 @@ def encode_directory(chain_id: bytes, content: DirectoryContent) -> bytes:
 def decode_directory(data: bytes, chain_id: bytes) -> DirectoryContent:
     """Read the file's text. Raises CONFIGURATION_INVALID if it is damaged or of another chain."""
     try:
-        whole = msgspec.json.decode(data, type=_File)
+        whole = read_json_as(data, _File)
         content = DirectoryContent(
             height=whole.height,
             nodes={row.name: _to_node(row) for row in whole.nodes},
@@ -82,7 +83,7 @@ def decode_directory(data: bytes, chain_id: bytes) -> DirectoryContent:
             },
             revoked=frozenset((organisation, int(serial, 16)) for organisation, serial in whole.revoked),
         )
-    except (msgspec.MsgspecError, ValueError) as error:
+    except ValueError as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"{DIRECTORY_FILE} cannot be read: {error}.") from None
     if whole.chain_id != chain_id.hex():
         raise BlockRobotError("CONFIGURATION_INVALID", f"{DIRECTORY_FILE} is of another network than the genesis file.")

@@ -6,7 +6,6 @@ that was in force; nor one that either side did not sign.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import msgspec
 
 from clients.bundle import documents as doc
 from clients.bundle.checks.chain_proofs import ProvedChain, ProvedValue
+from consensus.bounded_text import TextInvalidError, read_json_as, read_json_text
 from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
@@ -80,7 +80,7 @@ def read_reference(document: bytes) -> tuple[str, int]:
     Raises CONSENT_RECEIPT_INVALID.
     """
     try:
-        fields = json.loads(document)
+        fields = read_json_text(document)
         notice = fields["privacy_notice"]
         organisation, version = fields["pii_controllers"][0]["party_id"], 0 if notice is None else notice["version"]
         organisation.encode()  # as a key of the state: no text with half a character
@@ -135,7 +135,7 @@ def _check(chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, sig
         person=word.member,
         person_signature=doc.read_bytes(_NAME, entry.person_signature) if signed else None,
     )
-    return CheckedReceipt(word, organisation, node.name, published, json.loads(document), is_registrars)
+    return CheckedReceipt(word, organisation, node.name, published, read_json_text(document), is_registrars)
 
 
 def _is_registrars(state: dict[bytes, ProvedValue], organisation: str, word: ConsentWord) -> bool:
@@ -196,10 +196,10 @@ def check_file(path: Path, expected: Genesis | bytes | None = None) -> CheckedFi
     if path.stat().st_size > FILE_MAX_BYTES:
         raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} is too large.")
     try:
-        content = msgspec.json.decode(path.read_bytes(), type=ReceiptFile)
+        content = read_json_as(path.read_bytes(), ReceiptFile)
         genesis = genesis_from_json(content.genesis)
         chain = ProvedChain(genesis, content.epochs)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+    except TextInvalidError:
         raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} is no file of consent receipts, or not whole.") from None
     except BlockRobotError as error:
         raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{error.detail} ({error.code})") from None

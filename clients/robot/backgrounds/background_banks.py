@@ -19,6 +19,7 @@ import numpy.typing as npt
 from clients.robot.hiding.background import empty_bank
 from clients.robot.sensing.sensor_events import Depth, check_depth
 from clients.sdk.pictures.rendition_picture import colourise, decode_depth_png
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 
 FOLDER = "empty-scenes"
@@ -239,10 +240,10 @@ def _folder(robot: Path, viewpoint: str) -> Path:
 
 def _read(folder: Path) -> _Stored:
     try:
-        return msgspec.json.decode((folder / _SCENE).read_bytes(), type=_Stored)
+        return read_json_as((folder / _SCENE).read_bytes(), _Stored)
     except FileNotFoundError:
         raise BlockRobotError("BACKGROUND_NOT_FOUND", f"There are no empty frames of {folder.name}.") from None
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, TextInvalidError) as error:
         raise BlockRobotError("BACKGROUND_INVALID", f"The empty frames of {folder.name} cannot be read.") from error
 
 

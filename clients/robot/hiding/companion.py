@@ -6,7 +6,6 @@ and evaluated here with numpy alone. It must never decide who somebody is: only 
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
@@ -16,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clients.robot.sensing.sensor_events import Depth, Mask
+from consensus.bounded_text import read_json_text
 
 MODEL_FILE = "companion-model.json"
 PIXELS_MAX_COUNT = 5_000  # larger silhouettes are looked at with every second pixel
@@ -85,7 +85,7 @@ class Trees:
 def shipped_model() -> Trees:
     """Return the model that ships with the robot."""
     text = (resources.files("clients.robot.hiding") / MODEL_FILE).read_text(encoding="utf-8")
-    return trees_of(json.loads(text))
+    return trees_of(read_json_text(text))
 
 
 def trees_of(table: dict[str, Any]) -> Trees:

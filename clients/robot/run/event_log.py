@@ -18,6 +18,8 @@ from types import TracebackType
 from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
 
+from consensus.bounded_text import read_json_text
+
 IMAGE_RETRIEVE = "IMAGE_RETRIEVE"
 RFID_RETRIEVE = "RFID_RETRIEVE"
 IMAGE_NOT_PAIRED_NOT_EXIST_RFID = "IMAGE_NOT_PAIRED_NOT_EXIST_RFID"
@@ -136,7 +138,7 @@ def _end_whole(path: Path) -> None:
 def read_events(path: Path) -> list[dict[str, Any]]:
     """Return the events of a log, in file order; of a killed robot's, those before the half line at the end."""
     *whole, _ = path.read_text(encoding="utf-8").split("\n")
-    return [json.loads(line) for line in whole if line]
+    return [read_json_text(line) for line in whole if line]
 
 
 def write_csv(events: Iterable[dict[str, Any]], path: Path) -> None:

@@ -6,7 +6,6 @@ Read from TOML and checked here, once, before anything is read. Must never guess
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
 from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
 from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
+from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 
 TOPICS_FILE_MAX_BYTES = 256 * 1024
@@ -138,8 +138,8 @@ def load_topics(path: Path) -> Topics:
 def parse_topics(text: str) -> Topics:
     """Return the topics that a file's text names. Raises TOPICS_INVALID, naming the setting."""
     try:
-        table = _Table(tomllib.loads(text), "")
-    except tomllib.TOMLDecodeError as error:
+        table = _Table(read_toml_text(text), "")
+    except TextInvalidError as error:
         raise _wrong(f"The topics file is not valid TOML: {error}.") from error
     clock = table.word("clock", "stamp", get_args(ClockName))
     depth, empty, rgb = table.table("depth"), table.table("empty"), table.table("rgb")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import tomllib
 from dataclasses import dataclass, replace
 from importlib import resources
 from itertools import pairwise
@@ -16,6 +15,7 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 
 SCENARIO_FILE_MAX_BYTES = 256 * 1024
@@ -286,9 +286,9 @@ def _beside(person: Person, leader: Person) -> Person:
 def parse_scenario(text: str) -> Scenario:
     """Return the scenario of a TOML text; raises CONFIGURATION_INVALID with the first thing that is wrong."""
     try:
-        table = tomllib.loads(text)
+        table = read_toml_text(text)
         scenario = _scenario(table, hashlib.sha256(text.encode()).hexdigest())
-    except tomllib.TOMLDecodeError as error:
+    except TextInvalidError as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario is not valid TOML: {error}.") from error
     except KeyError as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario lacks {error.args[0]!r}.") from error

@@ -11,6 +11,7 @@ import secrets
 from pathlib import Path
 
 from clients.robot.synthetic.scenario import Scenario
+from consensus.bounded_text import read_json_text
 
 _TAGS_FILE = "tags.json"
 _UID_BYTES = 12  # an EPC-96
@@ -20,7 +21,7 @@ def load_or_draw_tags(folder: Path, scenario: Scenario) -> dict[str, str]:
     """Return alias -> UID (upper-case hexadecimal) of at least a scenario's tags, drawing those that are new."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     path = folder / _TAGS_FILE
-    known: dict[str, str] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    known: dict[str, str] = read_json_text(path.read_text(encoding="utf-8")) if path.exists() else {}
     new = [alias for alias in scenario.tagged_aliases if alias not in known]
     if not new:
         return known

@@ -11,6 +11,7 @@ import numpy as np
 
 from clients.sdk.pictures.depth_colours import Depth
 from clients.sdk.pictures.rendition_picture import check_jpeg, decode_depth_png, encode_depth_png, paint_colour
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG_RGBA, ENCODING_WAV, Rendition
 
@@ -43,11 +44,11 @@ def _check_wav(data: bytes) -> bytes:
 def _check_label(data: bytes) -> bytes:
     """Return a label as JSON written anew, so that nothing else can hide in it."""
     try:
-        told = json.loads(data[:LABEL_MAX_BYTES].decode("utf-8"))
+        told = read_json_text(data[:LABEL_MAX_BYTES].decode("utf-8"))
         if not isinstance(told, dict) or not isinstance(told.get("label"), str) or len(data) > LABEL_MAX_BYTES:
             raise ValueError
         return json.dumps(told, ensure_ascii=False, indent=2, sort_keys=True).encode() + b"\n"
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise BlockRobotError("RENDITION_CORRUPTED", "The label is damaged.") from error
 
 

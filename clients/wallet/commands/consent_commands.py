@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -23,6 +22,7 @@ from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.consent.receipt_fetching import ConsentReceipts, Receipts
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import WrongUsage, code_text, describe_error, purposes_text, refusal, text
+from consensus.bounded_text import read_json_text
 from consensus.members.handles import encode_short
 from consensus.rights.consents import GIVEN
 from consensus.rights.purposes import PURPOSES
@@ -340,7 +340,7 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
     if out is not None:
         out.write_bytes(content)
     if as_json:
-        rows = [json.loads(entry.document) for entry in found.entries]
+        rows = [read_json_text(entry.document) for entry in found.entries]
         missing = [{"txid": txid.hex(), "code": error.code} for txid, error in found.missing]
         print_json({"ok": True, "receipts": rows, "missing": missing, "file": None if out is None else str(out)})
         return

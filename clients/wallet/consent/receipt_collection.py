@@ -8,8 +8,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
-import msgspec
-
 from clients.bundle import documents as doc
 from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.checks.consent_receipts import RECEIPTS_MAX_COUNT, CheckedReceipt, check_entry
@@ -20,6 +18,7 @@ from clients.sdk.chain.proved_rows import proved_row
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import refusal
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.state.identity import MEMBER, MemberRow
 
@@ -75,10 +74,10 @@ class _Collecting:
         chain = ProvedChain(self.wallet.genesis, ConsentReceipts(self.wallet).epochs())
         for kept in self.wallet.store.content.receipts:
             try:
-                entry = msgspec.json.decode(kept, type=doc.ReceiptEntry)
+                entry = read_json_as(kept, doc.ReceiptEntry)
                 checked = check_entry(chain, self.wallet.genesis, entry)
                 require_hers(checked, self.row)
-            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            except TextInvalidError:
                 refused.append(BlockRobotError("CONSENT_RECEIPT_INVALID", "It cannot be read."))
             except BlockRobotError as error:
                 refused.append(error)

@@ -22,6 +22,7 @@ from clients.sdk.node_answers import Answer, read_answer, read_hex
 from clients.wallet.export.proof_collection import StateCollector
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.kept_proofs import receipt_proof
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.rights.consent_receipts import sign_as_person
@@ -201,8 +202,8 @@ class ConsentReceipts:
 
     def _kept(self) -> list[ReceiptEntry]:
         try:
-            return [msgspec.json.decode(each, type=ReceiptEntry) for each in self._wallet.store.content.receipts]
-        except (msgspec.DecodeError, UnicodeDecodeError):
+            return [read_json_as(each, ReceiptEntry) for each in self._wallet.store.content.receipts]
+        except TextInvalidError:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "A kept receipt was written by another version.") from None
 
     async def find_words(self) -> list[bytes]:

@@ -19,6 +19,7 @@ from clients.wallet.ledger.visit_scan import find_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, code_text, load, purposes_text, refusal, text
 from clients.wallet.store.keystore import KnownVisit
+from consensus.bounded_text import read_json_as
 from consensus.errors import BlockRobotError
 from consensus.rights.purposes import require_published
 from consensus.rights.right_codes import (
@@ -208,10 +209,10 @@ def write_correction(correction: Correction) -> bytes:
 def read_correction(data: bytes) -> Correction:
     """Read a correction that was handed on. Raises FILE_UNUSABLE."""
     try:
-        correction = msgspec.json.decode(data, type=Correction)
+        correction = read_json_as(data, Correction)
         commit_correction(correction)
         return correction
-    except (msgspec.MsgspecError, ValueError):
+    except ValueError:
         raise refusal("FILE_UNUSABLE", "right_file") from None
 
 

@@ -18,6 +18,7 @@ from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.node_answers import EvidenceDocument, FinalityDocument, read_finality, read_hex
 from clients.sdk.proof_checks import ProvedState
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.block import Receipt
 from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.errors import BlockRobotError
@@ -116,8 +117,8 @@ def read_kept(holder: ProofHolder, txid: bytes) -> KeptProof | None:
 
 def _read(txid: bytes, packed: bytes) -> KeptProof:
     try:
-        return msgspec.json.decode(packed, type=KeptProof)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return read_json_as(packed, KeptProof)
+    except TextInvalidError:
         raise BlockRobotError("KEPT_PROOF_DAMAGED", f"The proof kept of {txid.hex()[:12]} cannot be read.") from None
 
 

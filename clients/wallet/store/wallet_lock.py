@@ -18,6 +18,7 @@ import msgspec
 
 from clients.wallet.cli.invocation import as_called
 from clients.wallet.present.translations import refusal
+from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from pages.moments import show_moment
 
@@ -146,7 +147,7 @@ def _read_holder(path: Path) -> _Holder | None:
     """Return who holds the lock, None where that cannot be known: the file may be of an older version, or half written."""
     try:
         with _lock_of(path).open("rb") as file:
-            holder = msgspec.json.decode(file.read(NOTE_MAX_BYTES), type=_Holder)
-    except (OSError, msgspec.MsgspecError):
+            holder = read_json_as(file.read(NOTE_MAX_BYTES), _Holder)
+    except (OSError, TextInvalidError):
         return None
     return holder if 0 <= holder.since_ms < SINCE_MAX_MS else None

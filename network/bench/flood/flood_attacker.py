@@ -20,6 +20,7 @@ from typing import Any
 
 import aiohttp
 
+from consensus.bounded_text import read_json_text
 from consensus.chain.session_message import sign_session
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
@@ -217,7 +218,7 @@ async def _swallow(reader: asyncio.StreamReader) -> None:
 
 def main() -> None:
     """Read the orders, flood, and say on standard output what was sent."""
-    attack = _Attack(json.load(sys.stdin))
+    attack = _Attack(read_json_text(sys.stdin.read()))
     asyncio.run(attack.run())
     figures = {
         "sent_bytes": attack.rate.sent_bytes,

@@ -19,6 +19,7 @@ from typing import Any
 
 import aiohttp
 
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from network.bench.conditions import build_result, measure_conditions, percentile
 from network.bench.event_follower import FinalityFollower
@@ -206,7 +207,7 @@ async def _attack(orders: dict[str, Any]) -> dict[str, Any]:
         if process.returncode is None:
             process.kill()
             await process.wait()
-    figures: dict[str, Any] = json.loads(output) if output else {}
+    figures: dict[str, Any] = read_json_text(output) if output else {}
     return figures
 
 

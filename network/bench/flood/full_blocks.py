@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Sequence
 from typing import Any
 
+from consensus.bounded_text import read_json_text
 from network.bench.flood.flood_routes import Landmarks
 from network.bench.fresh_network import LoadRobot
 from node.api.documents import PAGE_MAX_COUNT
@@ -46,7 +46,7 @@ async def _list_blocks(robot: LoadRobot) -> list[dict[str, Any]]:
 
 async def _ask(robot: LoadRobot, path: str, query: dict[str, str | int]) -> dict[str, Any]:
     client = robot.client
-    answer: dict[str, Any] = json.loads(
+    answer: dict[str, Any] = read_json_text(
         await client.ask_node(client.nodes[0], "GET", path, key=robot.key, query=query or None)
     )
     return answer

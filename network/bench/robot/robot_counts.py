@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 
 from clients.robot.run.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
+from consensus.bounded_text import read_json_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def read_frames(lines: Iterable[str]) -> LoggedFrames:
     found = LoggedFrames()
     counts = {IMAGE_PAIRED: found.paired, BLOCKCHAIN_TRANSACTION: found.kept, IMAGE_WITHHELD: found.withheld}
     for line in lines:
-        row = json.loads(line)
+        row = read_json_text(line)
         if row["activity"] == IMAGE_RETRIEVE:
             found.taken_at_ms.append(row["time_ms"])
         if row["activity"] not in counts or not row["case"].startswith("frame-"):

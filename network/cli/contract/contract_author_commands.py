@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
-import json
 import subprocess
 import sys
 import tempfile
@@ -18,6 +17,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from contracts.kit.sources import is_contract_file, read_source
@@ -75,7 +75,7 @@ def test(path: Path, lines: bool, chosen: str | None, as_json: bool) -> None:
         code, output = _run_pytest(path, chosen, place, quiet=as_json)
         sources: list[dict[str, Any]] = []
         if place.exists():
-            sources = json.loads(place.read_text(encoding="utf-8"))["sources"]
+            sources = read_json_text(place.read_text(encoding="utf-8"))["sources"]
     if as_json:
         print_json({"ok": code == 0, "exit_code": code, "output": output, "sources": sources})
     else:

@@ -25,6 +25,7 @@ from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place, read
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.terminal import console, json_option, plain_errors
 from clients.sdk.trust_pin_file import write_pin_file
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.state.lifecycle import MACHINE_TABLE
@@ -59,7 +60,7 @@ class Wanted:
         Raises EVENTS_STATE_OF_OTHERS, and EVENTS_STATE_BROKEN for what is none.
         """
         try:
-            fields = json.loads(path.read_bytes())
+            fields = read_json_text(path.read_bytes())
             place = read_place(fields["next"])
         except FileNotFoundError:
             return None
@@ -112,7 +113,7 @@ def _place_of_last(path: Path, whole: bytes) -> Place | None:
     if not whole:
         return None
     try:
-        place = read_place(json.loads(whole[whole.rfind(b"\n", 0, -1) + 1 :])["place"])
+        place = read_place(read_json_text(whole[whole.rfind(b"\n", 0, -1) + 1 :])["place"])
     except (ValueError, KeyError, TypeError, BlockRobotError):
         raise BlockRobotError("EVENTS_FILE_FOREIGN", f"The last line of {path} is no event.") from None
     return Place(place.height, place.index + 1)

@@ -5,7 +5,6 @@ complete, nor show words that the chain does not prove.
 from __future__ import annotations
 
 import sys
-import tomllib
 from pathlib import Path
 
 import click
@@ -15,6 +14,7 @@ from clients.sdk.chain.governance import read_membership
 from clients.sdk.chain.notices import read_notice, read_version
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
+from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 from consensus.rights.notices import (
     Notice,
@@ -66,8 +66,8 @@ def read_notice_file(path: Path) -> Notice:
         line = path.read_bytes()[: error.start].count(b"\n") + 1
         raise BlockRobotError("NOTICE_INVALID", f"{path} is no text: line {line} is not UTF-8.") from None
     try:
-        return notice_from(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
+        return notice_from(read_toml_text(text))
+    except TextInvalidError as error:
         last = f"at line {len(split_lines(text))}, the last one: is the file whole?"
         detail = str(error).replace("at end of document", last)
         raise BlockRobotError("NOTICE_INVALID", f"{path} is no TOML file: {detail}.") from None

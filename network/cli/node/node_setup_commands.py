@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
+from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
@@ -167,7 +167,7 @@ def directory(node: str, out: Path | None, folder: Path | None, as_json: bool) -
     if out is not None:
         out.write_bytes(data)
     if as_json:
-        print_json({"ok": True, **json.loads(data)})
+        print_json({"ok": True, **read_json_text(data)})
         return
     table = plain_table(f"Nodes as of height {content.height}", ["node", "organisation", "peers", "clients", "state"])
     for item in content.nodes.values():

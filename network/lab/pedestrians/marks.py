@@ -7,7 +7,6 @@ rendition it is, is whose box holds most of it.
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
@@ -18,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clients.robot.sensing.sensor_events import Mask
+from consensus.bounded_text import read_json_text
 
 MARKED_FILE = "marked.json"
 OWNER_MIN_SHARE = 0.8
@@ -41,7 +41,7 @@ class InPicture:
 
 @lru_cache(maxsize=1)
 def _marked() -> dict[str, Any]:
-    marked: dict[str, Any] = json.loads(
+    marked: dict[str, Any] = read_json_text(
         (resources.files("network.lab.pedestrians") / MARKED_FILE).read_text(encoding="utf-8")
     )
     return marked
