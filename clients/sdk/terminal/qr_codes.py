@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import segno
 from rich.text import Text
 
+from consensus.bounded_text import read_json_as
 from consensus.errors import BlockRobotError
 
 PICTURE_MAX_BYTES = 16 * 1024 * 1024
@@ -71,7 +71,7 @@ def read_qr(data: bytes) -> str:
         raise BlockRobotError("QR_UNREADABLE", _NO_PROCESS) from error
     if done.returncode != 0:
         raise BlockRobotError("QR_UNREADABLE", TOO_MUCH if done.returncode < 0 else _NO_PROCESS)
-    answer: dict[str, str] = json.loads(done.stdout)
+    answer = read_json_as(done.stdout, dict[str, str])
     if not answer.get("text"):
         raise BlockRobotError("QR_UNREADABLE", answer.get("detail", ""))
     return answer["text"]
