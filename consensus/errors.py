@@ -130,7 +130,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("FILE_EXISTS", 409, "A file that would be written is there already; nothing was written.", "Choose another name or another folder, or move away what is there."),
     ErrorEntry("EVENTS_STATE_OF_OTHERS", 409, "The state file remembers a place among other events.", "Ask with the --contract, --name and network that it names, or name another file with --state."),
     ErrorEntry("EVENTS_STATE_BROKEN", 400, "The file is no state file of `blockrobot contract events`, or it is damaged.", "Move it away, and go on with --from and the place of the last event that you have seen."),
-    ErrorEntry("EVENTS_FILE_FOREIGN", 400, "Something else than `blockrobot contract events` wrote the end of the file.", "Name another file with --out; this one was left as it is."),
+    ErrorEntry("EVENTS_FILE_FOREIGN", 400, "Events would be added to a file that holds something else.", "Name another file with --out or --events; this one was left as it is."),
     ErrorEntry("EVIDENCE_INVALID", 400, "The evidence does not show two words of one producer.", "Accuse nobody of it; a node that made it is damaged or dishonest."),
     ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),
     ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "A cluster already runs in this directory.", "Use it (`blockrobot console` shows it), or stop it with `blockrobot down`."),

@@ -7,12 +7,12 @@ could not do itself.
 from __future__ import annotations
 
 import asyncio
-import os
 import secrets
 import time
 from pathlib import Path
 from typing import Any
 
+from clients.sdk.new_files import write_private
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.demo.processes import run_command, wallet_arguments
@@ -167,10 +167,3 @@ class Stage:
         if self._cluster is not None:
             await asyncio.to_thread(self._cluster.stop_all)
             await asyncio.to_thread(drop_databases, self._cluster)
-
-
-def write_private(path: Path, text: str) -> None:
-    """Write a file that only its owner can read."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        file.write(text)

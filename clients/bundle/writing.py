@@ -6,8 +6,6 @@ that ends), checked there as any stranger would check it, and only then gets its
 
 from __future__ import annotations
 
-import os
-import secrets
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -34,11 +32,11 @@ from clients.bundle.proving import (
     tell_all,
     walk_visits,
 )
+from clients.sdk import new_files
 from consensus.chain.genesis import Genesis, genesis_to_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 
-_DESCRIPTORS = Path("/proc/self/fd")
 _ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -106,12 +104,9 @@ def _add_all(writer: BundleWriter, files: Sequence[tuple[str, bytes]]) -> None:
 
 
 def require_free(path: Path, *, replace: bool) -> None:
-    """Raise FILE_EXISTS unless there is nothing at this place, or a plain file that may be replaced."""
-    if path.is_symlink() or (path.exists() and (not replace or not path.is_file())):
-        hint = "" if replace else " With --force a bundle that is there is replaced."
-        raise BlockRobotError("FILE_EXISTS", f"{path} is there already; nothing was written.{hint}")
-    if not path.parent.is_dir():
-        raise BlockRobotError("FILE_UNUSABLE", f"There is no folder {path.parent}.")
+    """Raise FILE_EXISTS unless there is nothing at this place, or a plain file that may be replaced; FILE_UNUSABLE."""
+    hint = "" if replace else " With --force a bundle that is there is replaced."
+    new_files.require_free(path, replace=replace, hint=hint)
 
 
 def write_bundle(path: Path, contents: Contents, *, replace: bool = False, heard: Heard = never_heard) -> Verdict:
@@ -122,37 +117,22 @@ def write_bundle(path: Path, contents: Contents, *, replace: bool = False, heard
     Raises FILE_EXISTS, EXPORT_TOO_LARGE, BUNDLE_UNPROVEN, OSError; SystemExit if the program is told to end.
     """
     require_free(path, replace=replace)
-    temporary = path.with_name(f".{path.name[:64]}.{secrets.token_hex(4)}")
+    temporary = new_files.temporary_beside(path)
     with _ending_in_order():
-        file, place = _create(temporary)
+        file, place = new_files.create_nameless(temporary)
         try:
             with file:
                 write_entries(file, contents, heard)
                 file.flush()
-                os.fsync(file.fileno())
                 verdict = verify_bundle(
                     place, contents.genesis, lambda what, done, of: heard(f"checking {what}", done, of)
                 )
-                if place != temporary:
-                    # With a descriptor named, Python asks the system so that it follows the link to the nameless file.
-                    os.link(place, temporary, src_dir_fd=file.fileno(), follow_symlinks=True)
-            _give_name(temporary, path, replace=replace)
+                new_files.finish(file, place, temporary)
+            new_files.give_name(temporary, path, replace=replace)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
     return verdict
-
-
-def _create(temporary: Path) -> tuple[BinaryIO, Path]:
-    """Return a new file, and where it can be read: it has no name where that is possible, or else the temporary one."""
-    nameless = getattr(os, "O_TMPFILE", 0) if _DESCRIPTORS.exists() else 0
-    try:
-        descriptor = os.open(temporary.parent, os.O_RDWR | nameless, 0o600)
-    except OSError:
-        # Without O_TMPFILE this asks to write to a folder, which every system refuses.
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
-        return os.fdopen(os.open(temporary, flags, 0o600), "wb"), temporary
-    return os.fdopen(descriptor, "wb"), Path(_DESCRIPTORS, str(descriptor))
 
 
 @contextmanager
@@ -176,24 +156,3 @@ def _ending_in_order() -> Iterator[None]:
     finally:
         for each in heeded:
             signal.signal(each, before[each])
-
-
-def _give_name(temporary: Path, path: Path, *, replace: bool) -> None:
-    """Give the finished file its name in one step; a file that appeared there meanwhile is not replaced unasked."""
-    if replace:
-        temporary.replace(path)
-    else:
-        try:
-            path.hardlink_to(temporary)
-        except FileExistsError:
-            raise BlockRobotError("FILE_EXISTS", f"{path} appeared meanwhile; nothing was written.") from None
-        except OSError:
-            # A file system without hard links: look once more, then rename.
-            require_free(path, replace=False)
-            temporary.replace(path)
-        temporary.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)

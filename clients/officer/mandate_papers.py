@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from clients.sdk.new_files import write_new_file
 from consensus.bounded_text import read_json_as
 from consensus.errors import BlockRobotError
 from consensus.rights.mandates import MANDATE_REASONS, PAPERS_MAX_COUNT, SALT_BYTES, commit_papers
@@ -70,12 +71,7 @@ def write_receipt(path: Path, receipt: PapersReceipt) -> None:
     """Write a receipt for its owner alone, to a file that is not there yet. Raises FILE_EXISTS, FILE_UNUSABLE."""
     content = msgspec.json.format(msgspec.json.encode(receipt), indent=2) + b"\n"
     try:
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-    except FileExistsError:
-        raise BlockRobotError("FILE_EXISTS", f"{path} is there already.") from None
+        write_new_file(path, content)
     except OSError as error:
         raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror or type(error).__name__}.") from None
 

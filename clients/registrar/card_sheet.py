@@ -3,14 +3,8 @@
 from __future__ import annotations
 
 import html
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from typing import TextIO
 
 from clients.sdk.terminal.qr_codes import qr_svg
-from consensus.errors import BlockRobotError
 from consensus.members.vouchers import CODE_PREFIX
 from pages.moments import show_moment
 
@@ -65,26 +59,6 @@ def build_card(code: str, *, role: str, organisation: str, until_ms: int) -> str
         f'<style>{_STYLE}</style></head><body><div class="card">{qr_svg(qr_text(code))}<div>{words}'
         f"<p><code>{html.escape(code)}</code></p></div></div></body></html>\n"
     )
-
-
-@contextmanager
-def new_card_file(path: Path) -> Iterator[TextIO]:
-    """Make the file of a card, for its owner's eyes only, before there is a code to lose; none is left if that fails.
-
-    Raises FILE_EXISTS, FILE_UNUSABLE.
-    """
-    try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except FileExistsError:
-        raise BlockRobotError("FILE_EXISTS", f"{path} is there already.") from None
-    except OSError as error:
-        raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror}.") from None
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-            yield file
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
 
 
 def describe_card(suffix: str, code: str, *, role: str, organisation: str, until_ms: int) -> str:

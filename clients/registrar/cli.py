@@ -9,8 +9,9 @@ from typing import Any
 
 import click
 
-from clients.registrar.card_sheet import SUFFIXES, describe_card, new_card_file, qr_text
+from clients.registrar.card_sheet import SUFFIXES, describe_card, qr_text
 from clients.registrar.desk import Desk
+from clients.sdk.new_files import new_file, write_new_file
 from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
 from clients.sdk.terminal.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
 from consensus.members.vouchers import ROLES, decode_card_code
@@ -65,7 +66,7 @@ def issue(
 
     Example: blockrobot card issue --role subject --uid-file tag.uid --out card.html
     """
-    if out is not None and (out.suffix not in SUFFIXES or out.exists()):
+    if out is not None and (out.suffix not in SUFFIXES or out.exists() or out.is_symlink()):
         raise click.UsageError(f"--out takes a new file that ends with {', '.join(SUFFIXES)}.")
     if uid_file:
         uid = uid_file.read_text(encoding="utf-8")
@@ -78,10 +79,11 @@ def issue(
     if out is None:
         code = opened.issue(uid, role)
     else:
-        with new_card_file(out) as file:  # first: a code is shown once, and the tag's former card ends with it
+        with new_file(out) as file:  # first: a code is shown once, and the tag's former card ends with it
             code = opened.issue(uid, role)
             until_ms = decode_card_code(code).not_after_ms
-            file.write(describe_card(out.suffix, code, role=role, organisation=opened.organisation, until_ms=until_ms))
+            card = describe_card(out.suffix, code, role=role, organisation=opened.organisation, until_ms=until_ms)
+            file.write(card.encode())
     if as_json:
         where = {"code": "" if out else code, "out": "" if out is None else str(out)}
         print_json({"ok": True, "role": role, **where, "replaced": replaced})
@@ -219,7 +221,12 @@ def roster() -> None:
 @roster.command()
 @_desk_options
 @click.option("--robot", required=True, help="The robot's member key, in hexadecimal.")
-@click.option("--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Where to write it.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Where to write it, in place of an older roster.",
+)
 @json_option
 @plain_errors
 def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json: bool) -> None:
@@ -229,7 +236,7 @@ def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json
     """
     member = _member_key(robot, "--robot")
     sealed, rows = asyncio.run(_open(desk, genesis).make_roster(member))
-    out.write_bytes(sealed)
+    write_new_file(out, sealed, replace=True)
     if as_json:
         print_json({"ok": True, "rows": rows, "out": str(out)})
     else:

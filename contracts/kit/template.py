@@ -124,5 +124,6 @@ def write_project(folder: Path, name: str) -> list[Path]:
             raise BlockRobotError("FILE_EXISTS", f"{path} is there already; nothing was written.")
     for path, text in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
     return list(files)

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import msgspec
 
-from consensus.bounded_text import read_toml_text
+from clients.sdk.new_files import read_given_file
+from consensus.bounded_text import TOML_MAX_BYTES, read_toml_text
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
 from network.sim.plan import CRASH_POINTS, FLOODS, PROFILES, Fault, Plan
 
-PLAN_FILE_MAX_BYTES = 256 * 1024
 FAULTS_MAX_COUNT = 200
 NODES_MAX_COUNT = 10
 ROUNDS_MIN_COUNT, ROUNDS_MAX_COUNT = 10, 5_000
@@ -57,13 +57,11 @@ def plan_to_toml(plan: Plan) -> str:
 def load_plan(path: Path) -> Plan:
     """Read a plan. Raises CONFIGURATION_INVALID with what is wrong, FILE_UNUSABLE."""
     try:
-        data = path.read_bytes()
+        data = read_given_file(path, TOML_MAX_BYTES)
     except OSError as error:
         raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror}.") from None
-    if len(data) > PLAN_FILE_MAX_BYTES:
-        raise BlockRobotError("CONFIGURATION_INVALID", f"The plan {path} is larger than {PLAN_FILE_MAX_BYTES} bytes.")
     try:
-        plan = msgspec.convert(read_toml_text(data.decode()), Plan)
+        plan = msgspec.convert(read_toml_text(data), Plan)
     except (ValueError, msgspec.ValidationError) as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The plan {path} cannot be read: {error}.") from None
     wrong = find_problem(plan)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from clients.robot.hiding.background import empty_bank
 from clients.robot.sensing.sensor_events import Depth, check_depth
+from clients.sdk.new_files import write_private
 from clients.sdk.pictures.rendition_picture import colourise, decode_depth_png
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
@@ -100,8 +101,8 @@ def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: i
     for old in folder.glob("*.png"):
         old.unlink()
     for number, png in enumerate(pngs):
-        (folder / f"{number:03d}.png").write_bytes(png)
-    (folder / _PREVIEW).write_bytes(_preview(chosen))
+        write_private(folder / f"{number:03d}.png", png)
+    write_private(folder / _PREVIEW, _preview(chosen))
     _write(folder, _Stored(viewpoint, now_ms, [hashlib.sha256(png).hexdigest() for png in pngs]))
     return find_scene(robot, viewpoint)
 
@@ -249,7 +250,7 @@ def _read(folder: Path) -> _Stored:
 
 def _write(folder: Path, stored: _Stored) -> None:
     temporary = folder / f".{_SCENE}.tmp"
-    temporary.write_bytes(msgspec.json.format(msgspec.json.encode(stored), indent=2))
+    write_private(temporary, msgspec.json.format(msgspec.json.encode(stored), indent=2))
     temporary.replace(folder / _SCENE)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from clients.robot.hiding.background import EmptyFrame
+from clients.sdk.new_files import write_private
 from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -52,7 +53,7 @@ def write_for_approval(robot: Path, member: bytes, frames: list[EmptyFrame]) -> 
     for old in place.glob("*.png"):
         old.unlink()
     for number, frame in enumerate(frames):
-        (place / f"{number:03d}.png").write_bytes(frame.png)
-    (place / PREVIEW_FILE).write_bytes(draw_preview([frame.png for frame in frames]))
-    (place / ROBOT_FILE).write_text(member.hex() + "\n", encoding="ascii")
+        write_private(place / f"{number:03d}.png", frame.png)
+    write_private(place / PREVIEW_FILE, draw_preview([frame.png for frame in frames]))
+    write_private(place / ROBOT_FILE, member.hex() + "\n")
     return place

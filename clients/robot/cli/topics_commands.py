@@ -12,8 +12,8 @@ from clients.robot.sources.live.feed_catalogue import make_feeds
 from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import Listed, draft_topics, list_topics, next_steps
+from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
-from consensus.errors import BlockRobotError
 
 
 @click.command()
@@ -39,7 +39,7 @@ def topics(recording: Path | None, draft: Path | None, as_json: bool, **options:
     listed = list_topics(opened)
     steps = next_steps(opened, listed)
     if draft is not None:
-        _write(draft, draft_topics(opened, listed))
+        write_new_file(draft, draft_topics(opened, listed))
     if as_json:
         rows = [_row(item) for item in listed]
         print_json(
@@ -75,17 +75,6 @@ def _open(recording: Path | None, options: dict[str, Any]) -> Recording | Sample
     sample = Sample(make_feeds(options["source"], options)[0])
     sample.listen(options["seconds"])
     return sample
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise BlockRobotError(
-            "TOPICS_INVALID",
-            f"{path} exists already, and is left as it is: give --draft another name, or delete it first.",
-        ) from None
 
 
 def _row(item: Listed) -> dict[str, object]:

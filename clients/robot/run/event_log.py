@@ -13,12 +13,15 @@ import json
 import os
 import secrets
 from collections.abc import Iterable
+from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
 
+from clients.sdk.new_files import open_to_append
 from consensus.bounded_text import read_json_text
+from consensus.errors import BlockRobotError
 
 IMAGE_RETRIEVE = "IMAGE_RETRIEVE"
 RFID_RETRIEVE = "RFID_RETRIEVE"
@@ -47,7 +50,6 @@ ACTIVITIES = (
 )
 RUN_NOTES = frozenset({CLOCK_ESTIMATED, MESSAGE_REFUSED})  # about the run, not about any frame or tag
 ALIASES_MAX_COUNT = 65_536
-_LINE_BY_LINE = 1
 _LINE_MAX_BYTES = 64 * 1024
 _BEGINNING = b'{"time_ms":'  # as `EventLog.write` begins each line
 
@@ -96,7 +98,7 @@ class EventLog:
     def __enter__(self) -> EventLog:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         _end_whole(self._path)
-        self._file = self._path.open("a", encoding="utf-8", buffering=_LINE_BY_LINE)
+        self._file = TextIOWrapper(open_to_append(self._path), encoding="utf-8", line_buffering=True)
         return self
 
     def __exit__(
@@ -120,19 +122,25 @@ class EventLog:
 
 
 def _end_whole(path: Path) -> None:
-    """Cut off a last line that was never finished; end with a new line what is not of this log's own."""
+    """Cut off a last line that was never finished, or end it. Raises EVENTS_FILE_FOREIGN for another kind of file."""
     if not path.is_file():
         return
     with path.open("r+b") as file:
+        if not _may_begin(file.read(len(_BEGINNING))):
+            raise BlockRobotError("EVENTS_FILE_FOREIGN", f"{path} holds something else than a robot's events.")
         content_bytes = file.seek(0, os.SEEK_END)
         file.seek(max(0, content_bytes - _LINE_MAX_BYTES))
         tail = file.read().rpartition(b"\n")[2]
         if not tail:
             return
-        if tail.startswith(_BEGINNING) or _BEGINNING.startswith(tail):
+        if _may_begin(tail):
             file.truncate(content_bytes - len(tail))
-        else:
+        else:  # what a power cut left
             file.write(b"\n")
+
+
+def _may_begin(line: bytes) -> bool:
+    return line.startswith(_BEGINNING) or _BEGINNING.startswith(line)
 
 
 def read_events(path: Path) -> list[dict[str, Any]]:

@@ -15,10 +15,10 @@ from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
 from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
 from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
-from consensus.bounded_text import TextInvalidError, read_toml_text
+from clients.sdk.new_files import read_given_file
+from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 
-TOPICS_FILE_MAX_BYTES = 256 * 1024
 TAG_TOPICS_MAX_COUNT = 16
 LLRP_PORT = 5084
 LLRP_READERS_MAX_COUNT = 8
@@ -124,11 +124,11 @@ class Topics:
 def load_topics(path: Path) -> Topics:
     """Read a topics file. Raises TOPICS_INVALID, naming the setting."""
     try:
-        data = path.read_bytes()
+        data = read_given_file(path, TOML_MAX_BYTES)
     except FileNotFoundError:
         raise _wrong(f"There is no topics file at {path}.") from None
-    if len(data) > TOPICS_FILE_MAX_BYTES:
-        raise _wrong("The topics file is larger than 256 KiB.")
+    except BlockRobotError as error:
+        raise _wrong(error.detail) from None
     try:
         return parse_topics(data.decode("utf-8"))
     except UnicodeDecodeError:

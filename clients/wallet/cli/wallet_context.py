@@ -22,7 +22,7 @@ from clients.sdk.terminal.terminal import (
 )
 from clients.wallet.cli.group_options import KEYRING_KEY
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.translations import WrongUsage, text
+from clients.wallet.present.translations import WrongUsage, refusal, text
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.passphrase_sources import read_from_keyring
 from clients.wallet.store.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
@@ -115,6 +115,12 @@ def _passphrase_from_file() -> str | None:
 
 def _ask_hidden(key: str) -> str:
     return str(click.prompt(text(key), hide_input=True, default="", show_default=False))
+
+
+def require_new(out: Path | None) -> None:
+    """Refuse a place where something is already, be it a link to nowhere. Raises FILE_EXISTS."""
+    if out is not None and (out.exists() or out.is_symlink()):
+        raise refusal("FILE_EXISTS", "file_kept", path=str(out))
 
 
 def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:

@@ -12,16 +12,17 @@ import click
 from rich.markup import escape
 
 from clients.bundle.checks.consent_receipts import CheckedReceipt, encode_file
+from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.cli.invocation import verify_command
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.cli.wallet_context import reads_only, require_new, run_opened
 from clients.wallet.commands.notice_commands import Receipted, require_said, take_receipt, tell_first
 from clients.wallet.consent.consent_by_mandate import FOR_ONESELF, Represented, find_represented, for_option, handle_of
 from clients.wallet.consent.consent_choices import DEPTH, Choice, Choices, Consenting, Word, choice_json, round_period
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.consent.receipt_fetching import ConsentReceipts, Receipts
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.translations import WrongUsage, code_text, describe_error, purposes_text, refusal, text
+from clients.wallet.present.translations import WrongUsage, code_text, describe_error, purposes_text, text
 from consensus.bounded_text import read_json_text
 from consensus.members.handles import encode_short
 from consensus.rights.consents import GIVEN
@@ -326,8 +327,7 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
 
     Example: blockrobot wallet consent receipts --out receipts.json
     """
-    if out is not None and out.exists():
-        raise refusal("FILE_EXISTS", "file_kept", path=str(out))
+    require_new(out)
 
     async def action(opened: Wallet) -> tuple[Receipts, bytes]:
         kept = ConsentReceipts(opened)
@@ -338,7 +338,7 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
     if out is not None and not found.entries:
         out = None  # a file without receipts proves nothing, and is refused
     if out is not None:
-        out.write_bytes(content)
+        write_new_file(out, content)
     if as_json:
         rows = [read_json_text(entry.document) for entry in found.entries]
         missing = [{"txid": txid.hex(), "code": error.code} for txid, error in found.missing]

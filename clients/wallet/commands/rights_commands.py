@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import click
 
+from clients.sdk.new_files import new_file
 from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import run_opened
+from clients.wallet.cli.wallet_context import require_new, run_opened
 from clients.wallet.consent.consent_by_mandate import FOR_ONESELF, Represented, find_represented, for_option, handle_of
 from clients.wallet.consent.rights_requests import Chosen, Rights, Said, choose, write_correction
 from clients.wallet.ledger.wallet import Wallet
@@ -191,24 +190,6 @@ def _read_text(text_file: Path | None) -> str:
     return str(click.prompt(text("rights.ask_correction"))).strip()
 
 
-@contextmanager
-def _new_file(path: Path | None) -> Iterator[BinaryIO | None]:
-    """Make a file that only its owner reads, before anything is said; one that is there stays as it is.
-
-    If what is to be written does not come about it is taken away again.
-    """
-    if path is None:
-        yield None
-        return
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            yield file
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
-
-
 @click.command()
 @_what
 @click.option("--of", "kind", type=click.Choice(sorted(CORRECTIONS)), default="attribution", show_default=True)
@@ -238,6 +219,7 @@ def correct(
     Example: blockrobot wallet correct --visit 02ab34cd --text-file what-is-right.txt --out correction.json
     """
     _require_named(record_ids, visits)
+    require_new(out)
     right = _read_text(text_file)
 
     async def action(opened: Wallet) -> tuple[Said, Correction]:
@@ -246,7 +228,7 @@ def correct(
             raise WrongUsage("correct_one_visit")
         return await Rights(opened).correct(chosen[0], kind, right)
 
-    with _new_file(out) as file:
+    with nullcontext() if out is None else new_file(out) as file:
         said, correction = run_opened(ctx, action)
         if file is not None:
             file.write(write_correction(correction))

@@ -12,6 +12,7 @@ from pathlib import Path
 from PIL import Image
 from rich.console import Console
 
+from clients.sdk.new_files import write_private
 from clients.sdk.terminal.terminal_pictures import Way, find_way, show_picture
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.present.translations import text
@@ -24,7 +25,7 @@ from clients.wallet.records.contact_sheet import (
     draw_sheet,
     draw_strip,
 )
-from clients.wallet.records.picture_files import Seen, write_private
+from clients.wallet.records.picture_files import Seen
 from consensus.errors import BlockRobotError
 from pages.moments import show_clock, show_moment
 

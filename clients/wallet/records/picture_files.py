@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from io import BytesIO
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from clients.sdk.new_files import write_private
 from clients.sdk.pictures.depth_colours import Depth, colour_pixels
 from clients.sdk.pictures.picture_names import is_picture_name, name_picture
 from clients.sdk.pictures.rendition_files import own_depth, own_pixels, sense_file
@@ -106,11 +106,3 @@ def delete_frames(folder: Path) -> list[Path]:
     if not others:
         folder.rmdir()
     return others
-
-
-def write_private(path: Path, data: bytes) -> None:
-    """Write a file that only the user of this machine reads."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _PRIVATE_FILE)
-    with os.fdopen(descriptor, "wb") as file:
-        os.fchmod(descriptor, _PRIVATE_FILE)  # one of an earlier look may be open to others
-        file.write(data)

@@ -11,7 +11,9 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
+from clients.sdk.new_files import read_given_file
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from consensus.bounded_text import TOML_MAX_BYTES
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
 from network.cli.cluster.cluster_options import folder_option, network_folder
@@ -245,7 +247,7 @@ def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
     Example: blockrobot fault run plan.toml --dry-run
     """
     try:
-        text = plan.read_text(encoding="utf-8")
+        text = read_given_file(plan, TOML_MAX_BYTES).decode("utf-8")
     except UnicodeDecodeError:
         raise BlockRobotError("FAULT_PLAN_INVALID", f"{plan} is no text.") from None
     if dry_run:

@@ -23,6 +23,7 @@ from rich.markup import escape
 
 from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place, read_events, read_place
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.new_files import open_to_append
 from clients.sdk.terminal.terminal import console, json_option, plain_errors
 from clients.sdk.trust_pin_file import write_pin_file
 from consensus.bounded_text import read_json_text
@@ -124,7 +125,7 @@ def _append(path: Path, events: tuple[FoundEvent, ...]) -> None:
     if not events:
         return
     text = "".join(json.dumps(event_json(event), ensure_ascii=False) + "\n" for event in events)
-    with path.open("ab") as file:
+    with open_to_append(path) as file:
         file.write(text.encode())
         file.flush()
         os.fsync(file.fileno())

@@ -12,6 +12,7 @@ from rich.markup import escape
 from clients.sdk.chain.empty_frames import approve_frames, read_approved, withdraw_frames
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.new_files import write_new_file
 from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
 from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
@@ -70,14 +71,13 @@ def _look_at(place: Path, preview: bytes) -> None:
     if not sys.stdin.isatty():
         file = place / PREVIEW_FILE
         file.unlink(missing_ok=True)  # what lies there may be a link to elsewhere
-        with file.open("xb") as opened:
-            opened.write(preview)
+        write_new_file(file, preview)
         raise click.UsageError(
             f"There is no terminal to ask: look at {file}, which was drawn just now, and give --yes."
         )
     with TemporaryDirectory(prefix="blockrobot-frames-") as own:
         file = Path(own) / PREVIEW_FILE
-        file.write_bytes(preview)
+        write_new_file(file, preview)
         ask(f"Have you looked at {file}, and is nobody in it?", err=True)
 
 

@@ -13,8 +13,9 @@ from rich.markup import escape
 from clients.sdk.chain.governance import read_membership
 from clients.sdk.chain.notices import read_notice, read_version
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.new_files import read_given_file, write_new_file
 from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
-from consensus.bounded_text import TextInvalidError, read_toml_text
+from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 from consensus.rights.notices import (
     Notice,
@@ -60,10 +61,11 @@ def notice() -> None:
 
 def read_notice_file(path: Path) -> Notice:
     """Read a notice from its TOML file. Raises NOTICE_INVALID with what is missing."""
+    data = read_given_file(path, TOML_MAX_BYTES)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = data.decode("utf-8")
     except UnicodeDecodeError as error:
-        line = path.read_bytes()[: error.start].count(b"\n") + 1
+        line = data[: error.start].count(b"\n") + 1
         raise BlockRobotError("NOTICE_INVALID", f"{path} is no text: line {line} is not UTF-8.") from None
     try:
         return notice_from(read_toml_text(text))
@@ -82,11 +84,7 @@ def new(file: Path, as_json: bool) -> None:
 
     Example: blockrobot notice new notice.toml
     """
-    try:
-        with file.open("x", encoding="utf-8") as written:
-            written.write(demo_notice_text())
-    except FileExistsError:
-        raise BlockRobotError("FILE_EXISTS", f"{file} is there already; nothing was written.") from None
+    write_new_file(file, demo_notice_text(), private=False)
     if as_json:
         print_json({"ok": True, "file": str(file)})
         return
@@ -212,7 +210,7 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
 
 
 @notice.command()
-@click.option("--out", type=_new_file, help="Write it here, as Markdown.")
+@click.option("--out", type=_new_file, help="Write it to this new file, as Markdown.")
 @governing_options
 @json_option
 @plain_errors
@@ -233,7 +231,7 @@ def activities(
 
     found = with_client(seat, read)
     if out is not None:
-        out.write_text(tell_activities(found), encoding="utf-8")
+        write_new_file(out, tell_activities(found))
     if as_json:
         print_json({"ok": True, **found.as_json(), "file": None if out is None else str(out)})
     elif out is not None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
 
 if TYPE_CHECKING:
@@ -287,7 +288,7 @@ def _print_failure(failure: Failure, plan_file: Path | None) -> None:
     plan = failure.plan
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-sim-"))
     path = folder / f"seed-{failure.seed}.toml"
-    path.write_text(plan_to_toml(failure.shrunk), encoding="utf-8")
+    write_new_file(path, plan_to_toml(failure.shrunk))
     click.echo(f"\nSeed {failure.seed} broke a promise:", err=True)
     for violation in failure.violations[:5]:
         click.echo(f"  {violation}", err=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
+from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
 from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import Genesis
@@ -151,7 +152,7 @@ def next_steps(name: str, speaker: str, place: Path, network: Path | None, folde
 
 @click.command("directory")
 @click.argument("node")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where to write it.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write it to this new file.")
 @folder_option
 @json_option
 @plain_errors
@@ -165,7 +166,7 @@ def directory(node: str, out: Path | None, folder: Path | None, as_json: bool) -
     content = newest_directory(genesis, [config])
     data = encode_directory(genesis.chain_id, content)
     if out is not None:
-        out.write_bytes(data)
+        write_new_file(out, data, private=False)
     if as_json:
         print_json({"ok": True, **read_json_text(data)})
         return

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from clients.registrar.card_sheet import build_card, describe_card, new_card_file, qr_text
+from clients.registrar.card_sheet import build_card, describe_card, qr_text
+from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.qr_codes import read_qr
-from consensus.errors import BlockRobotError
 from consensus.members.vouchers import Card, decode_card_code, encode_card_code, issue_card
 from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.sdk.test_qr_codes import drawn, packed
@@ -30,8 +30,7 @@ def card() -> Card:
 
 
 def write(path: Path, code: str, organisation: str = "hospital") -> str:
-    with new_card_file(path) as file:
-        file.write(describe_card(path.suffix, code, role="subject", organisation=organisation, until_ms=UNTIL_MS))
+    write_new_file(path, describe_card(path.suffix, code, role="subject", organisation=organisation, until_ms=UNTIL_MS))
     assert path.stat().st_mode & 0o777 == 0o600
     return path.read_text(encoding="utf-8")
 
@@ -62,16 +61,3 @@ def test_a_card_asks_nobody_for_anything_and_is_in_both_languages(card: Card) ->
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")
     assert 'lang="en"><h1>Enrolment card' in page
     assert 'lang="pt"><h1>Cartão de inscrição' in page
-
-
-def test_no_file_is_written_over_and_none_is_left_without_a_card(tmp_path: Path) -> None:
-    path = tmp_path / "card.html"
-    path.write_text("mine")
-    with pytest.raises(BlockRobotError, match="FILE_EXISTS"), new_card_file(path):
-        pytest.fail("It was opened.")
-    assert path.read_text() == "mine"
-    with pytest.raises(BlockRobotError, match="FILE_UNUSABLE"), new_card_file(tmp_path / "no" / "x.txt"):
-        pytest.fail("It was opened.")
-    with pytest.raises(RuntimeError, match="no card"), new_card_file(tmp_path / "new.txt"):
-        raise RuntimeError("no card")
-    assert not (tmp_path / "new.txt").exists()

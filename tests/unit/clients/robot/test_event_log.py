@@ -20,6 +20,7 @@ from clients.robot.run.event_log import (
     write_csv,
     write_xes,
 )
+from consensus.errors import BlockRobotError
 
 UID = "E2801160600002054A1B2C3D"
 
@@ -150,8 +151,28 @@ def test_the_log_of_a_robot_that_was_killed_is_read_and_goes_on(tmp_path: Path, 
 def test_a_file_that_is_no_log_loses_nothing_by_being_named_as_one(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("my notes", encoding="utf-8")
+    with pytest.raises(BlockRobotError, match="EVENTS_FILE_FOREIGN"):
+        write_run(path)
+    assert path.read_text(encoding="utf-8") == "my notes"
+
+
+def test_a_log_that_a_power_cut_spoilt_goes_on_in_a_new_line(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
     write_run(path)
-    assert path.read_text(encoding="utf-8").startswith("my notes\n{")
+    before = path.read_bytes()
+    path.write_bytes(before + bytes(9))
+    write_run(path)
+    assert path.read_bytes().startswith(before + bytes(9) + b'\n{"time_ms":')
+
+
+def test_a_log_is_for_its_owner_alone_and_not_where_a_dangling_link_leads(tmp_path: Path) -> None:
+    path, target = tmp_path / "events.jsonl", tmp_path / "target"
+    write_run(path)
+    assert path.stat().st_mode & 0o777 == 0o600
+    (tmp_path / "link").symlink_to(target)
+    with pytest.raises(OSError, match="exists"):
+        write_run(tmp_path / "link")
+    assert not target.exists()
 
 
 def test_what_was_logged_is_in_the_file_at_once(tmp_path: Path) -> None:

@@ -229,7 +229,7 @@ def test_a_correction_is_written_to_a_new_file_or_not_said(
     out.write_text("another's", encoding="utf-8")
     words = ("correct", "--visit", world.open_visit().owner.hex(), "--text-file", str(text), "--out", str(out))
     refused = run("wallet", *words)
-    assert (refused.exit_code != 0, "FILE_UNUSABLE" in refused.stderr, saying.said) == (True, True, [])
+    assert (refused.exit_code != 0, "FILE_EXISTS" in refused.stderr, saying.said) == (True, True, [])
     assert out.read_text(encoding="utf-8") == "another's"
     out.unlink()
     saying.refusal = "CALL_REFUSED"

@@ -384,6 +384,24 @@ def test_no_file_is_written_of_no_receipt(tmp_path: Path, monkeypatch: pytest.Mo
     assert not path.exists()
 
 
+async def test_a_file_of_receipts_is_for_its_owner_alone_and_not_where_a_link_leads(
+    ward: NoticeWard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = ConsentReceipts(ward.wallet)
+    await kept.obtain(await say(ward))
+    found = await kept.all()
+    content = file.encode_file(ward.genesis, kept.epochs(), found.entries)
+    monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (found, content))
+    path, link, target = tmp_path / "receipts.json", tmp_path / "link.json", tmp_path / "target"
+    link.symlink_to(target)
+    assert CliRunner().invoke(consent_commands.receipts, ["--out", str(path)]).exit_code == 0
+    assert (path.read_bytes(), path.stat().st_mode & 0o777) == (content, 0o600)
+    for taken in (path, link):
+        refused = CliRunner().invoke(consent_commands.receipts, ["--out", str(taken)])
+        assert (refused.exit_code != 0, "FILE_EXISTS" in refused.stderr) == (True, True), refused.output
+    assert not target.exists()
+
+
 async def test_a_receipt_that_was_fetched_twice_is_told_once(ward: NoticeWard) -> None:
     kept, txid = ConsentReceipts(ward.wallet), await say(ward)
     for _ in range(2):

@@ -11,9 +11,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from clients.sdk.new_files import write_private
 from clients.sdk.pictures.rendition_files import sense_file
 from clients.sdk.pictures.rendition_picture import decode_depth_png, encode_depth_png
-from clients.wallet.records.picture_files import write_frames, write_private
+from clients.wallet.records.picture_files import write_frames
 from clients.wallet.records.viewing import FrameView
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import Rendition, decode_rendition, encode_rendition

@@ -78,7 +78,7 @@ def test_the_command_lists_drafts_once_and_says_where_a_recording_breaks_off(rec
     assert "/kinect/depth" in done.output
     again = CliRunner().invoke(topics, [str(recording), "--draft", draft, "--json"])
     assert again.exit_code != 0
-    assert json.loads(again.output)["error"]["code"] == "TOPICS_INVALID"
+    assert json.loads(again.output)["error"]["code"] == "FILE_EXISTS"
     file = storage_file(recording)
     file.write_bytes(file.read_bytes()[:-40])
     told = json.loads(CliRunner().invoke(topics, [str(recording), "--json"]).output)

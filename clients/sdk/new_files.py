@@ -1,0 +1,128 @@
+"""Files that a user names: written whole, for their owner alone, never over another unasked, and never through a link.
+
+A new file is written beside its place, without a name where the system knows such files (it goes then with the program,
+however that ends), and only then gets its name.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from consensus.errors import BlockRobotError
+
+_DESCRIPTORS = Path("/proc/self/fd")
+_PRIVATE, _PUBLIC = 0o600, 0o644
+
+
+def read_given_file(path: Path, max_bytes: int) -> bytes:
+    """Return what a file of somebody else holds. Raises FILE_UNUSABLE for one that is larger, OSError."""
+    with path.open("rb") as file:
+        data = file.read(max_bytes + 1)
+    if len(data) > max_bytes:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} is larger than {max_bytes} bytes.")
+    return data
+
+
+def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:
+    """Raise FILE_EXISTS unless there is nothing at this place, or a plain file that may be replaced; FILE_UNUSABLE."""
+    if path.is_symlink() or (path.exists() and (not replace or not path.is_file())):
+        raise BlockRobotError("FILE_EXISTS", f"{path} is there already; nothing was written.{hint}")
+    if not path.parent.is_dir():
+        raise BlockRobotError("FILE_UNUSABLE", f"There is no folder {path.parent}.")
+
+
+def write_new_file(path: Path, data: bytes | str, *, private: bool = True, replace: bool = False) -> None:
+    """Write a file, whole or not at all. Raises what `new_file` raises."""
+    with new_file(path, private=private, replace=replace) as file:
+        file.write(data.encode() if isinstance(data, str) else data)
+
+
+@contextmanager
+def new_file(path: Path, *, private: bool = True, replace: bool = False) -> Iterator[BinaryIO]:
+    """Open a file that gets its name when the context ends well, and leaves nothing otherwise.
+
+    Only its owner reads it, unless it is not `private`. Raises FILE_EXISTS, FILE_UNUSABLE, OSError.
+    """
+    require_free(path, replace=replace)
+    temporary = temporary_beside(path)
+    file, place = create_nameless(temporary, _PRIVATE if private else _PUBLIC)
+    try:
+        with file:
+            yield file
+            finish(file, place, temporary)
+        give_name(temporary, path, replace=replace)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def temporary_beside(path: Path) -> Path:
+    """Return a hidden place in the folder of a file, for what is to become it."""
+    return path.with_name(f".{path.name[:64]}.{secrets.token_hex(4)}")
+
+
+def create_nameless(temporary: Path, mode: int = _PRIVATE) -> tuple[BinaryIO, Path]:
+    """Return a new file, and where it can be read: it has no name where that is possible, or else the temporary one."""
+    nameless = getattr(os, "O_TMPFILE", 0) if _DESCRIPTORS.exists() else 0
+    try:
+        descriptor = os.open(temporary.parent, os.O_RDWR | nameless, mode)
+    except OSError:
+        # Without O_TMPFILE this asks to write to a folder, which every system refuses.
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+        return os.fdopen(os.open(temporary, flags, mode), "wb"), temporary
+    return os.fdopen(descriptor, "wb"), Path(_DESCRIPTORS, str(descriptor))
+
+
+def finish(file: BinaryIO, place: Path, temporary: Path) -> None:
+    """Bring a file to the medium, and give it its temporary name if it has none."""
+    file.flush()
+    os.fsync(file.fileno())
+    if place != temporary:
+        # With a descriptor named, Python asks the system so that it follows the link to the nameless file.
+        os.link(place, temporary, src_dir_fd=file.fileno(), follow_symlinks=True)
+
+
+def give_name(temporary: Path, path: Path, *, replace: bool) -> None:
+    """Give the finished file its name in one step; a file that appeared there meanwhile is not replaced unasked."""
+    if replace:
+        temporary.replace(path)
+    else:
+        try:
+            path.hardlink_to(temporary)
+        except FileExistsError:
+            raise BlockRobotError("FILE_EXISTS", f"{path} appeared meanwhile; nothing was written.") from None
+        except OSError:
+            # A file system without hard links: look once more, then rename.
+            require_free(path)
+            temporary.replace(path)
+        temporary.unlink(missing_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def open_to_append(path: Path) -> BinaryIO:
+    """Open a file to add to it; a new one is for its owner alone, and not where a link leads. Raises OSError."""
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
+    except FileNotFoundError:
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL, _PRIVATE)
+    return os.fdopen(descriptor, "ab")
+
+
+def write_private(path: Path, data: bytes | str) -> None:
+    """Write one of many files of a folder of ours, over one of an earlier time, for their owner alone. Raises OSError.
+
+    It takes no time to be on the medium at once, and is no place for what nobody can make again.
+    """
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, _PRIVATE)
+    with os.fdopen(descriptor, "wb") as file:
+        os.fchmod(descriptor, _PRIVATE)  # one of an earlier time may be open to others
+        file.write(data.encode() if isinstance(data, str) else data)
