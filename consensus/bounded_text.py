@@ -1,4 +1,4 @@
-"""JSON and TOML that others wrote, read within bounds. Must never end in anything but a value or a `TextInvalidError`.
+"""JSON and TOML that others wrote, read within bounds.
 
 The parsers call themselves for what is nested, so a text of brackets ends them with RecursionError, and a TOML key of
 many parts keeps them busy for the square of its length.

@@ -1,4 +1,4 @@
-"""What to do when a contract that ships refuses a call: the next step by the contract's own code. Must never guess one.
+"""What to do when a contract that ships refuses a call: the next step by the contract's own code.
 
 A refused call is `CALL_REFUSED`; which rule refused it stands in front of the contract's sentence. Where a code has no
 next step of its own the sentence has to do.

@@ -1,7 +1,7 @@
 """The one catalogue of errors: code, HTTP status, meaning, next step, and whether trying again can help.
 
 Every refusal anywhere in BlockRobot raises `BlockRobotError` with a code from here, so that a log line, an HTTP
-problem document and a line on a terminal say the same thing. Must never carry secrets: `detail` is shown to users.
+problem document and a line on a terminal say the same thing.
 """
 
 from __future__ import annotations

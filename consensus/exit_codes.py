@@ -1,4 +1,4 @@
-"""What a command's exit code means, and which one each error of the catalogue ends in. Must never be decided elsewhere."""
+"""What a command's exit code means, and which one each error of the catalogue ends in."""
 
 from __future__ import annotations
 

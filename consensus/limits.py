@@ -1,4 +1,4 @@
-"""Every limit that all parties must agree on, each with its unit in its name. Must never hold a choice of one node."""
+"""Every limit that all parties must agree on, each with its unit in its name."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Which characters Unicode 14.0 calls controls, formats, separators of lines, surrogates, private or unassigned (Cc, Cf,
-Zl, Zp, Cs, Co, Cn). Must never follow the Unicode of the Python that runs: all nodes have to agree.
+Zl, Zp, Cs, Co, Cn).
 """
 
 UNICODE_VERSION = "14.0.0"

@@ -1,4 +1,4 @@
-"""How much a robot, and an organisation's robots together, may bring to a custodian. Must never depend on one node.
+"""How much a robot, and an organisation's robots together, may bring to a custodian.
 
 The organisations decide these settings in the contract `settings`; until they do, the defaults hold. "Staged" is what was
 uploaded and is not recorded yet, "day" what was uploaded on one day of chain time (UTC), recorded or not. Two people in

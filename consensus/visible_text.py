@@ -1,7 +1,4 @@
-"""Text of others, made harmless to show: what cannot be seen is written as an escape, lines end at a line feed alone.
-
-Must never depend on the Unicode tables of the Python that runs: nodes decide with it.
-"""
+"""Text of others, made harmless to show: what cannot be seen is written as an escape, lines end at a line feed alone."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Golden vectors: what calls came to, to the last unit of gas, checked on any machine. Must never decide what is right:
-it plays what a file says and compares, or writes down what happened.
+"""Golden vectors: what calls came to, to the last unit of gas, checked on any machine.
 
 A file is one JSON object: `contracts` (name -> lines of the source, or null for one that ships), `calls` (each with its
 `outcome`), played one after another on one state that is empty at first, and `refused` (sources with their verdict).

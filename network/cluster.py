@@ -1,4 +1,4 @@
-"""A local cluster: real node processes on loopback, started, watched and stopped. Must never hold a node's secrets.
+"""A local cluster: real node processes on loopback, started, watched and stopped.
 
 A network lives in one folder: `genesis.json`, `nodes/<name>/` (each a node's data directory) and `organisations/`.
 What runs is told by the processes themselves: each node's operator listener answers, or it does not. The only state of

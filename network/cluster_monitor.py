@@ -1,4 +1,4 @@
-"""What a watcher of a network sees from one look to the next: states, faults, time without finality. Must never poll.
+"""What a watcher of a network sees from one look to the next: states, faults, time without finality.
 
 Pure: it is handed what the nodes said and when, and keeps only what is needed to tell a change from a repetition. Time
 without finality counts while a transaction waits somewhere and no node's final height grows: an idle network is at rest,

@@ -1,7 +1,6 @@
 """A report as one HTML file in the design of all pages: opened from disk, sent by mail, printed.
 
-Style and pictures are inside, nothing is loaded and nothing runs: the page's own policy forbids both. Must never take a
-text for HTML: what is told goes through `text`.
+Style and pictures are inside, nothing is loaded and nothing runs: the page's own policy forbids both.
 """
 
 from __future__ import annotations

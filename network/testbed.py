@@ -1,7 +1,6 @@
 """A network of its own on this machine, with people, their wallets and a robot: what demonstrations and experiments need.
 
-Each acts as a process of its own that knows the genesis file and HTTP. Must never do for a wallet or a robot what it
-could not do itself.
+Each acts as a process of its own that knows the genesis file and HTTP.
 """
 
 from __future__ import annotations

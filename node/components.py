@@ -1,4 +1,4 @@
-"""The parts of one node, put together from `Surroundings`. Must never open a file, a socket or a page of HTTP."""
+"""The parts of one node, put together from `Surroundings`."""
 
 from __future__ import annotations
 

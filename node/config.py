@@ -1,4 +1,4 @@
-"""A node's configuration: `node.toml` in its data directory. Must never hold or print key material, only paths.
+"""A node's configuration: `node.toml` in its data directory.
 
 Every path in the file is relative to the data directory, so that a directory can be moved.
 """

@@ -1,4 +1,4 @@
-"""The node's own fault switch: sick links, a wrong clock, a full disk. Must never be there unless node.toml allows it.
+"""The node's own fault switch: sick links, a wrong clock, a full disk.
 
 What is switched on is kept in `faults.json` in the data directory and is still on after the node was killed: a cable that
 is out stays out. Set by `POST /faults` on the operator's listener, with the token of `operator.token`.

@@ -1,4 +1,4 @@
-"""`python -m node.main --data-dir DIR`: one node as a process. Must never print a traceback, nor log a secret.
+"""`python -m node.main --data-dir DIR`: one node as a process.
 
 All that it has to say goes to `node.log` in its data directory, as JSON lines. Only a failure to start is printed: one
 sentence and what to do about it.

@@ -1,4 +1,4 @@
-"""The node's figures in the Prometheus text format. Must never hold an identifier of a person, a tag or a transaction."""
+"""The node's figures in the Prometheus text format."""
 
 from __future__ import annotations
 

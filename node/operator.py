@@ -1,4 +1,4 @@
-"""The operator's listener: is the node alive, ready, how is it doing. Must never be reachable but from this machine.
+"""The operator's listener: is the node alive, ready, how is it doing.
 
 In plain HTTP on a loopback port of its own, under the names of this machine alone (against DNS rebinding) and for no web
 page: `/livez` and `/readyz` for everybody here, `/metrics` and `/status` for who holds the reading token, and for who

@@ -1,4 +1,4 @@
-"""Keep secrets in a process's own memory, and no longer than they are needed. Must never fail a start.
+"""Keep secrets in a process's own memory, and no longer than they are needed.
 
 What this cannot promise: Python copies values at will and returns freed memory as it is. So a secret is wiped right after
 its use, by whoever was given it, and nothing is known of copies that libraries make. Nothing is locked against swapping:

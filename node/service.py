@@ -1,7 +1,4 @@
-"""The rim of one node: its files, its sockets, its HTTP, around the parts that `node/components.py` makes.
-
-Must never decide anything itself.
-"""
+"""The rim of one node: its files, its sockets, its HTTP, around the parts that `node/components.py` makes."""
 
 from __future__ import annotations
 

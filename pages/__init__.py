@@ -1,4 +1,4 @@
 """What all pages share: the design language, small ES modules, how they are served, and a page for one person alone.
 
-Wallet, explorer, console and reports build on it. Must never know a node, a wallet or a network.
+Wallet, explorer, console and reports build on it.
 """

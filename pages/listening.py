@@ -1,8 +1,7 @@
 """The one way to open a listener: each holds so many connections and no more, so that callers leave descriptors over.
 
 A connection that sends no request in time is closed; when all places are taken, the one idle for longest makes room.
-Connections are accepted one by one: whoever waits in the system's queue takes no descriptor. Must never open a listener
-without a table of its connections.
+Connections are accepted one by one: whoever waits in the system's queue takes no descriptor.
 """
 
 from __future__ import annotations

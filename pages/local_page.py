@@ -3,7 +3,7 @@
 Its neighbours are other users of the machine and other pages in the same browser. So it listens on 127.0.0.1 alone, on a
 port that the system draws; takes requests only under that very Host (against DNS rebinding) and that Origin; and answers
 nothing before a secret is shown that only this user's files held. The secret goes once from a file with mode 0600 into
-the page's memory. Must never stand in a command line, a query, a cookie or a log line.
+the page's memory.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Opens a file in the user's own browser. Must never put more than the file's name into a command line."""
+"""Opens a file in the user's own browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Serves a page's own files with strict headers. Must never read a file for a request: all are read once, at the start.
+"""Serves a page's own files with strict headers.
 
 Nothing else than these files may run in a page or be shown by it: no inline code, no other host, no frame around it
 (Content Security Policy Level 3, W3C).

@@ -1,1 +1,1 @@
-"""A person's export bundle: its form, how it is written, and how anybody checks it. Must never need a node or a wallet."""
+"""A person's export bundle: its form, how it is written, and how anybody checks it."""

@@ -1,7 +1,4 @@
-"""`blockrobot verify`: checks an export bundle, or a file of consent receipts, offline, for anybody.
-
-Must never need a node, a wallet or a network.
-"""
+"""`blockrobot verify`: checks an export bundle, or a file of consent receipts, offline, for anybody."""
 
 from __future__ import annotations
 

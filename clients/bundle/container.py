@@ -1,4 +1,4 @@
-"""The bundle's file: a ZIP of one single form, so that every byte of it is accounted for. Must never unpack to disk.
+"""The bundle's file: a ZIP of one single form, so that every byte of it is accounted for.
 
 Entries are stored, not compressed, one after another, without dates, comments or extra fields; then the directory, then
 the end. Any unpacking program reads it. The reader takes nothing else: what is compressed cannot swell, what has no

@@ -1,4 +1,4 @@
-"""The bundle's JSON documents, versions 1 and 2, as types. Must never hold a secret key, nor a field easily overlooked.
+"""The bundle's JSON documents, versions 1 and 2, as types.
 
 The documents under `proofs/` are what is checked; those under `data/` are the same, told so that people and other
 programs can use it, and follow from the proofs byte for byte. Bytes are lower-case hexadecimal, times milliseconds

@@ -1,4 +1,4 @@
-"""Which fields `blockrobot verify` answers with `--json`. Must never name a field that it does not print."""
+"""Which fields `blockrobot verify` answers with `--json`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which files a bundle has, in which order, and how large each may be. Must never hold a name that content could choose."""
+"""Which files a bundle has, in which order, and how large each may be."""
 
 from __future__ import annotations
 

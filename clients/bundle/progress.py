@@ -1,4 +1,4 @@
-"""Progress of an export or a check, for who watches a terminal. Must never write where a program reads."""
+"""Progress of an export or a check, for who watches a terminal."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""From a bundle's proofs to everything that it tells: the one way that both the exporter and the verifier go.
-
-Must never depend on who goes it: equal proofs make equal documents, byte for byte.
-"""
+"""From a bundle's proofs to everything that it tells: the one way that both the exporter and the verifier go."""
 
 from __future__ import annotations
 

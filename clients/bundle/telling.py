@@ -1,4 +1,4 @@
-"""Tells what was proved, as the documents under data/. Must never tell anything that does not follow from the proofs."""
+"""Tells what was proved, as the documents under data/."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The two files of a bundle for people without any of our programs. Must never change within one version of the format."""
+"""The two files of a bundle for people without any of our programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes a bundle: whole, checked and readable by its owner only, or not at all. Must never replace a file unasked.
+"""Writes a bundle: whole, checked and readable by its owner only, or not at all.
 
 It is written beside its place, without a name where the system knows such files (it goes then with the program, however
 that ends), checked there as any stranger would check it, and only then gets its name.

@@ -1,4 +1,4 @@
-"""`blockrobot officer`: what data protection officers do of breaches. Must never end one without a reason."""
+"""`blockrobot officer`: what data protection officers do of breaches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What data protection officers do of denied visits: read, assess, notify, close. Must never show what is not proven.
+"""What data protection officers do of denied visits: read, assess, notify, close.
 
 An officer is a member like others, with a wallet of her own; what she does is signed with her member key and stands in
 the audit of the visit. The clock of 72 hours is the chain's.

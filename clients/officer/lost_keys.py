@@ -1,4 +1,4 @@
-"""What two officers do for somebody whose key is lost for good: erase by robot and span. Must never act before it is seen.
+"""What two officers do for somebody whose key is lost for good: erase by robot and span.
 
 The chain cannot say whose visits those are. So what a span would touch is counted first, proven: visits of others too.
 One officer proposes, another agrees, either has it carried out; every step is signed with a member key.

@@ -1,4 +1,4 @@
-"""`blockrobot officer lost-keys`: two officers erase by robot and span. Must never send what was not shown before."""
+"""`blockrobot officer lost-keys`: two officers erase by robot and span."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The papers of a mandate: hashed with a drawn salt, and noted in a receipt that officers keep. Must never copy a paper.
+"""The papers of a mandate: hashed with a drawn salt, and noted in a receipt that officers keep.
 
 The chain has the commitment alone. Receipt and papers together prove to whoever asks later what the two officers saw.
 """

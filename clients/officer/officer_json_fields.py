@@ -1,4 +1,4 @@
-"""Which fields `blockrobot officer` answers with `--json`. Must never name a field that no command prints."""
+"""Which fields `blockrobot officer` answers with `--json`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot officer mandates`: two officers let somebody act for a person who cannot. Must never send a paper."""
+"""`blockrobot officer mandates`: two officers let somebody act for a person who cannot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot card` and `roster`: the registrar's desk on the command line. Must never take a UID as an argument."""
+"""`blockrobot card` and `roster`: the registrar's desk on the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The registrar's desk: issues cards and makes rosters. Must never tell a node, a log or an argument list a tag's UID.
+"""The registrar's desk: issues cards and makes rosters.
 
 The list of cards (which tag has which handle) is a file at the desk, readable by its user only. Nothing of it leaves
 but codes for people to carry away and rosters sealed to one robot.

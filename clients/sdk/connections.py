@@ -1,4 +1,4 @@
-"""HTTP connections to nodes, in lanes that share nothing. Must never let two keys meet on one connection.
+"""HTTP connections to nodes, in lanes that share nothing.
 
 A lane stands for one key (an owner key, a member key, or none): it has its own connections, no cookies, and no memory
 of any other lane. A node that wanted to link a visit's owner key to a member would have to do it by address and time.

@@ -1,6 +1,6 @@
 """Which nodes a client asks: first those of the genesis file, then those that the proved state names.
 
-Must never take an address from a node's word, nor go on asking a node that it knows was removed. What was learned is
+What was learned is
 kept with the pin, so that a client finds the network even when none of the first nodes is left.
 """
 

@@ -1,4 +1,4 @@
-"""The client of a network: asks several nodes, believes none. Must never hand out a value that was not proved.
+"""The client of a network: asks several nodes, believes none.
 
 Whatever fails at one node for a reason that another might not have is tried at the next. A node's word alone is
 good for two things only: the result of `query`, and that a transaction is *not* final.

@@ -1,4 +1,4 @@
-"""The nodes' JSON answers as the client reads them. Must never be trusted: what matters is checked against proofs.
+"""The nodes' JSON answers as the client reads them.
 
 Unknown fields are ignored, so that a newer node can say more.
 """

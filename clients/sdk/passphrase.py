@@ -1,4 +1,4 @@
-"""Seals bytes under a passphrase: Argon2id (RFC 9106), then XChaCha20-Poly1305. Must never write a secret in the clear.
+"""Seals bytes under a passphrase: Argon2id (RFC 9106), then XChaCha20-Poly1305.
 
 A sealed file is msgpack of (header, nonce, sealed, checksum); the header names the format and holds salt and costs. The
 checksum tells a damaged file from a wrong passphrase.

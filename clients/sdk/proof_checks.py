@@ -1,6 +1,6 @@
 """What the client believes, and why: the genesis file, and whatever proofs lead to from there.
 
-Must never believe a node's word, and never go back behind the newest header it has verified (the pin). The pin holds
+The pin holds
 that header and the steps through the epochs, so that the next run need not ask for them again (`clients/sdk/trust_pin.py`).
 """
 

@@ -1,7 +1,4 @@
-"""What one node cannot vouch for alone: that nothing newer is final, and that nobody takes a key for a member any more.
-
-Must never count a node for a producer but by the proved state, nor a node twice.
-"""
+"""What one node cannot vouch for alone: that nothing newer is final, and that nobody takes a key for a member any more."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The client's sessions, one for each node, key and grant. Must never use one's session for another's question."""
+"""The client's sessions, one for each node, key and grant."""
 
 from __future__ import annotations
 

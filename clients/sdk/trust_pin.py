@@ -1,4 +1,4 @@
-"""What a client keeps between runs. Must never be taken from anybody else: it is believed as it stands."""
+"""What a client keeps between runs."""
 
 from __future__ import annotations
 

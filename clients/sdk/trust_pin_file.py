@@ -1,4 +1,4 @@
-"""A client whose pin lives in a file: for programs that run again and again. Must never take a pin that it did not write.
+"""A client whose pin lives in a file: for programs that run again and again.
 
 So every run begins where the last one was: no node can show it an older state, and it finds the network's nodes even
 when none of those in the genesis file is left.

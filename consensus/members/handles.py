@@ -1,4 +1,4 @@
-"""A handle in short, with a checksum: the first 80 bits as bech32m (BIP-350). Must never take a mistyped one for another.
+"""A handle in short, with a checksum: the first 80 bits as bech32m (BIP-350).
 
 The contract `identity` lets no two handles begin alike, so that a short one stands for one member. Any change of up to
 four characters is found.

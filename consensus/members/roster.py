@@ -1,4 +1,4 @@
-"""A robot's roster of the day: tag -> handle and keys, signed, sealed to the robot. Must never hold a tag's UID.
+"""A robot's roster of the day: tag -> handle and keys, signed, sealed to the robot.
 
 A row is found by HMAC(roster key, UID), so the file alone gives no tag away, and a robot never asks a node about one
 person. Each row can carry a proof of the member's state on the chain, so a dishonest registrar cannot slip in keys

@@ -1,7 +1,5 @@
 """Enrolment: the registrar's voucher, the card's one-time key and code.
 
-Must never let one registration pass for another.
-
 A card holds a random handle, a one-time secret e (public E) and the registrar's signature over (chain,
 handle, E, role, expiry). Who registers signs with e over (chain, handle, his four keys): whoever merely
 sees that transaction cannot register the handle for himself. Every signed message is a plain concatenation

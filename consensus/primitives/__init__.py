@@ -1,1 +1,1 @@
-"""The ground floor: canonical bytes, hashes, keys and Merkle proofs. Must never import anything above it."""
+"""The ground floor: canonical bytes, hashes, keys and Merkle proofs."""

@@ -1,4 +1,4 @@
-"""The canonical encoding: MessagePack, one byte string for one value. Must never accept a second form of anything.
+"""The canonical encoding: MessagePack, one byte string for one value.
 
 Two families: *structs* (`Wire` subclasses, arrays in field order) for protocol messages, and *values* for contract
 state, arguments and events (None, bool, int below 2^256 in magnitude, str, bytes, list, dict).

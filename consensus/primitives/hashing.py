@@ -1,4 +1,4 @@
-"""SHA-256 and tagged hashes (BIP-340 style). Must never hash two kinds of thing under one tag."""
+"""SHA-256 and tagged hashes (BIP-340 style)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""secp256k1 keys, recoverable signatures and point arithmetic (libsecp256k1). Must never let a signature cross domains.
+"""secp256k1 keys, recoverable signatures and point arithmetic (libsecp256k1).
 
 Every signature is over a tagged hash, so that bytes signed for one purpose say nothing under another. Only the low
 form of s is accepted (BIP-62, EIP-2): a signature cannot be rewritten by a stranger into a second valid one.

@@ -1,4 +1,4 @@
-"""Merkle trees over lists of 32-byte leaves. Must never let a leaf pass for a node, nor one list's root serve for another.
+"""Merkle trees over lists of 32-byte leaves.
 
 Leaves and inner nodes are hashed under different tags, the number of leaves is hashed into the root, and a node
 without a partner is promoted as it is (never paired with itself), so no two lists share a root.

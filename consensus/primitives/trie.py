@@ -1,4 +1,4 @@
-"""The state trie as a verifier sees it: how pages hash and what a proof shows. Must never trust a page unhashed.
+"""The state trie as a verifier sees it: how pages hash and what a proof shows.
 
 A radix-16 trie over SHA-256(flat key), one nibble a level. A page exists wherever two or more keys share a nibble path
 (and at the root); a key that is alone below a slot stands inline in that slot. So the pages, and with them the root,

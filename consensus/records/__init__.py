@@ -1,1 +1,1 @@
-"""What robot, wallet and custodian share: vouchers, owner keys, commitments, envelopes. Must never do I/O."""
+"""What robot, wallet and custodian share: vouchers, owner keys, commitments, envelopes."""

@@ -1,4 +1,4 @@
-"""Clips on the wire: what a robot uploads to a custodian and what an owner gets back. Must never hold an open data key."""
+"""Clips on the wire: what a robot uploads to a custodian and what an owner gets back."""
 
 from __future__ import annotations
 

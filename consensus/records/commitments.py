@@ -1,4 +1,4 @@
-"""The two commitments of a record: to what its frames show and to the bytes that custodians keep. Must never see a picture.
+"""The two commitments of a record: to what its frames show and to the bytes that custodians keep.
 
 A commitment leaf hides its frame behind a salt that derives from the frame's data key: whoever destroys the key
 destroys the salt, and the leaf that remains says nothing any more. A ciphertext leaf needs no key, so a custodian

@@ -1,4 +1,4 @@
-"""Opens one sealed box for somebody else, without the key that opens them all. Must never give away a private key.
+"""Opens one sealed box for somebody else, without the key that opens them all.
 
 A sealed box (libsodium) has a one-time key of its own; what its owner shares with that key opens this box and no other.
 So a person can show a stranger that a record's metadata is what the robot sealed on the chain.

@@ -1,4 +1,4 @@
-"""Envelopes: a frame under its own data key, and that key sealed to the owner. Must never keep or choose a key.
+"""Envelopes: a frame under its own data key, and that key sealed to the owner.
 
 Keys and nonces come from the caller, since this package draws no randomness. One exception: a sealed box (libsodium)
 draws its one-time key itself, and offers no way to pass one in; nothing that parties must agree on depends on it.

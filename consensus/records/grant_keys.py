@@ -1,4 +1,4 @@
-"""The salt of a grant, which its owner and its grantee both derive, and nobody else. Must never stand on the chain.
+"""The salt of a grant, which its owner and its grantee both derive, and nobody else.
 
 With it the grantee shows custodians that she is the one whose handle the grant holds a hash of (`sharing`).
 """

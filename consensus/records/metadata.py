@@ -1,4 +1,4 @@
-"""What a record says to its owner alone: sensor, exact times, place in the visit. Must never stand open on the chain.
+"""What a record says to its owner alone: sensor, exact times, place in the visit.
 
 Each record names the hash of the one before in its visit, so that a wallet notices one that is missing or exchanged.
 It is sealed, at a fixed size, by `records/envelopes.py`.

@@ -1,4 +1,4 @@
-"""Visits under one-time owner keys (ERC-5564's scheme with tagged SHA-256). Must never let two visits be joined on chain.
+"""Visits under one-time owner keys (ERC-5564's scheme with tagged SHA-256).
 
 For one visit the robot draws r and makes, from the person's public view key V and spend key S: R = rG, the shared
 s = H(chain, robot, rV), the owner key O = S + H(s)G and a one-byte view tag. It then forgets r and s. The person finds the

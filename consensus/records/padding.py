@@ -1,4 +1,4 @@
-"""Padding in steps, so that the size of a ciphertext links nothing. Must never let two paddings open to one plaintext.
+"""Padding in steps, so that the size of a ciphertext links nothing.
 
 A padded text is a 4-byte length, the plaintext, and zeros up to the next step; each step is about a quarter larger
 than the one before. Unpadding is strict: the step must be the smallest that fits and every filler byte zero.

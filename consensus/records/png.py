@@ -1,4 +1,4 @@
-"""PNG files of the kinds that are kept: one rule for who keeps and who shows them. Must never unpack more than their size.
+"""PNG files of the kinds that are kept: one rule for who keeps and who shows them.
 
 A custodian keeps empty frames for anybody with a session, so a robot must not be able to leave other things there; a
 wallet decodes nothing that is not a picture and nothing else. Format: https://www.w3.org/TR/png-3/

@@ -1,8 +1,4 @@
-"""A rendition's frame as it is sealed: its owner's pixels, and which recorded empty frame they stand on.
-
-Must never hold a pixel that is not its owner's: everything outside the silhouette is 0 and is filled, when it is shown,
-from the empty frame named by `background_id`.
-"""
+"""A rendition's frame as it is sealed: its owner's pixels, and which recorded empty frame they stand on."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What owner, grantee and custodians exchange when a record is shared: one-time keys, packages of data keys, split keys.
 
-Must never let one custodian's part open anything, nor name the grantee where others read it. The owner seals the data
+The owner seals the data
 keys of a record to the grantee's X and closes that with a key T of its own; T is split so that any two custodians'
 parts join to it and one's say nothing. Random bytes come from the caller.
 """

@@ -1,7 +1,6 @@
 """What a consent receipt says, as its two signers and any stranger make it anew from the chain, byte for byte.
 
-Must never take a word from anywhere but a final transaction and its receipt, nor from a notice whose hash was not
-compared. The plain names are those of ISO/IEC TS 27560:2023, as public guides to it tell them.
+The plain names are those of ISO/IEC TS 27560:2023, as public guides to it tell them.
 """
 
 from __future__ import annotations

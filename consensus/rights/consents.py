@@ -1,4 +1,4 @@
-"""What the contract `consent` keeps of a person, read: choices as steps. Must never read a doubt as a yes.
+"""What the contract `consent` keeps of a person, read: choices as steps.
 
 A choice is about one purpose and one sensor; its steps say from which height on what holds (see the contract).
 """

@@ -1,4 +1,4 @@
-"""The codes and bounds of mandates, and the commitment to a guardian's papers. Must never put a paper on the chain.
+"""The codes and bounds of mandates, and the commitment to a guardian's papers.
 
 The reason is a code from a list, and is committed to with the papers: on the chain it would be a word about somebody's
 health, for ever. The contract `mandates` knows the same bounds.

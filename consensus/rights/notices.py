@@ -1,6 +1,6 @@
 """What an organisation tells people before anything is recorded of them: a document with a fixed form, and its versions.
 
-Must never let a notice pass that leaves out what Art. 13 and 14 of the GDPR ask for. The document is JSON with sorted
+The document is JSON with sorted
 keys and no spaces, so that equal words have one hash; the contract `consent` keeps every version with its hash.
 """
 

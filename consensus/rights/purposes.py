@@ -1,4 +1,4 @@
-"""The published list of purposes for which people are recorded and records are looked at. Must never hold free text.
+"""The published list of purposes for which people are recorded and records are looked at.
 
 A purpose stands on the chain for ever, so it is a code from this list; what is said beyond it is sealed. A network's
 genesis file names the codes that it uses.

@@ -1,4 +1,4 @@
-"""The codes in which people use their rights and officers answer, with plain sentences. Must never hold free text.
+"""The codes in which people use their rights and officers answer, with plain sentences.
 
 What stands on the chain stands there for ever, so it is a code from these lists. The contract `rights` knows the same.
 """

@@ -1,4 +1,4 @@
-"""The published list of sensors by which people are recorded. Must never hold free text.
+"""The published list of sensors by which people are recorded.
 
 A sensor stands in consents, on the chain, so it is a code from this list; the contract `consent` has the same one.
 """

@@ -1,4 +1,4 @@
-"""Keys and rows of the ledger's state: how one is built, taken apart, decoded and encoded. Must never guess a field.
+"""Keys and rows of the ledger's state: how one is built, taken apart, decoded and encoded.
 
 A flat key is the contract's name, a zero byte and the contract's own key. A row that lacks a field, or has one of another
 type, is refused with ENCODING_INVALID.

@@ -1,4 +1,4 @@
-"""What one call reads and writes: its own writes over the block's over the parent state. Must never write through.
+"""What one call reads and writes: its own writes over the block's over the parent state.
 
 A failed call's writes are dropped; those of one that succeeded join the block's. Nothing reaches the parent.
 """

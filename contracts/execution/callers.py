@@ -1,5 +1,4 @@
-"""Who may call each entry of the shipped contracts, as its own docstring says it. Must never guess: words that are not in
-the table here are an error, so that no entry comes without a rule.
+"""Who may call each entry of the shipped contracts, as its own docstring says it.
 
 Every entry that changes something says "Who may call: ..." in its docstring. The words are read from the source as text
 and looked up here; the tests then try each entry with every role, on the real executor.

@@ -1,4 +1,4 @@
-"""What a chain refuses of a source that compiles: asked before it is sent. Must never have limits of its own.
+"""What a chain refuses of a source that compiles: asked before it is sent.
 
 The limits are those of the contract `lifecycle` as it ships; a chain that runs another version of it has the last word.
 """

@@ -1,4 +1,4 @@
-"""What the state says of epochs: the one in force and, of a block, the one it begins. Must never decide one itself.
+"""What the state says of epochs: the one in force and, of a block, the one it begins.
 
 The contract `producers` writes a single key whenever a change of producers or settings takes effect. A block whose
 writes raise the number under it is a boundary.

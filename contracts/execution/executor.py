@@ -1,4 +1,4 @@
-"""Executes a block's transactions one after another on its parent's state. Must never let time or chance decide a result.
+"""Executes a block's transactions one after another on its parent's state.
 
 Each call runs over an overlay of its own: if it fails, nothing remains but its receipt. An exception that the
 interpreter did not foresee gives no receipt at all: a leader leaves that transaction out, a voter raises.

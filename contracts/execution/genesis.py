@@ -1,4 +1,4 @@
-"""Builds the state that a chain begins with. Must never depend on anything but the genesis file and shipped contracts."""
+"""Builds the state that a chain begins with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The contracts of one chain, ready to build and to verify blocks. Must never keep anything from one block to the next.
+"""The contracts of one chain, ready to build and to verify blocks.
 
 Which contracts answer is said by the parent's state, and by what takes effect with the block itself.
 """

@@ -1,4 +1,4 @@
-"""What the execution of a block takes and gives. Must never hold anything that another node would see differently."""
+"""What the execution of a block takes and gives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may have a transaction wait: a pure function of the finalized state. Must never decide what a contract decides.
+"""Who may have a transaction wait: a pure function of the finalized state.
 
 Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent, or object,
 also when his organisation was removed), as the owner of a finalized visit by the key that decides of it now (for its

@@ -1,4 +1,4 @@
-"""Which transactions a block may hold, before any is executed. Must never look at a clock: only at blocks.
+"""Which transactions a block may hold, before any is executed.
 
 A block's time lies after its parent's; a transaction's expiry lies after the block's time, by at most ten minutes; and
 its txid is not in the branch's last ten minutes. So nothing can be replayed, and no nonce orders a member's devices.

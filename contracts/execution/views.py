@@ -1,4 +1,4 @@
-"""Answers a contract's views on one version of the state. Must never write, and never decide anything for the chain."""
+"""Answers a contract's views on one version of the state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The author's kit: what one needs to write, test and look into contracts. Must never be needed to run a chain."""
+"""The author's kit: what one needs to write, test and look into contracts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments as people type them, turned into what an entry takes. Must never guess: what does not fit is refused.
+"""Arguments as people type them, turned into what an entry takes.
 
 Each parameter's type says how its text is read: `int` as decimal or 0x, `bytes` as 0x..., hex:... or text:...,
 `str` as it stands, lists and dicts as JSON. Within JSON, and where the type says nothing, a text that begins with 0x or

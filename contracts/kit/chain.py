@@ -1,4 +1,4 @@
-"""A chain of one's own for tests: the real interpreter, the real state, no nodes. Must never differ from what a node does.
+"""A chain of one's own for tests: the real interpreter, the real state, no nodes.
 
 Sources are executed in a process behind the wall that nodes have: those of others cannot harm who tests them.
 

@@ -1,7 +1,4 @@
-"""What a chain for tests executes: compiled contracts, their state, and what each line cost. Runs behind the wall.
-
-Must never be asked to execute a source outside the process that `contracts.kit.worker` is.
-"""
+"""What a chain for tests executes: compiled contracts, their state, and what each line cost. Runs behind the wall."""
 
 from __future__ import annotations
 

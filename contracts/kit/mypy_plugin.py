@@ -1,4 +1,4 @@
-"""The mypy plugin of the author's kit: it lets contracts see the names of the language. Must never touch other files.
+"""The mypy plugin of the author's kit: it lets contracts see the names of the language.
 
 A contract imports nothing; whoever has a decorator of the language at the top of a module without imports is taken for
 one. mypy then reads it as if `from contract_dialect import *` stood at its beginning.

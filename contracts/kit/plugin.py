@@ -1,4 +1,4 @@
-"""The pytest plugin of the author's kit: the fixture `chain`, and a report of gas and coverage. Must never touch results.
+"""The pytest plugin of the author's kit: the fixture `chain`, and a report of gas and coverage.
 
 `pytest` finds it by itself where BlockRobot is installed. `--contract-report FILE` writes what `blockrobot contract test`
 shows: for each source the runs and gas of each line, for each entry the gas of its calls.

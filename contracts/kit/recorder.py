@@ -1,4 +1,4 @@
-"""What watched contracts tell, gathered: runs and gas by line, and the steps of a call with values. Must never decide.
+"""What watched contracts tell, gathered: runs and gas by line, and the steps of a call with values.
 
 The gas of a line is what its statements used up themselves: their static cost and what was charged while they ran, less
 what the statements inside them and the functions they called used. What belongs to no statement (entering, copying

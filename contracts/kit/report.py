@@ -1,4 +1,4 @@
-"""Gas and coverage of tests, over all chains of a run. Must never mix two sources under one name."""
+"""Gas and coverage of tests, over all chains of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sources as they lie on the disk, and how they are told from tests. Must never change a byte of one.
+"""Sources as they lie on the disk, and how they are told from tests.
 
 A node takes a source as it is: what an editor or Python would quietly repair, such as the ends of lines, stays.
 """

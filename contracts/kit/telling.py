@@ -1,4 +1,4 @@
-"""Values of contracts as text for people. Must never hide a difference: other values have other texts."""
+"""Values of contracts as text for people."""
 
 from __future__ import annotations
 

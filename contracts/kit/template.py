@@ -1,4 +1,4 @@
-"""What `blockrobot contract new` writes: a working contract, its test, what editors need. Must never overwrite a file."""
+"""What `blockrobot contract new` writes: a working contract, its test, what editors need."""
 
 from __future__ import annotations
 

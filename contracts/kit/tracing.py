@@ -1,4 +1,4 @@
-"""A traced call as text and as JSON: the lines that ran, what they cost, the values after each. Must never run anything."""
+"""A traced call as text and as JSON: the lines that ran, what they cost, the values after each."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The parent's end of the process that executes chains of tests: one for all chains of this process, started when needed.
-
-Must never execute or parse a source itself.
-"""
+"""The parent's end of the process that executes chains of tests: one for all chains, started when needed."""
 
 from __future__ import annotations
 

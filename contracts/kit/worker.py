@@ -1,7 +1,6 @@
 """`python -I -m contracts.kit.worker`: executes chains of tests behind the wall that nodes have, as its parent asks.
 
-Sources of others run there alone: it is started with an empty environment and a pipe at each end. Must never run a
-contract before the wall is closed.
+Sources of others run there alone: it is started with an empty environment and a pipe at each end.
 """
 
 from __future__ import annotations

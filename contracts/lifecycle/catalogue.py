@@ -1,4 +1,4 @@
-"""Which contracts answer, as the state says: the mapping that blocks and views run with. Must never know of one elsewhere.
+"""Which contracts answer, as the state says: the mapping that blocks and views run with.
 
 The machine keeps the table and reads it at the beginning of each block. Sources that ship with BlockRobot are found by
 their hash in the package, those of versions that were ever in force under the machine's own keys, others where the

@@ -1,4 +1,4 @@
-"""Says of a call that the active version of a contract does not take what is wrong, and what changed. Must never guess.
+"""Says of a call that the active version of a contract does not take what is wrong, and what changed.
 
 The sentence is part of the receipt, so it follows from the state alone: from the interface that the contract `lifecycle`
 keeps of each version. No source is compiled for it. An interface that cannot be read explains nothing.

@@ -1,4 +1,4 @@
-"""What the machine takes for a change of contracts: rows of one exact form. Must never fail on what a contract wrote.
+"""What the machine takes for a change of contracts: rows of one exact form.
 
 The contract `lifecycle` asks for changes under `due`, and any version of it may write there what it likes: a row of
 another form is no row. What the machine decides by stands under keys of its own, which no contract reaches: the table

@@ -1,4 +1,4 @@
-"""What the state says of contracts and their versions, for those who ask. Must never run or compile one."""
+"""What the state says of contracts and their versions, for those who ask."""
 
 from __future__ import annotations
 

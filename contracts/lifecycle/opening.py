@@ -1,4 +1,4 @@
-"""What a block does before its first transaction: contracts change, and carry their state over. Must never half do it.
+"""What a block does before its first transaction: contracts change, and carry their state over.
 
 The contract `lifecycle` asks for changes; the machine carries them out, one activation or disabling with a block, and
 writes down what came of them. It decides by nothing that a version of `lifecycle` could have spoilt: the table, the

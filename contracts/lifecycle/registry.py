@@ -1,4 +1,4 @@
-"""The contracts that ship with BlockRobot: their sources, hashes and compiled forms. Must never run a source as Python.
+"""The contracts that ship with BlockRobot: their sources, hashes and compiled forms.
 
 The sources lie beside this package as data, in the contract language. A genesis file names each by the hash of its
 source, so that nodes with different sources never share a chain.

@@ -1,4 +1,4 @@
-"""The keys of a state that scans have read, in order, by ranges that are known whole. Must never tell of a range not read.
+"""The keys of a state that scans have read, in order, by ranges that are known whole.
 
 Without it each scan would pass again what the blocks above the stored ledger deleted, which no gas can pay for: how
 many of a node's blocks are final already differs from node to node.

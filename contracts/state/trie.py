@@ -1,4 +1,4 @@
-"""The writer of the state trie: one batch of writes a block, and proofs. Must never let the root depend on the order.
+"""The writer of the state trie: one batch of writes a block, and proofs.
 
 Pages are keyed by their nibble path (lower-case hex digits as ASCII, the root under the empty path), so finalizing a
 block overwrites pages in place and the disk holds one version of the trie. A page is patched, never parsed as a whole:

@@ -1,4 +1,4 @@
-"""How state is read: Protocols, overlays of unfinalized blocks, a state in memory. Must never change what is finalized.
+"""How state is read: Protocols, overlays of unfinalized blocks, a state in memory.
 
 An `Overlay` holds what one block wrote, on top of its parent's view; overlays chain down to the finalized state. When
 a block is finalized its children are rebased onto the store, which then says the same as the overlay did.

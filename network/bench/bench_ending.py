@@ -1,4 +1,4 @@
-"""Runs a measurement that starts nodes, and takes them along however it is told to end. Must never leave one behind.
+"""Runs a measurement that starts nodes, and takes them along however it is told to end.
 
 SIGTERM and SIGHUP cancel it once, as Ctrl-C does; whoever started something stops it in a `finally`, which no second
 signal breaks off.

@@ -1,8 +1,7 @@
 """How fast a node that was down, or a new one, catches up from blocks while the chain goes on at a steady rate.
 
 Real processes: one node is killed, the others go on under a steady load, the node is started again under the same load,
-and the time counts from its first link to a peer until it is as far as they are. Must never count a catch-up whose state
-differs in the end.
+and the time counts from its first link to a peer until it is as far as they are.
 """
 
 from __future__ import annotations

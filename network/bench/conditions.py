@@ -1,4 +1,4 @@
-"""Under what conditions a figure was measured, and the one form of every result. Must never round a failure away."""
+"""Under what conditions a figure was measured, and the one form of every result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Follows one node's event stream and notes when each transaction became final. Must never be what a client trusts.
+"""Follows one node's event stream and notes when each transaction became final.
 
 One stream tells of every finalized call, so that measuring costs the nodes less than what is measured. Calls that emit
 nothing (refused ones) are never seen: whoever waits for one runs into the timeout and counts an error.

@@ -1,7 +1,6 @@
 """How long nothing becomes final when a node is killed, when a network is cut in two, and when a node comes back.
 
-Real processes under a steady trickle of calls; the gap is what a client at a living node sees. Must never leave out the
-worst repetition: each figure names its median and its maximum.
+Real processes under a steady trickle of calls; the gap is what a client at a living node sees.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Keeps a steady trickle of calls going at one node and notes when each became final. Must never count a word before it.
+"""Keeps a steady trickle of calls going at one node and notes when each became final.
 
 The times are those of the node's event stream, which tells of stored blocks only; so the longest time between two of
 them is the time in which work waited and nothing became final.

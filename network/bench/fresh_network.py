@@ -1,7 +1,4 @@
-"""A network made for one measurement: real node processes, registered robots with a visit open each, nothing kept.
-
-Must never touch a network that somebody uses: it lives in a temporary folder on ports that were free.
-"""
+"""A network made for one measurement: real node processes, registered robots with a visit open each, nothing kept."""
 
 from __future__ import annotations
 

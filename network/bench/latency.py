@@ -1,7 +1,4 @@
-"""How long one call takes on an idle network, as a client sees it: signed, submitted, final, and the receipt proved.
-
-Must never overlap two calls: the network is idle between them.
-"""
+"""How long one call takes on an idle network, as a client sees it: signed, submitted, final, and the receipt proved."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """How many calls a second become final, and how long each takes, under load from many robots at once.
 
 Every call is a real one (`records.record` by a registered robot in its open visit), signed beforehand, submitted over
-HTTP to four node processes of their own, and counted when a node tells that it is final. Must never count what was
-merely accepted.
+HTTP to four node processes of their own, and counted when a node tells that it is final.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Processes that share the work of a measurement. Must never outlive it, nor keep it waiting once it is told to end."""
+"""Processes that share the work of a measurement."""
 
 from __future__ import annotations
 

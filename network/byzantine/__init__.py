@@ -1,4 +1,4 @@
-"""Producers that lie, stay silent or flood, on purpose. Must never be imported by anything that a hospital runs.
+"""Producers that lie, stay silent or flood, on purpose.
 
 Each behaviour is one class that stands where the engine's outbox stands: the node below it is the production code and
 believes itself honest; what leaves it is what a dishonest producer would say, signed with its genuine key. No behaviour

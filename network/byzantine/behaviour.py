@@ -1,4 +1,4 @@
-"""What all behaviours share: an outbox around the honest one, and the liar's own pen. Must never touch the node's state."""
+"""What all behaviours share: an outbox around the honest one, and the liar's own pen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All behaviours by name, and how one is put around an outbox. Must never let a wrong name pass for an honest node."""
+"""All behaviours by name, and how one is put around an outbox."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lies about certificates: old ones for new ones, and such as no quorum signed. Must never use others' keys."""
+"""Lies about certificates: old ones for new ones, and such as no quorum signed."""
 
 from __future__ import annotations
 

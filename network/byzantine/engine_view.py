@@ -1,4 +1,4 @@
-"""What a liar sees of its own running node: the production engine and its links. Must never change either."""
+"""What a liar sees of its own running node: the production engine and its links."""
 
 from __future__ import annotations
 

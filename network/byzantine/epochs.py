@@ -1,4 +1,4 @@
-"""Lies about epochs: words of those that are over or to come, old certificates as of now. Must never use others' keys."""
+"""Lies about epochs: words of those that are over or to come, old certificates as of now."""
 
 from __future__ import annotations
 

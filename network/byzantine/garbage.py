@@ -1,4 +1,4 @@
-"""A bounded flood of junk. Must never send more than its rate allows: it is to be borne, not to fill the machine."""
+"""A bounded flood of junk."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""`python -m network.byzantine.process`: a real node of a local network that lies. Must never run where faults are barred.
+"""`python -m network.byzantine.process`: a real node of a local network that lies.
 
-    python -m network.byzantine.process --data-dir DIR --behaviour equivocate [--seed 7]
+python -m network.byzantine.process --data-dir DIR --behaviour equivocate [--seed 7]
 
 It is the production node, process for process, with a behaviour around its outbox; it starts only on a data directory
 whose node.toml allows faults. `blockrobot fault byzantine` starts it, `blockrobot fault restart` makes it honest again.

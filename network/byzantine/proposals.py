@@ -1,4 +1,4 @@
-"""Lies about blocks: two in a round, none, for some only, with wrong roots, from the future. Must never go unsigned."""
+"""Lies about blocks: two in a round, none, for some only, with wrong roots, from the future."""
 
 from __future__ import annotations
 

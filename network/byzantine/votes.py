@@ -1,4 +1,4 @@
-"""Lies about votes: two in one round, or none. Must never change the vote that the honest node below has journalled."""
+"""Lies about votes: two in one round, or none."""
 
 from __future__ import annotations
 

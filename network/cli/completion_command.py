@@ -1,4 +1,4 @@
-"""`blockrobot completion`: prints what makes a shell complete commands. Must never write into a shell's own files."""
+"""`blockrobot completion`: prints what makes a shell complete commands."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The reference page of what commands answer with `--json`, made from the catalogues beside them.
-
-Must never be the place where a field is described: that is done where the command is.
-"""
+"""The reference page of what commands answer with `--json`, made from the catalogues beside them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The root command. Must never do work itself: it names the commands and where they live.
+"""The root command.
 
 Commands are imported when they are called, so that a wallet's process never loads a node's code, and starts fast.
 """

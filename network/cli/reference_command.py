@@ -1,4 +1,4 @@
-"""`blockrobot reference`: makes the reference pages again from the code. Must never be the place where they are edited."""
+"""`blockrobot reference`: makes the reference pages again from the code."""
 
 from __future__ import annotations
 

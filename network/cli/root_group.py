@@ -1,4 +1,4 @@
-"""The group that every command line enters by: wrong usage is told as JSON too. Must never change what a command does."""
+"""The group that every command line enters by: wrong usage is told as JSON too."""
 
 from __future__ import annotations
 

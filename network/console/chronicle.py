@@ -1,4 +1,4 @@
-"""Says in a line each what is new between two moments of a network. Must never tell the same change twice.
+"""Says in a line each what is new between two moments of a network.
 
 Pure. An event is ready for JSON: `at_ms`, `kind`, `tone` (good, bad, warn or empty), `text`, `nodes` that it is about.
 

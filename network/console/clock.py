@@ -1,4 +1,4 @@
-"""A clock for a recording: ms since 1970, as this machine says, but for jumps back. Must never go back."""
+"""A clock for a recording: ms since 1970, as this machine says, but for jumps back."""
 
 from __future__ import annotations
 

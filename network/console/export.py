@@ -1,4 +1,4 @@
-"""Writes a run as one HTML file that needs nobody: data, design and program inside. Must never ask for anything outside.
+"""Writes a run as one HTML file that needs nobody: data, design and program inside.
 
 Pure. The page's own modules are joined into one script, each in a function of its own, so that no name meets another's;
 the file's policy allows this one script and this one style sheet by their hashes, and nothing else.

@@ -1,4 +1,4 @@
-"""The console at work: looks again and again, records, does what is asked. Must never do it otherwise than `fault` does."""
+"""The console at work: looks again and again, records, does what is asked."""
 
 from __future__ import annotations
 

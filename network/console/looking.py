@@ -1,4 +1,4 @@
-"""One look at every node: its process, its own words, its faults, its counts of frames. Must never change what it sees."""
+"""One look at every node: its process, its own words, its faults, its counts of frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The picture of a network at one moment, as the page and a recording have it. Must never poll, and never guess.
+"""The picture of a network at one moment, as the page and a recording have it.
 
 Pure: it is handed what a look gave, and keeps only the last counts, to make rates of them. A moment is ready for JSON:
 

@@ -1,4 +1,4 @@
-"""Keeps a run within a limit of memory, and says what it dropped. Must never drop what is newest.
+"""Keeps a run within a limit of memory, and says what it dropped.
 
 Pure. A moment that differs from the last one by its time alone is no news and is not kept twice. When moments take more
 than their share, every second one of the older half goes: the whole run stays, the older the coarser. Of events the

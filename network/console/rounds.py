@@ -1,4 +1,4 @@
-"""Who led, voted and gave up in each round, joined from what every node says of itself. Must never count a word twice.
+"""Who led, voted and gave up in each round, joined from what every node says of itself.
 
 Pure. A round is `won` once a quorum voted in it, `lost` once a quorum gave it up, `open` while neither is known. What a
 node said before it was killed is known only if it was asked in between.

@@ -1,4 +1,4 @@
-"""What the console's page asks its own server: what is, and what is to be done. Must never answer who has no session.
+"""What the console's page asks its own server: what is, and what is to be done.
 
 The host, the origin and the session are checked by `pages/local_page.py` before anything here is called.
 """

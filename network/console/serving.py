@@ -1,4 +1,4 @@
-"""Serves the console of one network until it is told to stop. Must never stop the network with it."""
+"""Serves the console of one network until it is told to stop."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The chain's contracts as proofs show them: versions, interfaces, sources, also of what is proposed. Must never believe
-a node: every value is proved, every source has the hash that the state names.
-"""
+"""The chain's contracts as proofs show them: versions, interfaces, sources, also of what is proposed."""
 
 from __future__ import annotations
 

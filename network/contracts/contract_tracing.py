@@ -1,4 +1,4 @@
-"""Executes a final transaction again, watched: which lines ran, with which values. Must never trust a node's blocks.
+"""Executes a final transaction again, watched: which lines ran, with which values.
 
 Every block from genesis on is executed on a state of its own, in a process behind the wall that nodes have; each has to
 give the root that its header names, so that what is traced is what the chain did. Nothing is sent to the network.

@@ -1,7 +1,7 @@
 """`python -I -m network.contracts.tracing_worker`: executes a chain up to one transaction, behind the wall that nodes have.
 
 It is started with an empty environment and a pipe at each end, gets genesis and blocks one by one, and says how the last
-transaction went, line by line. Must never run a contract before the wall is closed, nor be given a key or a socket.
+transaction went, line by line.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Custody over a whole network: what its custodians say, and what can be found of a record. Must never change a store."""
+"""Custody over a whole network: what its custodians say, and what can be found of a record."""

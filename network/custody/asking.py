@@ -1,4 +1,4 @@
-"""Asks custodians over their operator's listeners, with the token of their data directories. Must never show the token."""
+"""Asks custodians over their operator's listeners, with the token of their data directories."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The hunt: searches a whole network for anything of a record, and says what may be left of it, where and until when.
 
-Must never call clean a place that it could not read, nor a gone record of which it had nothing to look for. Every file
+Every file
 below the network's folder is searched as bytes, free pages and logs of databases too, and every document of a MongoDB
 server; what its server's own files keep can only be searched where they are named.
 """

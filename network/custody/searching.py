@@ -1,4 +1,4 @@
-"""Finds many short byte strings in large files at once. Must never read a file whole into memory, nor change one."""
+"""Finds many short byte strings in large files at once."""
 
 from __future__ import annotations
 

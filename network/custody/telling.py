@@ -1,4 +1,4 @@
-"""What custodians' answers mean, in plain sentences. Must never call well what is not, nor leave out a next step."""
+"""What custodians' answers mean, in plain sentences."""
 
 from __future__ import annotations
 

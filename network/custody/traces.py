@@ -1,6 +1,6 @@
 """What there is to be found of a record: pieces of its id, its ciphertexts, its keys, its roots on the chain.
 
-Must never hold a whole key: a piece of twelve bytes finds a key of 32, and opens nothing. Pieces are taken while a record
+Pieces are taken while a record
 is kept; after its erasure nobody can make them any more, so they can be written to a file before it.
 """
 

@@ -1,4 +1,4 @@
-"""What custodians say of uploads, in plain sentences. Must never leave out which robot it is, nor what to do."""
+"""What custodians say of uploads, in plain sentences."""
 
 from __future__ import annotations
 

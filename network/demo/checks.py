@@ -1,4 +1,4 @@
-"""The checks of the demonstration: a name, whether it held, and what was seen. Must never turn a failure into silence."""
+"""The checks of the demonstration: a name, whether it held, and what was seen."""
 
 from __future__ import annotations
 

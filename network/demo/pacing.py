@@ -1,4 +1,4 @@
-"""How often a stage of a long run may say something where lines stay. Must never hold back a stage's first line."""
+"""How often a stage of a long run may say something where lines stay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robot, wallet and registrar as processes of their own, driven by command line. Must never give them a node's files.
+"""Robot, wallet and registrar as processes of their own, driven by command line.
 
 Each child knows the genesis file, the nodes' HTTP addresses in it, and its own folder; nothing else.
 """

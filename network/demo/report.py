@@ -1,7 +1,4 @@
-"""What the demonstration leaves: report.html (one file, pictures inside), events.jsonl, summary.json.
-
-Must never show a handle, a key or a tag; people are patient A, patient B and the visitor.
-"""
+"""What the demonstration leaves: report.html (one file, pictures inside), events.jsonl, summary.json."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The truth about the synthetic scene, to judge what renditions show. Must never be used to make a rendition."""
+"""The truth about the synthetic scene, to judge what renditions show."""
 
 from __future__ import annotations
 

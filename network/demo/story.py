@@ -1,7 +1,6 @@
 """The story, step by step: network, people, recording, a killed leader, looking, tampering, erasing, report.
 
-Robot, wallets and registrar are processes of their own that know the genesis file and HTTP. Must never take a step's own
-word for a check that can be made from another side.
+Robot, wallets and registrar are processes of their own that know the genesis file and HTTP.
 """
 
 from __future__ import annotations

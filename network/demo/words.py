@@ -1,4 +1,4 @@
-"""What the demonstration calls in plain words what programs name by a code. Must never hide a code it does not know."""
+"""What the demonstration calls in plain words what programs name by a code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What running nodes say of themselves, held against one another. Must never take one node's word against itself alone.
+"""What running nodes say of themselves, held against one another.
 
 All checks here are pure: they take answers that were collected before.
 """

@@ -1,4 +1,4 @@
-"""What can be seen in a data directory without the node: keys, certificate, disk, journal. Must never change a file.
+"""What can be seen in a data directory without the node: keys, certificate, disk, journal.
 
 Writability is tried with a file of its own that is gone again at once.
 """

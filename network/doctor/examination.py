@@ -1,4 +1,4 @@
-"""The whole examination of a network's folder, or of one data directory. Must never change what it examines.
+"""The whole examination of a network's folder, or of one data directory.
 
 What it sees: the data directories, their ledgers, the nodes' operator listeners, the ports of nodes that do not run.
 A node that runs elsewhere is known by what the others say of it.

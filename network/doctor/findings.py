@@ -1,4 +1,4 @@
-"""The fixed list of what the doctor can find. Must never name a trouble without what to do about it.
+"""The fixed list of what the doctor can find.
 
 Each kind has a code, a severity and a next step. A *problem* makes the doctor's exit code 1; a *warning* will be one.
 """

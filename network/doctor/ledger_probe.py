@@ -1,4 +1,4 @@
-"""Looks into the ledgers of data directories. Must never let a damaged ledger take the doctor down with it.
+"""Looks into the ledgers of data directories.
 
 A damaged LMDB file can end the process that reads it. So the reading is done by a child process, which tells what it
 saw of each ledger in a line of JSON; of whichever ledger it dies, that one is damaged.

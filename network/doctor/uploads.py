@@ -1,4 +1,4 @@
-"""What the doctor asks custodians of uploads. Must never call a custodian well that does not say how it stands."""
+"""What the doctor asks custodians of uploads."""
 
 from __future__ import annotations
 

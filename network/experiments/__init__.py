@@ -1,1 +1,1 @@
-"""The paper's evaluation on our own robot: event tables, statistics, process maps. Must never copy a published log."""
+"""The paper's evaluation on our own robot: event tables, statistics, process maps."""

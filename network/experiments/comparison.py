@@ -1,4 +1,4 @@
-"""The same tables from one log or two, by one program: text, JSON, files. Must never treat two logs differently."""
+"""The same tables from one log or two, by one program: text, JSON, files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which frames the event log says became whose, tag by tag. Must never sum up tags: one's surplus may be another's loss.
+"""Which frames the event log says became whose, tag by tag.
 
 A log's aliases are drawn for each run and name nobody. Whose tag one is, its frames say: they are held against those
 that the scenario's own readings cover.

@@ -1,4 +1,4 @@
-"""The four experiments: who takes part, on which scenario, and beside which published run. Must never hold a tag's UID."""
+"""The four experiments: who takes part, on which scenario, and beside which published run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ends what a run of experiments started if the run is killed. Must never end a process that it was not told of.
+"""Ends what a run of experiments started if the run is killed.
 
 A process of its own that reads lines from the run: `pid N` and `network FOLDER` when something is started, `end` when
 the run has stopped all of it. If the run ends without a word (SIGKILL), the guard does it.

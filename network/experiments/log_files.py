@@ -1,4 +1,4 @@
-"""Reads an event log of any form: published text, JSON lines, CSV, XES. Must never guess at a line it cannot read."""
+"""Reads an event log of any form: published text, JSON lines, CSV, XES."""
 
 from __future__ import annotations
 

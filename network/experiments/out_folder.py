@@ -1,4 +1,4 @@
-"""The folder of a run of experiments. Must never delete anything that such a run did not put there.
+"""The folder of a run of experiments.
 
 It bears a mark, which the running command keeps locked. A folder that is not empty is only taken if it bears the mark
 and holds nothing but what experiments write, however deep: one file of another name, and nothing is removed.

@@ -1,4 +1,4 @@
-"""The post-stage: what wallets get after a run, judged by the scene's truth. Must never judge by what the robot says.
+"""The post-stage: what wallets get after a run, judged by the scene's truth.
 
 The paper's claims, each as a check: own data only, no frame of another, others hidden, corruption detected.
 """

@@ -1,4 +1,4 @@
-"""What a run of experiments says while it goes on: lines for people, JSON lines for programs. Must never be an answer.
+"""What a run of experiments says while it goes on: lines for people, JSON lines for programs.
 
 Everything goes to standard error, so that standard output holds the one answer.
 """

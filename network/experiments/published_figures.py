@@ -1,4 +1,4 @@
-"""What the prototype's two published runs show, as facts to stand beside ours. Must never hold an event of theirs.
+"""What the prototype's two published runs show, as facts to stand beside ours.
 
 Worked out from the event logs that the authors of the first BlockRobot prototype published with it; run 1's can be
 worked out again with `blockrobot experiment compare LOG`. The names are those of `figure_rows`.

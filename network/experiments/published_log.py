@@ -1,4 +1,4 @@
-"""Reads an event log as the prototype's authors published theirs. Must never pass on a tag's hash or words.
+"""Reads an event log as the prototype's authors published theirs.
 
 One line an event: `HH:MM:SS:mmm, ACTIVITY, image sequence number[, tag hash[, txid]]`, milliseconds not padded with
 zeros; a reading is `time, RFID_RETRIEVE, tag words, tag hash`. The hashes are of short numbers and can be reversed, so

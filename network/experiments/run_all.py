@@ -1,4 +1,4 @@
-"""Runs experiments, each on a network of its own, and writes what they leave. Must never hide a failure."""
+"""Runs experiments, each on a network of its own, and writes what they leave."""
 
 from __future__ import annotations
 

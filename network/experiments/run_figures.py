@@ -1,6 +1,6 @@
 """What a log says of a run as a whole: what share was paired, where time goes, what was lost.
 
-A frame counts as lost only if its neighbours' numbers show that it existed. Must never take an estimate for a count.
+A frame counts as lost only if its neighbours' numbers show that it existed.
 """
 
 from __future__ import annotations

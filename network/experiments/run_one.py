@@ -1,4 +1,4 @@
-"""One experiment with its pre-, run and post-stage on a network of its own. Must never take the robot's word for a check.
+"""One experiment with its pre-, run and post-stage on a network of its own.
 
 Pre: a network, people, wallets, a robot and its roster. Run: the robot records the scenario in real time. Post: what
 each person's wallet gets, what strangers get, and, where the experiment says so, data corrupted behind the chain's back.

@@ -1,4 +1,4 @@
-"""Breaks a running local network on purpose, and mends it. Must never touch a network whose nodes do not allow it.
+"""Breaks a running local network on purpose, and mends it.
 
 `actions.py` says what can be done, `control.py` does it to a cluster, `plan.py` reads plans (TOML, a seed, timed and
 random steps), `run.py` carries a plan out, `profiles.py` names kinds of links. From a test:

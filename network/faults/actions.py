@@ -1,4 +1,4 @@
-"""What can be done to a network, as values: each says in a line what it does. Must never do it itself."""
+"""What can be done to a network, as values: each says in a line what it does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does to a local cluster what an action says. Must never leave one half of a link's ends believing something else.
+"""Does to a local cluster what an action says.
 
 A node that runs is told over its operator's listener, with the token of its data directory. One that does not is told by
 the file that it reads when it starts, so that a partition holds for whoever was down when it began.

@@ -1,6 +1,6 @@
-"""Fault plans: TOML with a seed, timed steps and random ones. Must never be carried out in part: it is read whole first.
+"""Fault plans: TOML with a seed, timed steps and random ones.
 
-    seed = 7
+seed = 7
 
     [[step]]
     at = "2s"

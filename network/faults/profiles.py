@@ -1,4 +1,4 @@
-"""Kinds of links by name. Must never be changed without its documentation: results of experiments name them.
+"""Kinds of links by name.
 
 Figures are for one direction, so that a round trip takes twice the delay.
 """

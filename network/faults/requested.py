@@ -1,4 +1,4 @@
-"""What a person asked for, by a command or a button: one way for both. Must never do it where it makes no sense.
+"""What a person asked for, by a command or a button: one way for both.
 
 `read_action` makes an action of named fields, as a plan's step has them; `open_control` refuses a network that does not
 run; `carry_out_requested` refuses what only a node that runs could notice, does it, and waits for a node that it started.

@@ -1,4 +1,4 @@
-"""Carries a fault plan out, step by step, on time. Must never go on past a step that failed without saying so."""
+"""Carries a fault plan out, step by step, on time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Executes finalized blocks again on a state of its own, to learn which transaction wrote a key. Must never trust a state.
+"""Executes finalized blocks again on a state of its own, to learn which transaction wrote a key.
 
 What it begins with is genesis or a verified snapshot, and every block has to give the root that its header names.
 """

@@ -1,4 +1,4 @@
-"""Compares two nodes' ledgers: the first block, and then the state keys, on which they differ. Must never write to either.
+"""Compares two nodes' ledgers: the first block, and then the state keys, on which they differ.
 
 Headers name their parents, so the first that differs is found by bisection. Where all headers are equal, bodies and
 receipts are compared byte for byte, then the state: the trie by pages, going down only where two pages refer to

@@ -1,8 +1,4 @@
-"""Tells on what two nodes differ: the first block, the first state key, and the transaction that wrote it.
-
-Must never name a culprit that it did not compute: who is right is what the header's root proves or a replay gives, and
-where blocks were pruned, so that nothing can be replayed, it says so.
-"""
+"""Tells on what two nodes differ: the first block, the first state key, and the transaction that wrote it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The privacy notice of the demonstration hospital, as it ships. Must never be passed off as a real hospital's."""
+"""The privacy notice of the demonstration hospital, as it ships."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Publishes what an organisation tells people, from its admin's key. Must never publish twice what is in force."""
+"""Publishes what an organisation tells people, from its admin's key."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The register of processing activities of Art. 30, made from the chain and the notice in force.
-
-Must never fill in what no program knows: that is named as open.
-"""
+"""The register of processing activities of Art. 30, made from the chain and the notice in force."""
 
 from __future__ import annotations
 

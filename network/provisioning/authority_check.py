@@ -1,4 +1,4 @@
-"""Looks at certificate authorities before an organisation is tied to them. Must never look at anything but public halves.
+"""Looks at certificate authorities before an organisation is tied to them.
 
 No contract can read a certificate: what is proposed is checked here, by who proposes it and by who approves.
 """

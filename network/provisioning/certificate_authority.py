@@ -1,4 +1,4 @@
-"""Certificate authorities of organisations and certificates of their nodes. Must never leave a key readable by others.
+"""Certificate authorities of organisations and certificates of their nodes.
 
 Each organisation has one CA (ECDSA P-256). Its certificate stands in the genesis file; a node proves who it is with a
 certificate whose common name is the node's name, signed by the CA of the node's own organisation.

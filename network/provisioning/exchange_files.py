@@ -1,4 +1,4 @@
-"""Files that one party of a network hands to another. Must never let anything secret through, nor unread text.
+"""Files that one party of a network hands to another.
 
 What is proposed stands on the chain for good, and everybody reads it: certificates are written anew from what was
 parsed, entries field by field, and a file that holds a private key is refused whole.

@@ -1,6 +1,6 @@
-"""Makes a network on disk: keys, certificates, genesis, one data directory a node. Must never overwrite one that is there.
+"""Makes a network on disk: keys, certificates, genesis, one data directory a node.
 
-    DIRECTORY/genesis.json
+DIRECTORY/genesis.json
     DIRECTORY/organisations/<name>/   ca.crt.pem, ca.key.pem, admin.key, registrar.key, organisation-entry.json
     DIRECTORY/nodes/<name>/           node.toml, genesis.json, keys/, journal/
 

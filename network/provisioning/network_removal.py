@@ -1,4 +1,4 @@
-"""Removes a local network again. Must never delete anything that making and running a network did not put there.
+"""Removes a local network again.
 
 A folder is only ever emptied of parts that have a network's names, and removed itself only if nothing else is in it: the
 folder may be one's home, or hold something that nobody can bring back. A network is made in a folder aside, which bears

@@ -1,6 +1,6 @@
 """One more node for a network of this machine, agreed on by the organisations whose keys are here.
 
-Must never skip a vote: whatever changes the network goes through governance, and each step is told. Where the keys of
+Where the keys of
 this machine make no majority, it says what the others have to do, and goes no further.
 """
 

@@ -1,4 +1,4 @@
-"""The certificates of an organisation's nodes: made, renewed, looked at. Must never leave a node without a usable pair.
+"""The certificates of an organisation's nodes: made, renewed, looked at.
 
 An organisation's authority is a folder with `ca.crt.pem` and `ca.key.pem`; its name is the organisation's. A renewed
 certificate keeps the node's key unless a new one is asked for, so that one file changes, in one step.

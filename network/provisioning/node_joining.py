@@ -1,7 +1,4 @@
-"""A node for a network that runs already: its data directory, and its entry for the others to agree on.
-
-Must never overwrite a data directory, nor let a private key out of it: the entry holds public keys and a proof.
-"""
+"""A node for a network that runs already: its data directory, and its entry for the others to agree on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Holds a custodian's store against the chain of its node, at the store's own checkpoint. Must never change either."""
+"""Holds a custodian's store against the chain of its node, at the store's own checkpoint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measures on this machine what the simulator's cost model charges. Must never be asked while a simulated run goes on.
+"""Measures on this machine what the simulator's cost model charges.
 
 Each figure is CPU time of this process, the least of several measurements: what else the machine does can only add to it.
 """

@@ -1,4 +1,4 @@
-"""What organisations of a simulated network decide about contracts. Must never deploy what could not be undone.
+"""What organisations of a simulated network decide about contracts.
 
 Everything follows from a number, as in `network.sim.workload`: the same call has the same bytes in each run.
 """

@@ -1,7 +1,4 @@
-"""A member that floods the others: genuine links, frames that are cheap to send and dear to handle.
-
-Must never send faster than its links let it: what a peer has not handled yet is bounded, as TCP bounds it.
-"""
+"""A member that floods the others: genuine links, frames that are cheap to send and dear to handle."""
 
 from __future__ import annotations
 

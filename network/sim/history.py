@@ -1,7 +1,6 @@
 """What happened in a simulated network, as typed observations in order, and a running hash over all of it.
 
-Checkers judge nothing but these. Must never hold what a real observer could not know of the nodes: what they sent,
-stored and answered, and what clients were told.
+Checkers judge nothing but these.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What goes wrong in a simulated run, and when: a list of faults that can be read, written, cut down and replayed.
 
-`make_plan` draws one from a seed; its printed form is in `plan_file.py`. Must never depend on anything but its arguments.
+`make_plan` draws one from a seed; its printed form is in `plan_file.py`.
 """
 
 from __future__ import annotations

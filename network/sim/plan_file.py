@@ -1,7 +1,4 @@
-"""Plans as files: their printed form in TOML, and what a plan written by hand must not say.
-
-Must never let a plan through that would be played otherwise than it reads: a fault that is not tried proves nothing.
-"""
+"""Plans as files: their printed form in TOML, and what a plan written by hand must not say."""
 
 from __future__ import annotations
 

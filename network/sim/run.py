@@ -1,4 +1,4 @@
-"""Plays one plan and judges its history: the unit of the simulator. Must never let one run see anything of another."""
+"""Plays one plan and judges its history: the unit of the simulator."""
 
 from __future__ import annotations
 

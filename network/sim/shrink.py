@@ -1,7 +1,4 @@
-"""Cuts a plan that breaks something down to a small one that still does: delta debugging over its faults.
-
-Must never return a plan that it did not see fail by the same checker.
-"""
+"""Cuts a plan that breaks something down to a small one that still does: delta debugging over its faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plays many seeds on all cores. Must never call a sweep good in which one seed was not played to its end."""
+"""Plays many seeds on all cores."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 A client's work is a list of batches: the calls of one are made together, the next when all of them are final. Robots
 register, open visits, record clips; owners ask for access and erasure; organisations change settings and producers.
-Must never depend on a seed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The HTTP interface of one node. Must never answer a question that its caller may not ask."""
+"""The HTTP interface of one node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The aiohttp application of one node's HTTP interface. Must never run a handler before its access rule.
+"""The aiohttp application of one node's HTTP interface.
 
 One function handles every route: it limits, authorises, calls, charges, and turns whatever goes wrong into a problem
 document; what is of no route is answered for the price of one. The log names the route, never the address asked for:

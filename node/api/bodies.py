@@ -1,4 +1,4 @@
-"""How many bytes of request bodies a node holds at once, of each source and of all together. Must never wait for more."""
+"""How many bytes of request bodies a node holds at once, of each source and of all together."""
 
 from __future__ import annotations
 

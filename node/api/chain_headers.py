@@ -1,4 +1,4 @@
-"""Finalized headers in words: who led, who voted, what was missed. Must never look at what is not final.
+"""Finalized headers in words: who led, who voted, what was missed.
 
 A block's certificate stands in its child's header; that of the newest block in the proof that it is final, that of an
 epoch's last block in the proof of the next epoch.

@@ -1,4 +1,4 @@
-"""The JSON documents about contracts. Must never hold a default that hides a missing field."""
+"""The JSON documents about contracts."""
 
 from __future__ import annotations
 

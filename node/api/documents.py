@@ -1,4 +1,4 @@
-"""The JSON documents of the interface. Must never hold a default that hides a missing field.
+"""The JSON documents of the interface.
 
 Bytes are lower-case hexadecimal. The same types check requests, write answers and make the OpenAPI schemas.
 """

@@ -1,4 +1,4 @@
-"""What proves a receipt to a client that trusts no node. Must never leave a gap between transaction and proof.
+"""What proves a receipt to a client that trusts no node.
 
 A header is final if its child has the next round and is certified; the certificate of a child stands in the
 grandchild's header. So the proof for a block deep in the chain is made from the blocks above it, and only the newest

@@ -1,4 +1,4 @@
-"""The JSON documents of the explorer's routes. Must never hold anything of a person: headers, producers and counts alone.
+"""The JSON documents of the explorer's routes.
 
 A node whose explorer is public shows them to anybody, so what is added here is added for anybody.
 """

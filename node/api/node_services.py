@@ -1,4 +1,4 @@
-"""The node as its HTTP interface sees it: the Protocols of `node.api.services`. Must never show what is not final."""
+"""The node as its HTTP interface sees it: the Protocols of `node.api.services`."""
 
 from __future__ import annotations
 

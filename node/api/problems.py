@@ -1,4 +1,4 @@
-"""Errors as problem documents (RFC 9457). Must never show a traceback, a path or a secret to a caller.
+"""Errors as problem documents (RFC 9457).
 
 A refusal has a code of the catalogue. Whatever else goes wrong is INTERNAL on the outside and a logged exception on
 the inside.

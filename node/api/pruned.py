@@ -1,4 +1,4 @@
-"""What a node that pruned old blocks answers when it is asked for one. Must never say "not found" of what was there."""
+"""What a node that pruned old blocks answers when it is asked for one."""
 
 from __future__ import annotations
 

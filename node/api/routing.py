@@ -1,4 +1,4 @@
-"""Routes as data: path, access, limits and documents in one place. Must never let a handler run before its rule.
+"""Routes as data: path, access, limits and documents in one place.
 
 The same table makes the aiohttp application, the OpenAPI document and the reference page.
 """

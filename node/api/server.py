@@ -1,4 +1,4 @@
-"""How clients of the API are answered below its routes, in the same form. Must never show the node's insides.
+"""How clients of the API are answered below its routes, in the same form.
 
 What is no HTTP never reaches a route. How connections are bounded: `pages.listening`.
 """

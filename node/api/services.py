@@ -1,4 +1,4 @@
-"""What the HTTP interface needs of its node, as Protocols owned by this side. Must never import the node's other parts.
+"""What the HTTP interface needs of its node, as Protocols owned by this side.
 
 Everything that is read comes from one finalized snapshot: nothing that could still be undone is ever shown.
 """

@@ -1,4 +1,4 @@
-"""The reference page of what the contracts keep, made from consensus/state. Must never say more than the schema does."""
+"""The reference page of what the contracts keep, made from consensus/state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Free space that uploads may not use: a node has to vote, erase and prune. Must never hinder what frees space.
+"""Free space that uploads may not use: a node has to vote, erase and prune.
 
 What is on its way holds room above that. Whoever holds some already may hold half of it together with more, no more:
 the other half is for others.

@@ -1,4 +1,4 @@
-"""Token buckets in microseconds of work, one for each source of work. Must never grow without bound.
+"""Token buckets in microseconds of work, one for each source of work.
 
 A source (a peer, a client's address, a member's key) has a bucket that fills at a steady rate. Work is paid for before it
 is done, by the prices of `node/budgets/work_costs.py`; whoever has nothing left waits, or is refused and told for how long.

@@ -1,7 +1,7 @@
 """What work costs in estimated microseconds of CPU: every frame, request and route, in one table.
 
 A node spends its time by these prices (`token_buckets.py`), so that a thousand cheap messages and one dear one weigh the
-same. Must never leave a message kind or a route without a price: a test looks for each.
+same.
 """
 
 from __future__ import annotations

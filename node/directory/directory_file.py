@@ -1,4 +1,4 @@
-"""`directory.json` in a data directory: what another node's directory said. Must never outlive the node's own chain.
+"""`directory.json` in a data directory: what another node's directory said.
 
 Made by `blockrobot node init` for a node that joins a network older than its genesis file: so it finds the nodes, and
 believes the authorities, that there are now. It is trusted as the genesis file is, and holds until the node's own

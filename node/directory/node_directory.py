@@ -1,4 +1,4 @@
-"""Who the nodes of the network are, by the finalized state. Must never say more than a final block said.
+"""Who the nodes of the network are, by the finalized state.
 
 The genesis file is only the beginning: from then on the contract `membership` names nodes, organisations with their
 certificate authorities, and revoked certificates. All nodes read the same state, so a change counts from the same

@@ -1,4 +1,4 @@
-"""Executes blocks on the branch that they stand on, and keeps what came of it. Must never execute the same block twice.
+"""Executes blocks on the branch that they stand on, and keeps what came of it.
 
 The newest stored block is the base, a snapshot of the ledger; every block above it is an overlay in memory, by block
 id. When blocks are stored the base moves up, and the overlays above stand on the new snapshot.

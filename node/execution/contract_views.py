@@ -1,4 +1,4 @@
-"""The read-only entries of a chain's contracts, run on one version of its state. Must never write, nor decide anything."""
+"""The read-only entries of a chain's contracts, run on one version of its state."""
 
 from __future__ import annotations
 

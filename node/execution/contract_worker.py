@@ -1,4 +1,4 @@
-"""`python -I -m node.execution.contract_worker`: runs contracts for a node. Must never be given a key or a socket.
+"""`python -I -m node.execution.contract_worker`: runs contracts for a node.
 
 It is started by the node with an empty environment and a pipe at each end, opens the node's ledger for reading, closes
 the wall around itself and works until the pipe ends. See `contracts/worker/`.

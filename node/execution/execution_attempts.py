@@ -1,7 +1,4 @@
-"""Executes blocks where an execution may fail for want of memory, time or a sound interpreter: a failure decides nothing.
-
-Must never let one become a receipt, a verdict on a block, or a reason to stand still.
-"""
+"""Executes blocks where an execution may fail for want of memory or time: a failure decides nothing."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What executes blocks, as a node asks it: inside the node, in a worker, or for a whole simulated run.
-
-Must never let its answer depend on who asks, or when.
-"""
+"""What executes blocks, as a node asks it: inside the node, in a worker, or for a whole simulated run."""
 
 from __future__ import annotations
 

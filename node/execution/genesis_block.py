@@ -1,4 +1,4 @@
-"""The genesis block, made from the genesis file alone. Must never be made differently on two nodes."""
+"""The genesis block, made from the genesis file alone."""
 
 from __future__ import annotations
 

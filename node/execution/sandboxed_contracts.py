@@ -1,4 +1,4 @@
-"""Where a node's contracts run: in worker processes behind a wall, or inside the node. Must never let a view delay a block.
+"""Where a node's contracts run: in worker processes behind a wall, or inside the node.
 
 By default blocks are executed in one worker and views in another; `node.toml` can require a whole wall, or take it away.
 What needs no contract of somebody else's stays in the node: genesis, admission of transactions, proofs.

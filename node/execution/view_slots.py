@@ -1,4 +1,4 @@
-"""The places in which calls of views wait for the contract worker, of each source and of all. Must never wait for one."""
+"""The places in which calls of views wait for the contract worker, of each source and of all."""
 
 from __future__ import annotations
 

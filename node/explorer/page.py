@@ -1,4 +1,4 @@
-"""The explorer's files, in memory, with strict headers. Must never depend on who asks: the files are the same for all.
+"""The explorer's files, in memory, with strict headers.
 
 What a page shows comes from the node's routes, which let in whom their rules name. The file `pages/serving.py` reads all
 files once, and answers with an entity tag and a content security policy.

@@ -1,4 +1,4 @@
-"""From "final" to "stored" to "known": writes finalized blocks in order and tells who waits. Must never tell too early.
+"""From "final" to "stored" to "known": writes finalized blocks in order and tells who waits.
 
 A waiter is told only after the store holds the block durably, so that what a client was told survives a power cut.
 """

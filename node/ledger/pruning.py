@@ -1,4 +1,4 @@
-"""Drops the bodies of old blocks. Must never drop one whose effects the node's own custodian has not brought about.
+"""Drops the bodies of old blocks.
 
 Which are old is in `retention.py`. What stays of a pruned block is its header (with the certificate of its parent),
 the places of its transactions and the txids of the replay window; epoch proofs and the state, with the audit in it, are

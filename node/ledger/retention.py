@@ -1,4 +1,4 @@
-"""Below which block bodies may be dropped, by block time. Must never look at a clock: the newest block's time is the time.
+"""Below which block bodies may be dropped, by block time.
 
 A body goes once its block is older than the longest retention of a record and the lifetime of a transaction, and every
 record that it holds is erased or past its expiry. A restriction for a claim prolongs an expiry, but delays nobody else's

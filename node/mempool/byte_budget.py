@@ -1,7 +1,7 @@
 """How many bytes of transactions an account may have nodes keep: blocks stay for a year, and disks fill up by accounts.
 
 A token bucket in bytes for each account. Each node counts what it lets wait, whoever brought it, so nobody gets more by
-asking several. Must never go by a clock that can be put back or forward.
+asking several.
 """
 
 from __future__ import annotations

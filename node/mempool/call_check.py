@@ -1,4 +1,4 @@
-"""Tells a client that its call cannot succeed, where the finalized state shows it. Must never refuse what peers pass on.
+"""Tells a client that its call cannot succeed, where the finalized state shows it.
 
 Only submissions are looked at: a transaction that another node took may fit a version that is not final here yet.
 """

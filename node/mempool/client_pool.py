@@ -1,4 +1,4 @@
-"""The pool of waiting transactions as clients see it. Must never take in what no peer would hear of.
+"""The pool of waiting transactions as clients see it.
 
 A node that was removed, or whose certificate counts no more, says so at once: its clients go to another node instead of
 waiting for a block that cannot come.

@@ -1,4 +1,4 @@
-"""What makes room for a transaction in a full mempool: a plan only. Must never change the pool."""
+"""What makes room for a transaction in a full mempool: a plan only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Passes transactions on to all peers: at once when idle, otherwise in batches. Must never encode a transaction again."""
+"""Passes transactions on to all peers: at once when idle, otherwise in batches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One lane of the mempool: what waits of each account, and which have most. Must never know what a transaction is."""
+"""One lane of the mempool: what waits of each account, and which have most."""
 
 from __future__ import annotations
 

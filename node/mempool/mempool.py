@@ -1,4 +1,4 @@
-"""Transactions that wait for a block. Must never grow without bound, and never let one sender keep the others out.
+"""Transactions that wait for a block.
 
 Senders take turns, first come first served within each. Whoever has a visit makes as many grantees' keys as she likes:
 they all take one sender's turns, and each of them a sixteenth of its room at most. A tenth of the room, and of every

@@ -1,5 +1,4 @@
-"""What could not be executed here, or was lost with a proposal: left out of own blocks for a while. Must never decide a
-result: it says what this node proposes and votes for, and everybody may differ in it.
+"""What could not be executed here, or was lost with a proposal: left out of own blocks for a while.
 
 Each failure doubles the reasons for doubt: the first keeps a transaction out of a few blocks, the third for as long as it
 may live. So a transaction that only met a worker's end by chance is hardly delayed.

@@ -1,5 +1,4 @@
-"""Transactions that this node has already decoded and whose signature it has already checked. Must never answer for
-bytes that it has not seen whole.
+"""Transactions that this node has already decoded and whose signature it has already checked.
 
 A transaction comes more than once: from a client, by gossip, in a proposal. The key is the whole wire, signature
 included, so that another signature over the same body is checked on its own.

@@ -1,8 +1,7 @@
 """Where transactions come in, from peers and from clients: each source in its turn, and each for its own budget.
 
 Cheap checks come first (`Mempool.screen`); signatures are checked last, in slices and in a thread, so that the event loop
-goes on. A sender pays for what he signed; what nobody signed is paid for by who brought it. Must never let one source
-keep another one waiting for more than a slice, and never check a signature that nobody pays for.
+goes on. A sender pays for what he signed; what nobody signed is paid for by who brought it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Takes other nodes' connections, up to the end of the handshake. Must never shake hands with more than it has places for.
+"""Takes other nodes' connections, up to the end of the handshake.
 
 Until then nobody knows who calls, so places and budgets go by address; from then on by name (`node.p2p.greeting`).
 """

@@ -1,4 +1,4 @@
-"""One TLS connection to one peer: frames in, frames out, requests and answers. Must never buffer without bound.
+"""One TLS connection to one peer: frames in, frames out, requests and answers.
 
 Gossip that does not fit waits in a short queue whose oldest entry is dropped. Consensus messages are never dropped in
 silence: a peer so slow that they do not fit loses its connection, which both sides notice and repair.

@@ -1,4 +1,4 @@
-"""Connections whose certificate was looked at and that have not said hello yet. Must never keep one for long, nor many.
+"""Connections whose certificate was looked at and that have not said hello yet.
 
 No budget applies to who says nothing, so they have a deadline, a few places for each name, and places for all together.
 The oldest makes room: an honest node says hello at once, and is gone from here before others push it out.

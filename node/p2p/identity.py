@@ -1,4 +1,4 @@
-"""Who is at the other end, by its certificate and the directory. Must never accept a name without its own CA.
+"""Who is at the other end, by its certificate and the directory.
 
 The TLS library checks that a certificate leads to some CA of the directory, and looks at no dates; everything else is
 checked here, against the node's own clock, so that each refusal has a code and a name.

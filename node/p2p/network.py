@@ -1,6 +1,6 @@
 """The node's links to all other nodes: one connection per pair, dialled by the one whose name sorts first.
 
-Must never pass a frame on from a connection whose certificate and hello were not checked. The directory says who the
+The directory says who the
 nodes are: when it changes, links of those that left are cut at once, newcomers are dialled, moved ones dialled anew.
 """
 

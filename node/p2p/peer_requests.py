@@ -1,7 +1,7 @@
 """Answers what peers ask for: a few requests of each peer at a time, for its own budget, and off the event loop.
 
 A request beyond the budget waits, and is refused if that takes too long: whoever catches up waits a moment, whoever asks
-in a loop waits for ever. Must never read a block of the ledger on the event loop.
+in a loop waits for ever.
 """
 
 from __future__ import annotations

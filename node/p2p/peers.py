@@ -1,4 +1,4 @@
-"""What the node says to its peers and hears from them. Must never encode a received message again to pass it on.
+"""What the node says to its peers and hears from them.
 
 Between the frames of `node/p2p` and the parts that decide: the engine, the mempool, the synchroniser and custody.
 """

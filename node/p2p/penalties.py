@@ -1,4 +1,4 @@
-"""Peers that sent what no honest node sends, and for how long they are not heard. Must never forget one too soon.
+"""Peers that sent what no honest node sends, and for how long they are not heard.
 
 A node checks what it passes on, so one false signature or one malformed frame is enough. The first pause is short, since
 a peer may be broken and mended; each further one is twice as long.

@@ -1,4 +1,4 @@
-"""Which links are refused at this node, and why: for the operator. Must never fill a log with what it said before."""
+"""Which links are refused at this node, and why: for the operator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes links slow, lossy or dead on purpose: delay, jitter, loss, bandwidth, a cut. Must never reorder what one carries.
+"""Makes links slow, lossy or dead on purpose: delay, jitter, loss, bandwidth, a cut.
 
 It works on whole frames on their way out, above TLS: a lost frame is one that was never written, so that the stream
 below stays in step. Chance is drawn from a seed for each peer, so that a link with the same seed and the same frames

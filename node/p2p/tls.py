@@ -1,4 +1,4 @@
-"""The two TLS contexts of a node, and the certificate that it shows. Must never go on with a key that does not fit.
+"""The two TLS contexts of a node, and the certificate that it shows.
 
 TLS 1.3, certificates on both sides, trusting the CAs of the directory. A context cannot be emptied of a CA, so both
 are built anew when the directory's CAs or the node's own certificate change; the listener's own context hands each

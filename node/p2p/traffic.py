@@ -1,4 +1,4 @@
-"""Counts the frames between this node and each peer, by direction and kind. Must never hold anything of their content.
+"""Counts the frames between this node and each peer, by direction and kind.
 
 A frame sent is counted when it leaves the queue of its connection: before a link fault could lose it. A frame received
 is counted when it is whole. A count is two additions; Prometheus' own objects would cost ten times that for each frame.

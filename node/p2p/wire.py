@@ -1,4 +1,4 @@
-"""Frames between nodes: length, type, payload. Must never read more of a peer's bytes than a limit allows.
+"""Frames between nodes: length, type, payload.
 
 A frame is a 4-byte big-endian length (of type and payload), one byte of type, and the payload. Payloads are canonical
 bytes; what arrives is kept as it is and never encoded again.

@@ -1,4 +1,4 @@
-"""Checks a snapshot from the node's own genesis file on, and feeds it into a new ledger. Must never believe its maker.
+"""Checks a snapshot from the node's own genesis file on, and feeds it into a new ledger.
 
 Every byte has to have its hash, the block has to be proven final along the epochs, the replay window has to be the
 blocks that lead up to it with the transactions that their headers name, and the state has to have the root that the

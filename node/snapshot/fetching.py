@@ -1,4 +1,4 @@
-"""Fetches a snapshot from peers, chunk by chunk, from several at once. Must never keep a byte that does not have its hash.
+"""Fetches a snapshot from peers, chunk by chunk, from several at once.
 
 A manifest counts only if its block is proven final from genesis on; a chunk only if it has the hash that the manifest
 names. Whether the manifest told the truth about the state is found by the restore, and then the peer that gave it is

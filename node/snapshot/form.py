@@ -1,6 +1,6 @@
-"""What a snapshot is made of: a manifest and numbered chunks. Must never be read without checking every byte's hash.
+"""What a snapshot is made of: a manifest and numbered chunks.
 
-    manifest        "blockrobot-snapshot/1\n", the canonical bytes of a `Manifest`, and the SHA-256 of both
+manifest        "blockrobot-snapshot/1\n", the canonical bytes of a `Manifest`, and the SHA-256 of both
     chunk-000000    the canonical bytes of a `RecentChunk` (the first `recent_chunk_count` of them) or of a `StateChunk`
 
 Two honest nodes that make a snapshot of the same block cut the same chunks: only the certificates in their proofs may

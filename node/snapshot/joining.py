@@ -1,4 +1,4 @@
-"""Brings a node that is too far behind for blocks to a snapshot's state. Must never replace a ledger while it is in use.
+"""Brings a node that is too far behind for blocks to a snapshot's state.
 
 The snapshot is fetched, checked and built into a ledger beside the running one; then the node is asked to begin anew,
 and its next start puts the new ledger in the place of the old.

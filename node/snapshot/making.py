@@ -1,4 +1,4 @@
-"""Makes a snapshot out of one finalized version of the ledger. Must never hold more of the state than one chunk.
+"""Makes a snapshot out of one finalized version of the ledger.
 
 The ledger goes on meanwhile: what is read is one read transaction, and nothing is written to the ledger.
 """

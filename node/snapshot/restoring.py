@@ -1,4 +1,4 @@
-"""Puts a snapshot in the place of a node's ledger. Must never leave the place without a whole ledger, nor touch a key.
+"""Puts a snapshot in the place of a node's ledger.
 
 The new ledger is made beside the old one. A mark says that it is whole; only then do the two change places, and a crash
 in between is finished at the next start.

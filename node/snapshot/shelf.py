@@ -1,4 +1,4 @@
-"""The snapshots that a node keeps for others, and hands out chunk by chunk. Must never hold the event loop up for a disk.
+"""The snapshots that a node keeps for others, and hands out chunk by chunk.
 
 A node makes one at every milestone (a height that all nodes of the same setting share, so that a newcomer can fetch its
 chunks from several of them), one when pruning left none that helps, and one when it is asked and has none that helps,

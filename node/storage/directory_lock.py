@@ -1,4 +1,4 @@
-"""The lock by which one process owns a directory. Must never let two processes write to the same ledger.
+"""The lock by which one process owns a directory.
 
 An advisory `flock` on a file in the directory: the kernel drops it when the process ends, however it ends, so there is
 no stale lock to clean up after a kill.

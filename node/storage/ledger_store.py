@@ -1,4 +1,4 @@
-"""What a node needs of the place where the finalized ledger is kept. Must never tell of a block that could still be lost.
+"""What a node needs of the place where the finalized ledger is kept.
 
 Two stores keep these promises under one test suite: `lmdb_store` on disk and `memory_store` for tests and the
 simulator. Blocks, receipts, events and proofs of finality are opaque bytes here. A commit is one atomic step: state,

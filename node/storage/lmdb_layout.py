@@ -1,4 +1,4 @@
-"""How the ledger lies in LMDB: named tables and the keys and rows in them. Must never change without a new format name.
+"""How the ledger lies in LMDB: named tables and the keys and rows in them.
 
 Heights are big-endian, so that tables by height are in order. Trie pages are keyed by nibble path behind one byte
 (LMDB knows no empty key).

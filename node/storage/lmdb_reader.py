@@ -1,4 +1,4 @@
-"""Reads a ledger in LMDB that another process may be writing. Must never write, nor wait for the node that owns it.
+"""Reads a ledger in LMDB that another process may be writing.
 
 LMDB lets any number of processes read while one writes. A snapshot that stays open keeps old pages from being reused,
 so the node's file grows while it is read; nothing else of it reaches the node.

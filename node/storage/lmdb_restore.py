@@ -1,4 +1,4 @@
-"""A ledger in LMDB made out of a snapshot's parts. Must never look like a ledger before its last part is in and synced.
+"""A ledger in LMDB made out of a snapshot's parts.
 
 The rows come in batches, each written in a transaction of its own without a sync, so that memory stays bounded; the
 format's name and the position, without which no store opens it, are written last and synced.

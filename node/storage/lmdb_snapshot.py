@@ -1,4 +1,4 @@
-"""Reading the ledger in LMDB, from one read transaction. Must never mix two positions, nor write.
+"""Reading the ledger in LMDB, from one read transaction.
 
 LMDB is multi-version: a snapshot sees the ledger as it was when it was opened, while commits go on. It keeps the pages
 of its version from being reused, so it is to be closed soon.

@@ -1,4 +1,4 @@
-"""The ledger of a node on disk, in LMDB. Must never report a block as stored before it is synced, nor sync on the loop.
+"""The ledger of a node on disk, in LMDB.
 
 One writer thread takes the commits that wait and writes them in one transaction (group commit); LMDB syncs it before
 the callers hear of it. Readers use snapshots and never wait for the writer. The map reserves address space far beyond

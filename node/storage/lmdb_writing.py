@@ -1,4 +1,4 @@
-"""The rows that a block adds to the ledger in LMDB, and those that pruning takes away. Must never open a transaction.
+"""The rows that a block adds to the ledger in LMDB, and those that pruning takes away.
 
 All that is done to one transaction here becomes visible with it, or not at all.
 """

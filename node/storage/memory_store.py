@@ -1,4 +1,4 @@
-"""A ledger store in memory, for tests and the simulator. Must never differ from the one on disk but in durability.
+"""A ledger store in memory, for tests and the simulator.
 
 A snapshot shares the tables with the store until the next commit, which then works on a copy: nothing that a reader
 holds open ever changes.

@@ -1,4 +1,4 @@
-"""Executes runs of finalized blocks ahead of the store. Must never let a block pass whose roots come out otherwise here.
+"""Executes runs of finalized blocks ahead of the store.
 
 What was executed and is not stored yet stands in one flat layer over a snapshot of the ledger, so that a read costs the
 same however far execution is ahead. The layer stands on a newer snapshot whenever the store has taken a run.

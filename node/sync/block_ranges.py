@@ -1,4 +1,4 @@
-"""Runs of finalized blocks with a proof for the last one: read from a ledger, and checked. Must never trust who sent one.
+"""Runs of finalized blocks with a proof for the last one: read from a ledger, and checked.
 
 The proof makes the last block final, and the ids of the parents all of them: their certificates need no second look.
 What the ids do not cover is checked here: the producers' signatures, the transactions and who signed them. A run never

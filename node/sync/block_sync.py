@@ -1,4 +1,4 @@
-"""Catching up: fetches finalized blocks from peers, checks and executes them. Must never install what is not proved final.
+"""Catching up: fetches finalized blocks from peers, checks and executes them.
 
 A line of requests runs ahead, each for a run of blocks and to another peer; while one run is executed the next ones are
 fetched and checked, and those before are stored. Every block is executed here and its roots compared before any of it

@@ -1,4 +1,4 @@
-"""Checks a bundle offline, without node, wallet or network. Must never call proved what is only said.
+"""Checks a bundle offline, without node, wallet or network.
 
 What comes out says in plain words what was proved, against which chain, up to which block, and what could not be.
 """

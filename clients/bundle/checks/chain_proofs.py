@@ -1,7 +1,4 @@
-"""What the ledger says, from proofs alone: a genesis file, the epochs, final headers, state, receipts. No node is asked.
-
-Must never take a value that no certificate of the network's producers leads to.
-"""
+"""What the ledger says, from proofs alone: a genesis file, the epochs, final headers, state, receipts. No node is asked."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Consent receipts in a file, and how anybody checks them without node, wallet or network.
-
-Must never call a receipt good that does not follow, byte for byte, from a final transaction, its receipt and the notice
-that was in force; nor one that either side did not sign.
-"""
+"""Consent receipts in a file, and how anybody checks them without node, wallet or network."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The frames of one record: what the robot committed to, and what is made of it to look at or hear.
 
 The exporter writes what comes out of here and the verifier compares it, so a picture in a bundle is always the one that
-follows from the committed bytes. Must never make a picture of a frame that does not lead to its record's commitment.
+follows from the committed bytes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Which keys a person ever had, proved by the transactions that put them in place: her registration and each rotation.
 
 What was sealed to a key that was replaced since is hers all the same; the ledger's state names her present one only.
-Must never take a key that no chain of final transactions joins to the member whom the state proves.
 """
 
 from __future__ import annotations

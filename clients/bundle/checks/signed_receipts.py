@@ -1,7 +1,4 @@
-"""The consent receipts in a bundle: signed by both sides, and about the consents that the same bundle proves.
-
-Must never pass over one that does not follow from its proofs, nor one that is of another person than the bundle names.
-"""
+"""The consent receipts in a bundle: signed by both sides, and about the consents that the same bundle proves."""
 
 from __future__ import annotations
 

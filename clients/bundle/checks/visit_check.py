@@ -1,4 +1,4 @@
-"""What the proved state says of one visit, put together. Must never pass over a key that is proved, or one that is due.
+"""What the proved state says of one visit, put together.
 
 Every key that is proved must be one that the visit's own trail leads to, and every key that it leads to must be there.
 """

@@ -1,4 +1,4 @@
-"""`blockrobot robot background`: record, list and approve empty frames. Must never approve what nobody looked at."""
+"""`blockrobot robot background`: record, list and approve empty frames."""
 
 from __future__ import annotations
 

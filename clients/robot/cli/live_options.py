@@ -1,7 +1,4 @@
-"""The options by which a user says to which live source a robot listens, and the source that they describe.
-
-Must never listen to anything before the context of the source is entered.
-"""
+"""The options by which a user says to which live source a robot listens, and the source that they describe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot robot`: a robot on the command line. Must never print a tag's UID, a handle or a key."""
+"""`blockrobot robot`: a robot on the command line."""
 
 from __future__ import annotations
 

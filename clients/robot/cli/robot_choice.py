@@ -1,4 +1,4 @@
-"""Which robot a command speaks of, and where the passphrase of its key file comes from. Must never show it."""
+"""Which robot a command speaks of, and where the passphrase of its key file comes from."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a run says of itself to a person: its summary, what stood in the way, and what is left when it is broken off.
-
-Must never name a person, a tag, a handle or a key: counts only.
-"""
+"""What a run says of itself to a person: its summary, what stood in the way, and what is left when it is broken off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The options by which a user says what stands where in a recording. Must never read a message of it.
+"""The options by which a user says what stands where in a recording.
 
 Only the type of the topic that `--tags` names is looked up.
 """

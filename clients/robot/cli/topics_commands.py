@@ -1,4 +1,4 @@
-"""`blockrobot robot topics`: what a recording holds, or what a robot says now. Must never print what a message says."""
+"""`blockrobot robot topics`: what a recording holds, or what a robot says now."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
 """Between hiding and sealing: keeps what its person consents to, by the view of the registry at that moment.
 
-Must never let a picture be sealed while the view is stale, nor tell the chain anything of somebody who does not consent.
 Consent is asked for where a tag is read, where a picture comes out of hiding, where it is sealed, and (in delivery)
 before it is recorded; whatever waits in between is dropped as soon as a no is seen.
 """

@@ -1,4 +1,4 @@
-"""Whom the robot may record, now: the consents that the chain proves. Must never take silence, age or doubt for a yes.
+"""Whom the robot may record, now: the consents that the chain proves.
 
 The rule. A picture is kept only while the view of the registry is fresh, for a person whom it confirms, whose consent
 to the purpose and the sensor holds, and was taken after that consent began and within its period. A no counts from the

@@ -1,4 +1,4 @@
-"""Reads what the chain proves of everybody on a roster: keys, status, consents. Must never ask about one person alone.
+"""Reads what the chain proves of everybody on a roster: keys, status, consents.
 
 The registry is asked for whole, always the same keys in the same order, so that a node learns nothing of who is near.
 Two numbers on the chain tell whether anything changed; while they stay, one small proof makes an old reading new.

@@ -1,5 +1,4 @@
-"""Brings spooled clips to custodians and chain: upload, record, confirm. Must never forget a clip that is not final, unless
-its person's consent has ended: then it is destroyed.
+"""Brings spooled clips to custodians and chain: upload, record, confirm.
 
 Each clip is its own transaction, sent after a random delay of up to half a second, so that the owners of one scene do
 not stand side by side on the chain. A visit is announced before its first record. Every step is idempotent: after a

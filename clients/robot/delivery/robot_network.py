@@ -1,4 +1,4 @@
-"""The robot's side of the network: signs, uploads to custodians, submits. Must never call an upload done too early.
+"""The robot's side of the network: signs, uploads to custodians, submits.
 
 An upload ends with the last custodian's answer, though fewer are required: a copy that is on its way is not broken off.
 """

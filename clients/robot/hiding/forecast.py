@@ -1,6 +1,6 @@
 """How soon readings of a given quality bind one person alone in view, by playing them to the matcher itself. Pure.
 
-For a warning before a run, and for the table in `docs/how-to/your-robot.md`. Must never be used to bind anybody.
+For a warning before a run, and for the table in `docs/how-to/your-robot.md`.
 """
 
 from __future__ import annotations

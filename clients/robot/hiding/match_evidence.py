@@ -1,8 +1,7 @@
 """Why a tag was not bound to anybody in view, in numbers, and what would help. Pure.
 
 Distances in metres, log-odds natural. A tag is bound at log-odds of `BIND_LOG_ODDS`, never with fewer than
-`READINGS_MIN_COUNT` distances, nor unless these alone speak for it by `DISTANCE_LOG_ODDS_MIN`. Must never name a tag or a
-person: numbers only.
+`READINGS_MIN_COUNT` distances, nor unless these alone speak for it by `DISTANCE_LOG_ODDS_MIN`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Tells whether a tag's distances follow a person's range with a delay: then a clock is wrong, not the reader.
 
-Only for words and figures. Must never be used to bind anybody.
+Only for words and figures.
 """
 
 from __future__ import annotations

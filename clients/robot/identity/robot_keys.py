@@ -1,4 +1,4 @@
-"""A robot's own keys, in one file readable by its user only. Must never be copied to another robot.
+"""A robot's own keys, in one file readable by its user only.
 
 With a passphrase the file is sealed under it. Without one, for a robot that starts unattended, whoever steals the robot
 has its keys and its roster of the day (see the threat model) until it is revoked.

@@ -1,7 +1,7 @@
 """Tells when exactly one registered person was there: one tag in range, one silhouette in the picture, and it is hers.
 
 What cannot be cut down to one person (sound, estimates, colour that is not registered to depth) is kept only then.
-It knows aliases only. Must never guess: where frames are missing or a stranger's tag is near, nobody was alone.
+It knows aliases only.
 """
 
 from __future__ import annotations

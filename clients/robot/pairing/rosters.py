@@ -1,4 +1,4 @@
-"""The robot's roster in memory: which tag belongs to whom, today. Must never look one handle up at a node.
+"""The robot's roster in memory: which tag belongs to whom, today.
 
 The roster is read whole from a sealed file; asking a node about one tag would tell it who stands before the robot.
 What the chain says of its people, and what they consent to, is in `clients.robot.consent.consent_view`.

@@ -1,4 +1,4 @@
-"""Counts readings of tags that are on no row of the roster. Must never remember, log or tell a tag's UID.
+"""Counts readings of tags that are on no row of the roster.
 
 A newcomer whose roster lacks a tag, or whose map of fields reads another field than the UID, sees here that readings
 came. Tags are told apart by a hash under a key that is drawn for each run and forgotten with it.

@@ -1,4 +1,4 @@
-"""Gathers one owner's kept frames into clips, and counts what was withheld. Must never mix the frames of two owners."""
+"""Gathers one owner's kept frames into clips, and counts what was withheld."""
 
 from __future__ import annotations
 

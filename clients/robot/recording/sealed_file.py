@@ -1,4 +1,4 @@
-"""Small encrypted files of the robot, each written whole or not at all. Must never leave a half-written one behind.
+"""Small encrypted files of the robot, each written whole or not at all.
 
 Temporary file, sync, rename, sync of the folder. What is sealed is bound to the file's name, so that one file cannot be
 put in the place of another.

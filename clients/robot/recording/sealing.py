@@ -1,4 +1,4 @@
-"""Seals the frames of one clip for one owner: data keys, ciphertexts, commitments. Must never keep a data key.
+"""Seals the frames of one clip for one owner: data keys, ciphertexts, commitments.
 
 What goes in is a list of renditions of one owner in one visit; what comes out is a spooled clip: bytes that only the
 owner opens, and the arguments of the record's transaction. Data keys live for the length of one call.

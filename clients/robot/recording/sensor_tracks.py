@@ -1,7 +1,7 @@
 """Colour, estimates and sound on their way from a source to sealed clips: kept only for whom they show and no other.
 
 Colour that is registered to depth is cut out by its owner's silhouette; everything else is kept only while exactly one
-registered person is there. What waits is held in memory, packed, bounded. Must never write what is not sealed.
+registered person is there. What waits is held in memory, packed, bounded.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The robot's spool: sealed clips on disk until their records are final. Must never hold a picture or a raw frame.
+"""The robot's spool: sealed clips on disk until their records are final.
 
 One file a clip, encrypted under the robot's spool key (the sealed clip alone would still tell when and how much was
 recorded), written whole or not at all: temporary file, sync, rename, sync of the folder. A robot that is killed at any

@@ -1,4 +1,4 @@
-"""The visits that are still to be closed on the chain, kept over a kill. Must never tell whose a visit is.
+"""The visits that are still to be closed on the chain, kept over a kill.
 
 Owner keys and counts alone, encrypted under the robot's spool key. A clip is counted here once it is in the spool, and
 delivered once that is saved: killed in between, the robot finds one clip that it had not counted when it begins again

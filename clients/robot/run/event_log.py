@@ -1,4 +1,4 @@
-"""The robot's event log, with the paper's activity names. Must never hold a tag's UID, a handle or an owner key.
+"""The robot's event log, with the paper's activity names.
 
 A tag is spoken of by an alias that is drawn anew for each run, so that two logs cannot be joined. One line of JSON an
 event: `{"time_ms", "activity", "case", "alias"?, "detail"?}`; `case` is the frame (`frame-7`), or the tag's alias for a

@@ -1,4 +1,4 @@
-"""From sensor to chain: identify, pair, ask for consent, hide others, seal, spool, deliver. Must never write a raw frame.
+"""From sensor to chain: identify, pair, ask for consent, hide others, seal, spool, deliver.
 
 Data flows one way. The picture work runs in a thread so that uploads go on meanwhile, and so does bringing a sealed clip
 to the disk, one clip after another, while the next frames are worked on; when the spool holds more clips than delivery

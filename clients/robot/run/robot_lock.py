@@ -1,4 +1,4 @@
-"""Lets a robot run once at a time: two at one spool would write over each other's clips. Must never outlive its process.
+"""Lets a robot run once at a time: two at one spool would write over each other's clips.
 
 An advisory lock on a file in the robot's folder: the kernel drops it when the process ends, however it ends.
 """

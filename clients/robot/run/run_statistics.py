@@ -1,4 +1,4 @@
-"""Counts what became of every frame and how long it took. Must never count a frame as kept before its record is final.
+"""Counts what became of every frame and how long it took.
 
 Frames are counted per frame and owner: covered = kept + withheld + lost.
 """

@@ -1,7 +1,7 @@
 """Says for how long a run may go on: while its roster's day lasts, and its empty frames are those that were approved.
 
 A run may last for days. A tag that was handed on would lead to its bearer of yesterday, and frames that nobody answers
-for any more would stand behind every rendition. Must never let either be used longer than it holds.
+for any more would stand behind every rendition.
 """
 
 from __future__ import annotations

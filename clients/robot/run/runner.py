@@ -1,7 +1,4 @@
-"""Puts a whole run together: recording, roster, pipeline, delivery, and the summary of what became of every frame.
-
-Must never end while a covered frame is neither final, nor withheld, nor counted as lost.
-"""
+"""Puts a whole run together: recording, roster, pipeline, delivery, and the summary of what became of every frame."""
 
 from __future__ import annotations
 

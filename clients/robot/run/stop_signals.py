@@ -1,4 +1,4 @@
-"""Ends a run when its user says so: once in good order, twice at once. Must never lose what is sealed already.
+"""Ends a run when its user says so: once in good order, twice at once.
 
 In good order means that the source ends there: what is in memory is decided, sealed and recorded, and every visit closed.
 At once means that what is sealed stays in the spool, for the next run to record.

@@ -1,4 +1,4 @@
-"""What a run knows of its camera's focal length, and since when. Must never let a guess pass for a measurement.
+"""What a run knows of its camera's focal length, and since when.
 
 A live camera may begin after the run, and tell its focal length (CameraInfo) a little after its first frame. Silhouettes
 are measured by it, so the first frame waits for it a while; what is learnt later counts from then on.

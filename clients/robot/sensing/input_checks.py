@@ -1,4 +1,4 @@
-"""Lets through what the pipeline can use, and counts the rest by reason. Must never let one bad message end a run.
+"""Lets through what the pipeline can use, and counts the rest by reason.
 
 A stream that breaks off, or of which too many messages in a row cannot be used, ends here, and so does one for which the
 roster or the empty frames do not hold any longer: what came before is worked through as at any other end, and `fault` says

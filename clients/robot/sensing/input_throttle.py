@@ -2,7 +2,7 @@
 
 Pairing gets every reading, since its owners must be exact. Matching, the log and aliases get a thinned stream: a tag's
 readings a little apart, and so many a second in all, those of the roster's tags and of strangers' counted apart, so
-that strangers cannot crowd out whom the robot is for. Must never drop a reading without counting it.
+that strangers cannot crowd out whom the robot is for.
 """
 
 from __future__ import annotations

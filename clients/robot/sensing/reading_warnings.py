@@ -1,7 +1,4 @@
-"""What can be said of tag readings and the camera before a run: what will be kept of people, and measured by a guess.
-
-Must never look at a reading: it goes by what the topics file says of them.
-"""
+"""What can be said of tag readings and the camera before a run: what will be kept of people, and measured by a guess."""
 
 from __future__ import annotations
 

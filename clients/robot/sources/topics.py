@@ -1,6 +1,6 @@
 """The topics file: which topic of a recording holds what, and where in its messages each field stands.
 
-Read from TOML and checked here, once, before anything is read. Must never guess: what the file does not name is not read.
+Read from TOML and checked here, once, before anything is read.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The two ROS messages that recordings of our own are made of: sensor_msgs/Image (16UC1) and RfidDetection.
 
-Turns frames and sightings into CDR; reading any recording is the matter of `sources`. Must never write to a file.
+Turns frames and sightings into CDR; reading any recording is the matter of `sources`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A person as capsules: build, gait, attitude and heading turned into line segments with a radius. Pure.
-
-Must never know of camera or noise: those come after.
-"""
+"""A person as capsules: build, gait, attitude and heading turned into line segments with a radius. Pure."""
 
 from __future__ import annotations
 

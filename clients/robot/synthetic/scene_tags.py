@@ -1,4 +1,4 @@
-"""The tags of synthetic scenes: drawn once on this machine, whatever is recorded with them. Must never hold a real tag.
+"""The tags of synthetic scenes: drawn once on this machine, whatever is recorded with them.
 
 They stand in a file readable by its user only, as a registrar's list of cards would.
 """

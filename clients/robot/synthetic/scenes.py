@@ -1,7 +1,4 @@
-"""Draws short random scenes by stratum, to train and to judge hiding on. The same seed gives the same scene.
-
-Must never be used while a robot runs: what is drawn here is for benches, training and tests.
-"""
+"""Draws short random scenes by stratum, to train and to judge hiding on. The same seed gives the same scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pages of announcements, proved complete. Must never accept a page that leaves one out."""
+"""Pages of announcements, proved complete."""
 
 from __future__ import annotations
 

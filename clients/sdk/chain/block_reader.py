@@ -1,4 +1,4 @@
-"""Reads one transaction out of the final block that holds it. Must never return another one than was asked for.
+"""Reads one transaction out of the final block that holds it.
 
 What is returned has the id that was named; that it is final, and what became of it, its receipt's proof tells.
 """

@@ -1,4 +1,4 @@
-"""Reads contract events in order, from a place on, at whichever node answers. Must never go back, nor skip what was kept.
+"""Reads contract events in order, from a place on, at whichever node answers.
 
 A place is height:index; it means the same at every node. What a page holds is the word of the node that served it: who
 needs a proof of one event asks for the receipt of its transaction.

@@ -1,4 +1,4 @@
-"""Clips and empty frames at custodians. Must never accept bytes that do not have the hash they were asked by."""
+"""Clips and empty frames at custodians."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Registers a member with the code on a card, the same for wallet and robot. Must never send the card's secret anywhere."""
+"""Registers a member with the code on a card, the same for wallet and robot."""
 
 from __future__ import annotations
 

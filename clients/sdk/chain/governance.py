@@ -1,4 +1,4 @@
-"""What organisations decide together, and how one of them speaks. Must never show a value that was not proved.
+"""What organisations decide together, and how one of them speaks.
 
 `read_*` answer from proofs of the finalized state; `Governor` signs an admin's calls and tells what took effect.
 """

@@ -1,4 +1,4 @@
-"""Reads what organisations tell people, proved, before there is any session. Must never show words without their proof."""
+"""Reads what organisations tell people, proved, before there is any session."""
 
 from __future__ import annotations
 

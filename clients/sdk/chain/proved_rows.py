@@ -1,4 +1,4 @@
-"""Reads rows of the state, proved, and puts queries to them. Must never take what was not proved for absent."""
+"""Reads rows of the state, proved, and puts queries to them."""
 
 from __future__ import annotations
 

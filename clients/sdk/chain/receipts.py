@@ -1,4 +1,4 @@
-"""Receipts of final transactions. Must never be made from a node's word alone."""
+"""Receipts of final transactions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signs transactions: fills in chain, expiry and salt. Must never reuse a salt or keep a key."""
+"""Signs transactions: fills in chain, expiry and salt."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The folder in which a robot leaves its empty frames to be approved, and the one picture that shows them all.
-
-Must never leave a frame out of that picture.
-"""
+"""The folder in which a robot leaves its empty frames to be approved, and the one picture that shows them all."""
 
 from __future__ import annotations
 

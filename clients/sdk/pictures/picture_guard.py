@@ -1,4 +1,4 @@
-"""Makes a stranger's picture file harmless before a decoder sees it. Must never decode one, nor change a pixel.
+"""Makes a stranger's picture file harmless before a decoder sees it.
 
 A decoder of PNG takes room for a part as long as the part says to be, whether it is there or not; one of JPEG walks the
 whole picture again for every scan, and a scan may be of 30 bytes. Every part costs time, and may be of 4 bytes.

@@ -1,4 +1,4 @@
-"""The names of the files into which wallets write pictures. Must never give two pictures of one record the same name.
+"""The names of the files into which wallets write pictures.
 
 A robot numbers its frames over a whole visit and from 0; a person, and every command, counts the pictures of one record
 from 1. A name says both, and which is which: who reads a number off a file erases the picture in it.

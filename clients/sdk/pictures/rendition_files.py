@@ -1,4 +1,4 @@
-"""Renditions as files that people and other programs can open. Must never write what is damaged, nor repair it."""
+"""Renditions as files that people and other programs can open."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output for terminals that do not speak UTF-8: accents and lines become ASCII. Must never fail for a letter it lacks."""
+"""Output for terminals that do not speak UTF-8: accents and lines become ASCII."""
 
 from __future__ import annotations
 

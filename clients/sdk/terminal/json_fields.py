@@ -1,7 +1,6 @@
 """How a command says which fields its `--json` answer has: the catalogues beside the commands are made of these.
 
-The reference page is written from them, and the tests hold what commands really answer against them. Must never change
-what a command answers.
+The reference page is written from them, and the tests hold what commands really answer against them.
 """
 
 from __future__ import annotations

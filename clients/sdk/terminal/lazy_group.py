@@ -1,4 +1,4 @@
-"""A group of commands that are imported when they are called. Must never import a command to list it.
+"""A group of commands that are imported when they are called.
 
 Each place holds the first paragraph of its command's help, so that the list of commands costs no import.
 """

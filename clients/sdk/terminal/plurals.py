@@ -1,4 +1,4 @@
-"""Says how many there are of something, as people say it: `1 record`, `2 records`. Must never need a word of its own."""
+"""Says how many there are of something, as people say it: `1 record`, `2 records`."""
 
 from __future__ import annotations
 

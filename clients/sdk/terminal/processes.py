@@ -1,4 +1,4 @@
-"""Other processes of this machine, by their number. Must never signal one: it only looks."""
+"""Other processes of this machine, by their number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""QR codes: drawn for a terminal, a page or paper, and read from a picture. Must never guess: no code is no text."""
+"""QR codes: drawn for a terminal, a page or paper, and read from a picture."""
 
 from __future__ import annotations
 

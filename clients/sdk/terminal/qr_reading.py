@@ -1,7 +1,6 @@
 """Finds the text of a QR code in a picture on standard input: a process of its own, for one picture.
 
-How long the detector works is up to whoever drew the picture, and nothing ends it within a process. Must never be called
-by anything but `qr_codes.read_qr`, which ends it from outside.
+How long the detector works is up to whoever drew the picture, and nothing ends it within a process.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Log lines of commands: on standard error, with the controls of others' text escaped. Must never mix with an answer."""
+"""Log lines of commands: on standard error, with the controls of others' text escaped."""
 
 from __future__ import annotations
 

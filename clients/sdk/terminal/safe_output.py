@@ -2,7 +2,6 @@
 
 All output of a command goes through here: `SafeConsole` for what is styled, `SafeStream` in place of standard output and
 standard error for whatever else is written. Controls become `\\u001b`, as JSON writes them, so JSON keeps its values.
-Must never let text of others style, move or reorder what a person reads.
 """
 
 from __future__ import annotations

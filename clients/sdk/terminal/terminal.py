@@ -1,4 +1,4 @@
-"""How every command speaks: lines or one JSON object; errors with code and next step. Must never show a traceback.
+"""How every command speaks: lines or one JSON object; errors with code and next step.
 
 Exit codes: `consensus.exit_codes`; 2 (wrong usage) is click's own too.
 """

@@ -1,7 +1,4 @@
-"""Pictures on a terminal: by its own protocol where that is safely known, else as half blocks, else as letters.
-
-Must never write to anything but a terminal, and never send a protocol's bytes to a terminal that may not know it.
-"""
+"""Pictures on a terminal: by its own protocol where that is safely known, else as half blocks, else as letters."""
 
 from __future__ import annotations
 

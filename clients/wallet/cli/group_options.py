@@ -1,4 +1,4 @@
-"""The options that name a wallet, its network and its language. Must never open the wallet: `--help` needs none of it."""
+"""The options that name a wallet, its network and its language."""
 
 from __future__ import annotations
 

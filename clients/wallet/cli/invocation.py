@@ -1,7 +1,7 @@
 """How this very wallet is called, so that every next step that is told can be typed as it stands.
 
 Texts and errors say `blockrobot wallet records`; whoever named a profile, a folder or the network's file for the command
-that runs is shown these too. Must never name a step that would open another wallet. What somebody else is to type at a
+that runs is shown these too. What somebody else is to type at a
 wallet of their own is written without `blockrobot`: `wallet handle`.
 """
 

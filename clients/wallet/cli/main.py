@@ -1,4 +1,4 @@
-"""`blockrobot wallet`: the wallet on the command line, in plain words. Must never print a key or take one as an argument.
+"""`blockrobot wallet`: the wallet on the command line, in plain words.
 
 How a wallet is opened: `clients.wallet.cli.wallet_context`; the commands about consent: `clients.wallet.commands.consent_commands`.
 """

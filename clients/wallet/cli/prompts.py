@@ -1,4 +1,4 @@
-"""Asks before something is done. Must never put a question into what a program reads."""
+"""Asks before something is done."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a shell completes: profiles, and records that were viewed here. Must never ask the network, nor open a wallet.
+"""What a shell completes: profiles, and records that were viewed here.
 
 A wallet's file is sealed, and nothing is written beside it for a shell to read: a list of record ids in the clear would
 say who was recorded. What completes are the folders that `view` wrote, because the person wanted those.

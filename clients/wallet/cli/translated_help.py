@@ -1,4 +1,4 @@
-"""The wallet's help, and how wrong usage is told, in the person's language. Must never change a word of the English.
+"""The wallet's help, and how wrong usage is told, in the person's language.
 
 The English stands where click has it: in docstrings, in the help of options, in click itself. Translations are found by
 it (`help.` in the catalogue), paragraph by paragraph: what was changed in English since is said in English. What click

@@ -1,4 +1,4 @@
-"""How every command opens a wallet: passphrase, genesis file, one run. Must never take a passphrase as an argument.
+"""How every command opens a wallet: passphrase, genesis file, one run.
 
 The passphrase is asked for at a terminal, or read from the file that BLOCKROBOT_PASSPHRASE_FILE names.
 """

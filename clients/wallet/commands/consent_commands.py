@@ -1,4 +1,4 @@
-"""`blockrobot wallet consent`: a person's say in what is recorded of her. Must never make a no harder than a yes."""
+"""`blockrobot wallet consent`: a person's say in what is recorded of her."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot wallet erase`: what will be gone and what remains is said, asked, done. Must never erase what was not named.
+"""`blockrobot wallet erase`: what will be gone and what remains is said, asked, done.
 
 What erasing is: `clients.wallet.records.erasure`; what became of it: `clients.wallet.records.erasure_status`.
 """

@@ -1,4 +1,4 @@
-"""`blockrobot wallet export`: all a network holds of a person, in one file. Must never write before it has warned."""
+"""`blockrobot wallet export`: all a network holds of a person, in one file."""
 
 from __future__ import annotations
 

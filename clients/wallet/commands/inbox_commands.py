@@ -1,4 +1,4 @@
-"""`blockrobot wallet inbox|look|confirm-deleted`: what was shared with one. Must never say that a copy is gone that is not.
+"""`blockrobot wallet inbox|look|confirm-deleted`: what was shared with one.
 
 An owner's erasure, correction or restriction shows in the inbox of whoever she shared with (Art. 19); so does what is
 wrong with one's own visits.

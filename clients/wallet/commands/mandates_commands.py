@@ -1,4 +1,4 @@
-"""`blockrobot wallet mandates`: who acts for you, and for whom you act. Must never leave out what was done in your name."""
+"""`blockrobot wallet mandates`: who acts for you, and for whom you act."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot wallet notice | register`, and what they and the words of consent tell. Must never ask before it has told."""
+"""`blockrobot wallet notice | register`, and what they and the words of consent tell."""
 
 from __future__ import annotations
 

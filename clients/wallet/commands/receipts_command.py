@@ -1,4 +1,4 @@
-"""`blockrobot wallet receipts`: what the wallet proves by itself of what it asked and said. Must never ask a node."""
+"""`blockrobot wallet receipts`: what the wallet proves by itself of what it asked and said."""
 
 from __future__ import annotations
 

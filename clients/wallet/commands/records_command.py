@@ -1,4 +1,4 @@
-"""`blockrobot wallet records`: what was recorded, proven against the chain. Must never leave out what is missing."""
+"""`blockrobot wallet records`: what was recorded, proven against the chain."""
 
 from __future__ import annotations
 

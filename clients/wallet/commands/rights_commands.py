@@ -1,4 +1,4 @@
-"""`blockrobot wallet restrict|lift|object|correct|wrong-person`. Must never take what a person writes as an argument."""
+"""`blockrobot wallet restrict|lift|object|correct|wrong-person`."""
 
 from __future__ import annotations
 

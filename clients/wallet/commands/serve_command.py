@@ -1,4 +1,4 @@
-"""`blockrobot wallet serve`: the wallet as a page in one's own browser. Must never print or pass on what opens it.
+"""`blockrobot wallet serve`: the wallet as a page in one's own browser.
 
 The page is opened by a file that only this user can read; what the file holds works once. The command runs until it is
 stopped, until the page is locked, or until nobody has used it for a while: then the keys leave the memory with it.

@@ -1,4 +1,4 @@
-"""`blockrobot wallet share|shares|revoke|handle`: the owner's side of sharing. Must never share without having said it all.
+"""`blockrobot wallet share|shares|revoke|handle`: the owner's side of sharing.
 
 What the grantee does is in `clients.wallet.commands.inbox_commands`.
 """

@@ -1,4 +1,4 @@
-"""`blockrobot wallet view|verify`: records fetched, checked and opened. Must never show what is not as it was taken."""
+"""`blockrobot wallet view|verify`: records fetched, checked and opened."""
 
 from __future__ import annotations
 

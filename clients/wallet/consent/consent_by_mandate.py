@@ -1,4 +1,4 @@
-"""Words of consent for another person, by a mandate. Must never be taken for words of one's own: no receipt is kept."""
+"""Words of consent for another person, by a mandate."""
 
 from __future__ import annotations
 

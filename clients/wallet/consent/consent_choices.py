@@ -1,4 +1,4 @@
-"""A person's say in what is recorded of her: give, refuse, withdraw, and read it back. Must never show what is not proven.
+"""A person's say in what is recorded of her: give, refuse, withdraw, and read it back.
 
 Whoever can give can take back, with fewer words. A word is signed with the member key, since it is about the person and
 no visit; the chain keeps it under her handle. Who acts for her by a mandate signs with the own member key.

@@ -1,7 +1,4 @@
-"""What a person is told before anything is recorded, and what changed since: read, remembered, compared.
-
-Must never show words that are not proved, nor count a notice as shown before it was on her screen.
-"""
+"""What a person is told before anything is recorded, and what changed since: read, remembered, compared."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Consent receipts to take along: those that the wallet keeps, and those that can still be had.
-
-Must never fail for want of one, nor hand on one that a stranger would refuse: what is missing, and why, is said.
-"""
+"""Consent receipts to take along: those that the wallet keeps, and those that can still be had."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The wallet's consent receipts: fetched from a node of one's own organisation, checked, signed, kept.
-
-Must never sign or keep a receipt that does not say what this wallet's own key said, as the chain holds it, nor one of a
-consent to what the notice in force did not ask for.
-"""
+"""The wallet's consent receipts: fetched from a node of one's own organisation, checked, signed, kept."""
 
 from __future__ import annotations
 

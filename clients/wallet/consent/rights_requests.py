@@ -1,4 +1,4 @@
-"""A person's rights over what was recorded: restrict, object, correct, deny. Must never let one word join her to a visit.
+"""A person's rights over what was recorded: restrict, object, correct, deny.
 
 What is about a visit is signed with that visit's owner key; only an objection to being recorded at all with her member
 key. Where one word goes to many visits, they are spoken to one by one, in an order and at moments that chance decides.

@@ -1,4 +1,4 @@
-"""Collects what a network holds of a person, with the proofs. Must never leave anything out without saying so.
+"""Collects what a network holds of a person, with the proofs.
 
 First it looks what there is; pictures are asked for only afterwards, on the chain, as whenever somebody looks. Proofs are
 read last, so that they tell of the export too, and of what was erased meanwhile.

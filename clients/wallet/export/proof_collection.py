@@ -1,4 +1,4 @@
-"""Reads proofs of a visit and of a person so that they can be handed on. Must never ask for two visits in one session.
+"""Reads proofs of a visit and of a person so that they can be handed on.
 
 Each visit is read in the session of its own owner key; what concerns the person in that of the member key.
 """

@@ -1,6 +1,6 @@
 """Finds the one thing that the beginning of an id means: a record, a visit, a grant, a breach, a proposal, a mandate.
 
-Must never choose one of several. Each thing that is not found has its own code, so that the next step names the list.
+Each thing that is not found has its own code, so that the next step names the list.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Mandates as officers, representatives and the represented see and use them. Must never send a paper anywhere.
+"""Mandates as officers, representatives and the represented see and use them.
 
 Two officers give one, the representative accepts it, and any of those concerned ends it. All of it is read with proofs;
 every step is signed with the own member key.

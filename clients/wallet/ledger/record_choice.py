@@ -1,4 +1,4 @@
-"""Which records a command is about. Must never take in a visit that its owner denied, unless it is named."""
+"""Which records a command is about."""
 
 from __future__ import annotations
 

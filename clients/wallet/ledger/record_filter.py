@@ -1,4 +1,4 @@
-"""Which of one's records are meant: by day, time, robot, sensor; a page at a time. Must never hide what is missing."""
+"""Which of one's records are meant: by day, time, robot, sensor; a page at a time."""
 
 from __future__ import annotations
 

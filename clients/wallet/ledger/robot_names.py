@@ -1,4 +1,4 @@
-"""Robots by name: what their organisation calls them on the chain, proven. Must never show a name without the key."""
+"""Robots by name: what their organisation calls them on the chain, proven."""
 
 from __future__ import annotations
 

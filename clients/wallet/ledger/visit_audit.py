@@ -1,4 +1,4 @@
-"""Puts together what happened to a person's records, from the chain. Must never leave an entry out without saying so."""
+"""Puts together what happened to a person's records, from the chain."""
 
 from __future__ import annotations
 

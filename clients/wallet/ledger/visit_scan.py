@@ -1,7 +1,6 @@
 """Finds a person's visits on the chain, with her view key, without telling anyone which they are.
 
-Every wallet reads every announcement, so a node learns nothing from the reading. Must never ask a node about one visit in
-the session of the person's member key: that would join the two.
+Every wallet reads every announcement, so a node learns nothing from the reading.
 """
 
 from __future__ import annotations

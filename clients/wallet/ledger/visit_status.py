@@ -1,4 +1,4 @@
-"""What stands of a visit by words: its owner's, and officers'. Must never tell of a breach that is over as if it went on.
+"""What stands of a visit by words: its owner's, and officers'.
 
 All of it is read from the visit's proven state and audit, so that no node can leave a word out.
 """

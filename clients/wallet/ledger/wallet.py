@@ -1,4 +1,4 @@
-"""A person's wallet: register, find, list. Must never trust a node: what it shows was proven against a finalized header.
+"""A person's wallet: register, find, list.
 
 Two kinds of session are kept apart. In the member's session the wallet does what everyone does (read all announcements);
 whatever concerns one visit is asked in the session of that visit's owner key, on a connection of its own.

@@ -1,4 +1,4 @@
-"""The audit as a story: each event by kind, who acted, and in a sentence. Must never tell what its entry does not say."""
+"""The audit as a story: each event by kind, who acted, and in a sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page asked for and takes long, one after the other. Must never do two things with one wallet at once.
+"""What a page asked for and takes long, one after the other.
 
 A job is followed by its revision, which rises with everything that it tells. What failed is told as any refusal is.
 """

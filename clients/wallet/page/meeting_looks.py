@@ -1,6 +1,6 @@
 """What the page has asked access for: a look at a meeting, in however many parts, is one request on the chain.
 
-The page names each look by a random text of its own. Must never take a look for records that were not asked for.
+The page names each look by a random text of its own.
 """
 
 from __future__ import annotations

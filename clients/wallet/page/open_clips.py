@@ -1,4 +1,4 @@
-"""Records that are open in the page: frames in memory, checked before they got here. Must never write one to a disk.
+"""Records that are open in the page: frames in memory, checked before they got here.
 
 They are kept until the page forgets them, or until others need the room.
 """

@@ -1,4 +1,4 @@
-"""The wallet's page put together: its files, its routes, its one session. Must never listen beyond this machine."""
+"""The wallet's page put together: its files, its routes, its one session."""
 
 from __future__ import annotations
 

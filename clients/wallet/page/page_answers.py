@@ -1,4 +1,4 @@
-"""How a page is answered: in its reader's language, jobs by their names. Must never answer with anything that is secret."""
+"""How a page is answered: in its reader's language, jobs by their names."""
 
 from __future__ import annotations
 

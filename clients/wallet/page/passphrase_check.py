@@ -1,4 +1,4 @@
-"""The passphrase asked for again, before what cannot be undone. Must never keep or log it, nor let it be tried at will."""
+"""The passphrase asked for again, before what cannot be undone."""
 
 from __future__ import annotations
 

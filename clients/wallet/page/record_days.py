@@ -1,4 +1,4 @@
-"""Records by day, robot, sensor and time of day, from what the wallet knows. Must never ask the network.
+"""Records by day, robot, sensor and time of day, from what the wallet knows.
 
 A day is one of the reader's time zone, by the robot's clock.
 """

@@ -1,5 +1,4 @@
-"""The seal of a record: what was checked against which block, and what came of it. Must never be good by anybody's word,
-nor while any check of it failed.
+"""The seal of a record: what was checked against which block, and what came of it.
 
 It adds no check: it tells those that the wallet made when it fetched and opened the record.
 """

@@ -1,4 +1,4 @@
-"""What a page may send: each field by name and type. Must never pass on a value that is not of the kind it should be."""
+"""What a page may send: each field by name and type."""
 
 from __future__ import annotations
 

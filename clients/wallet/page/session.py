@@ -1,4 +1,4 @@
-"""One open wallet behind a page: what it knows, what it does, and who waits for news. Must never do two things at once.
+"""One open wallet behind a page: what it knows, what it does, and who waits for news.
 
 Its keys stay in this process, and nothing that it hands to the page opens anything. While a page listens, the chain is
 read again every few seconds, so that a recording that comes in shows by itself.

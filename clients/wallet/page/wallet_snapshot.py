@@ -1,4 +1,4 @@
-"""What a wallet knows of its person at one moment, all of it proven. Must never hold what no proof led to.
+"""What a wallet knows of its person at one moment, all of it proven.
 
 The page is shown from it, without asking the network. Reading it again asks little: of a visit in which nothing happened
 since, by a mark that changes whenever something does, everything is taken over.

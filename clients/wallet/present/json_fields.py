@@ -1,6 +1,6 @@
 """Which fields `blockrobot wallet` answers with `--json`: one's records, rights, consent and the wallet itself.
 
-Sharing and guardians: `clients.wallet.present.sharing_json_fields`. Must never name a field that no command prints.
+Sharing and guardians: `clients.wallet.present.sharing_json_fields`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tells a person what she gives away by acting on several visits at once. Must never name a visit, nor stop her."""
+"""Tells a person what she gives away by acting on several visits at once."""
 
 from __future__ import annotations
 

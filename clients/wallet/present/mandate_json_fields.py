@@ -1,4 +1,4 @@
-"""Which fields `officer mandates` and `wallet mandates` answer with `--json`. Must never name one that is not printed."""
+"""Which fields `officer mandates` and `wallet mandates` answer with `--json`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Which fields `blockrobot wallet` answers with `--json`: sharing, what was shared with one, erasing, guardians.
-
-Must never name a field that no command prints.
-"""
+"""Which fields `blockrobot wallet` answers with `--json`: sharing, what was shared with one, erasing, guardians."""
 
 from __future__ import annotations
 

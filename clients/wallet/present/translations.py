@@ -1,7 +1,6 @@
 """What the wallet says, in the language of who uses it: one catalogue of texts, `texts/en.toml` and `texts/pt.toml`.
 
-The command line and the wallet's page read the same files. Must never take a text from anywhere else, and never leave
-someone without one: what a language lacks is said in English, and a test fails.
+The command line and the wallet's page read the same files.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What stands of a visit, told to a person or a program. Must never tell more than was proven."""
+"""What stands of a visit, told to a person or a program."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The pictures that were viewed, gathered: contact sheets and animations as files, a strip of them on the terminal.
-
-Must never hold a picture that its viewer did not ask for, nor write one that others can read.
-"""
+"""The pictures that were viewed, gathered: contact sheets and animations as files, a strip of them on the terminal."""
 
 from __future__ import annotations
 

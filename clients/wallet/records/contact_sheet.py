@@ -1,4 +1,4 @@
-"""Many pictures on one: a contact sheet (PNG) and an animation (GIF). Must never hold more pictures than it shows.
+"""Many pictures on one: a contact sheet (PNG) and an animation (GIF).
 
 However many there are, a sheet shows at most `TILES_MAX_COUNT` and an animation at most `FRAMES_MAX_COUNT` of them, at
 equal distances, and the sheet says how many there were.

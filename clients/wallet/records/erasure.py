@@ -1,4 +1,4 @@
-"""Erases records or frames of them, and shows the custodians' receipts. Must never call erased what is only asked for."""
+"""Erases records or frames of them, and shows the custodians' receipts."""
 
 from __future__ import annotations
 

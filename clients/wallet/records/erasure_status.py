@@ -1,6 +1,6 @@
 """What became of every erasure that a person asked for: who confirmed it, who has not, who is late.
 
-Must never call erased what a custodian has not confirmed. All of it is proved from the chain, so it is the same on every
+All of it is proved from the chain, so it is the same on every
 device that holds the words.
 """
 

@@ -1,4 +1,4 @@
-"""Files that earlier looks left where this one wrote. Must never delete one, nor call a person's own files such.
+"""Files that earlier looks left where this one wrote.
 
 Pictures that were erased since are not written again; what an earlier look wrote of them stays until somebody deletes it.
 """

@@ -1,4 +1,4 @@
-"""Writes opened renditions as files that one can look at or hear. Must never write more than the owner asked to see."""
+"""Writes opened renditions as files that one can look at or hear."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sees a record: access on the chain first, then fetch, decrypt, verify on this machine. Must never show what is unproven.
+"""Sees a record: access on the chain first, then fetch, decrypt, verify on this machine.
 
 Every frame is judged by itself. A frame whose bytes are not those that the robot committed to is named as corrupted; the
 others still open. If one custodian's copy is damaged, the next custodian is asked before a frame is called corrupted.

@@ -1,4 +1,4 @@
-"""What is told of guardians, at a terminal and on the wallet's page. Must never tell a word of a share: it knows none."""
+"""What is told of guardians, at a terminal and on the wallet's page."""
 
 from __future__ import annotations
 

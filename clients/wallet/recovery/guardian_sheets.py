@@ -1,7 +1,6 @@
 """A sheet of paper for each guardian: one HTML file, in the design of all pages, to be printed and then deleted.
 
-Nothing runs in it and nothing is loaded. Must never say whose wallet it is, nor who the other guardians are: who finds one
-sheet should not learn where the others lie.
+Nothing runs in it and nothing is loaded.
 """
 
 from __future__ import annotations

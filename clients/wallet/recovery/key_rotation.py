@@ -1,5 +1,4 @@
-"""Puts new words in place of stolen ones: the member key first, then the key of each visit. Must never sign with new words
-that are not saved yet, nor join visits that the ledger keeps apart by moving them side by side unasked.
+"""Puts new words in place of stolen ones: the member key first, then the key of each visit.
 
 Every step can be cut off and done again. What is final stays; what is not known to be is looked up on the chain.
 """

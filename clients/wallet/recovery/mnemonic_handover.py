@@ -1,7 +1,4 @@
-"""Words of a wallet handed to its owner: into a new file, or at a terminal, where they are asked back.
-
-Must never leave words on the screen behind a check of them, however it ends, nor put them into an error or a log.
-"""
+"""Words of a wallet handed to its owner: into a new file, or at a terminal, where they are asked back."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A wallet's words as shares for guardians, and back again: SLIP-39, by its reference implementation.
 
 What is split is the entropy of the 24 words, so that the same words come back. There is no passphrase on top: a wrong one
-would lead to other words without a sign. Must never keep, log or name in an error any word of a share.
+would lead to other words without a sign.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Makes a wallet again from words in force and the former ones, and notices where they were mixed up.
 
-Must never leave a wallet whose words are named the wrong way round, where that can be known: it would call its own person
-no member. Whose words are in force only the network knows; without it a wallet is made all the same.
+Whose words are in force only the network knows; without it a wallet is made all the same.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Grants as the chain has them: read, proved complete, and found by the grantee. Must never trust a node with the list.
+"""Grants as the chain has them: read, proved complete, and found by the grantee.
 
 Every grantee reads every grant in her member session, so that a node learns nothing of which are hers; what concerns
 one grant is asked in the session of that grant's key.

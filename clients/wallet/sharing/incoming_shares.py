@@ -1,4 +1,4 @@
-"""What was shared with this wallet's person: looking at it, and what became of it since. Must never show what is unproven.
+"""What was shared with this wallet's person: looking at it, and what became of it since.
 
 Pictures come under an access of the grant's own key: ciphertext and package from any custodian, parts of the key from at
 least two. Every frame is checked against what the robot committed to on the chain, as the owner's own wallet does it.

@@ -1,4 +1,4 @@
-"""Shares records with one member of the staff or an officer, and ends that. Must never hand a key to one custodian alone.
+"""Shares records with one member of the staff or an officer, and ends that.
 
 The owner's wallet opens the data keys, seals them to the grantee, closes that package under a key of its own and gives
 every custodian its part of that key, each by itself. Then it signs the grant with the visit's owner key; the chain learns

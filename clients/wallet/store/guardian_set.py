@@ -1,4 +1,4 @@
-"""What a wallet remembers of guardians, in its encrypted file alone. Must never hold a share, nor a word of one.
+"""What a wallet remembers of guardians, in its encrypted file alone.
 
 It names people, so it leaves that file for nobody but its owner.
 """

@@ -1,8 +1,7 @@
 """Proofs that the wallet keeps of what it signed, so that old receipts hold when every node has dropped their blocks.
 
 Kept are a transaction, its receipt with its path to a final header, and of an erasure what all custodians confirmed, with
-its path to a state root. They are checked with the genesis file and the epochs of the pin alone. Must never call a proof
-good without checking it again, nor let the wallet's file grow without bound.
+its path to a state root. They are checked with the genesis file and the epochs of the pin alone.
 """
 
 from __future__ import annotations

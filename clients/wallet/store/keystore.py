@@ -1,4 +1,4 @@
-"""The wallet on disk: one encrypted file, written whole or not at all. Must never write a secret in the clear.
+"""The wallet on disk: one encrypted file, written whole or not at all.
 
 Sealed under the passphrase (`clients.sdk.passphrase`) is everything: the words, what the wallet knows of its visits
 (itself sensitive: it says where somebody was), and the newest verified header.

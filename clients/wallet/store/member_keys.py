@@ -1,4 +1,4 @@
-"""The four keys of a person, from 24 words. Must never leave this process except inside the encrypted wallet file.
+"""The four keys of a person, from 24 words.
 
 BIP-39 words make a seed; BIP-32 hardened derivation makes three secp256k1 keys, identity M (signs as a member), spend S
 and view V (one-time owner keys, ERC-5564); a fourth branch is stretched by HKDF into the X25519 sealing key X.

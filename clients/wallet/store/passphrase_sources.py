@@ -1,4 +1,4 @@
-"""Where a passphrase comes from beside the terminal: the system's keyring, if asked for. Must never import it unasked."""
+"""Where a passphrase comes from beside the terminal: the system's keyring, if asked for."""
 
 from __future__ import annotations
 

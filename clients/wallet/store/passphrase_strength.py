@@ -1,4 +1,4 @@
-"""Which new passphrases are refused, and what is known of the others. Must never keep, log or show one.
+"""Which new passphrases are refused, and what is known of the others.
 
 After NIST SP 800-63B-4, section 3.1.1.2: length counts, and no kinds of letters are asked for; whatever is common is
 refused. Whoever has a copy of the wallet's file tries passphrases on his own machine, as many as he likes: then nothing

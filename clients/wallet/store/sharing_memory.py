@@ -1,4 +1,4 @@
-"""What a wallet remembers of sharing, in its encrypted file alone. Must never be written anywhere else: it names people.
+"""What a wallet remembers of sharing, in its encrypted file alone.
 
 The chain does not say with whom something was shared: an owner's wallet restored from its words still shows every grant,
 but no longer for whom it was.

@@ -1,7 +1,7 @@
 """Lets one program at a time have a wallet open: of two, the later to write would lose what the other had noted.
 
 An advisory lock on a file beside the wallet's: the kernel drops it when the process ends, however it ends. In it stands
-who holds it and since when, for whoever has to wait. Must never keep anybody waiting for long, nor leave a lock behind.
+who holds it and since when, for whoever has to wait.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Clips as robots make them, of people whose keys the measurement holds; sealed, uploaded, recorded, erased.
-
-Must never touch a network that somebody uses: it works on `FreshNetwork`.
-"""
+"""Clips as robots make them, of people whose keys the measurement holds; sealed, uploaded, recorded, erased."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What erasing costs a custodian that keeps much, beside one that keeps little. Must never fill a store that is in use.
+"""What erasing costs a custodian that keeps much, beside one that keeps little.
 
 The kept clips are small, so that many fit: what is measured depends on how many rows there are, not on their size.
 """

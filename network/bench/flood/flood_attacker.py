@@ -1,7 +1,7 @@
 """`python -m network.bench.flood.flood_attacker`: one process that floods a network of this machine, and nothing else.
 
 Its orders come as one JSON object on standard input (keys among them, which no command line may show); it ends when its
-time is over, or when its parent is gone. Must never send more than its rate allows, nor to anything but loopback.
+time is over, or when its parent is gone.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a flood does to a network: how late calls become final and `/status` answers, before it, under it and after it.
 
 Four real nodes with full blocks, a robot that submits a call twenty times a second, and an attacker in a process of his
-own: at most one core and 20 MB a second. Must never be pointed at a network that somebody uses.
+own: at most one core and 20 MB a second.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What an attacker sends, kind by kind: bytes that look like the protocol's, made without end. Must never send anything.
+"""What an attacker sends, kind by kind: bytes that look like the protocol's, made without end.
 
 Every kind of frame and of request between nodes has at least one flood here, and so has every route that takes a body (the
 others: `flood_routes`); a test compares the list with the protocol's. Signatures are false unless a kind says otherwise.

@@ -1,4 +1,4 @@
-"""Fills a measured network's blocks, so that whoever asks for one asks for much. Must never fill a real one's."""
+"""Fills a measured network's blocks, so that whoever asks for one asks for much."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """How a whole robot keeps up: frames from a recording at the camera's pace, and each found again by its owner.
 
-Real robots, real nodes, real wallets, each robot a process of its own. Must never call a run good in which a frame was
-lost, doubled, found by an owner without the robot's having kept it, or shows somebody else than who found it.
+Real robots, real nodes, real wallets, each robot a process of its own.
 """
 
 from __future__ import annotations

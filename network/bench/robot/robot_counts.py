@@ -1,4 +1,4 @@
-"""Holds what a robot says it kept against what owners found, frame by frame. Must never take either's word alone."""
+"""Holds what a robot says it kept against what owners found, frame by frame."""
 
 from __future__ import annotations
 

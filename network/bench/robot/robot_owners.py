@@ -1,4 +1,4 @@
-"""What owners find of robots' recordings: each wallet lists, fetches, checks and opens its own. Must never ask a robot.
+"""What owners find of robots' recordings: each wallet lists, fetches, checks and opens its own.
 
 This is the wallet's own code, on proofs of the chain; no picture is written anywhere.
 """

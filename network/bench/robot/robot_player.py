@@ -1,4 +1,4 @@
-"""One robot of `bench robot`, as a process of its own: the real client on a looped recording. Must never see a wallet.
+"""One robot of `bench robot`, as a process of its own: the real client on a looped recording.
 
 Prints progress as lines of JSON on standard error, and at the end one JSON object: the robot's own summary and what
 the process cost.

@@ -1,7 +1,6 @@
 """The scene of `bench robot`: two registered people in view all the time, rendered once and played again and again.
 
-A stretch of it begins and ends with everybody at the same place, so that it can be looped. Must never hold a real
-tag's UID.
+A stretch of it begins and ends with everybody at the same place, so that it can be looped.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How fast the contract machine is: the real `records.record`, alone and in blocks. Must never touch a node or a disk.
+"""How fast the contract machine is: the real `records.record`, alone and in blocks.
 
 Measured in CPU time of this thread, as the median of many batches, so that a busy machine does not change the figures
 much. The calls alone are the interpreter and its host functions over a dict; the blocks have state, receipts and trie.

@@ -1,4 +1,4 @@
-"""Whole blocks of `records.record`, executed on a state with its trie. Must never touch a node or a disk.
+"""Whole blocks of `records.record`, executed on a state with its trie.
 
 A chain of its own in memory: a robot, people with open visits, and a state of many thousand other entries, so that the
 trie is as deep as a network's. Blocks are executed on overlays of unfinalized ones, as nodes do it.

@@ -1,4 +1,4 @@
-"""Where the time of one `records.record` goes: samples of the running interpreter. Must never change what is measured.
+"""Where the time of one `records.record` goes: samples of the running interpreter.
 
 A timer of the process's CPU time interrupts the calls a thousand times a second; each sample counts for the innermost
 function that belongs to one of the groups. Nothing is wrapped or traced, so that the shares are those of a plain run.

@@ -1,4 +1,4 @@
-"""What a million gas is in CPU time, from the cheapest program to the dearest. Must never judge by any other clock.
+"""What a million gas is in CPU time, from the cheapest program to the dearest.
 
 Runs the hostile corpus, a small program for every operation, builtin, method and host function, and the methods at each
 place where their item can stand and after what a block did before (`network.lab.hostile.places`); or searches for dearer

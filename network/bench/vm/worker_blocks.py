@@ -1,4 +1,4 @@
-"""How many calls of `records.record` a worker executes, in blocks, with state and trie. Must never touch a network.
+"""How many calls of `records.record` a worker executes, in blocks, with state and trie.
 
 A ledger in a temporary folder, the node's own machine and worker, full blocks, each stored before the next. What counts
 is the processor time of both processes while a block is verified, as if they shared one core. Not included: signatures,

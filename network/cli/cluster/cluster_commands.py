@@ -1,4 +1,4 @@
-"""`blockrobot up | down | status | logs`: a local cluster from the command line. Must never touch a node's keys."""
+"""`blockrobot up | down | status | logs`: a local cluster from the command line."""
 
 from __future__ import annotations
 

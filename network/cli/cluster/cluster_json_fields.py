@@ -1,7 +1,4 @@
-"""Which fields the commands of a local network answer with `--json`: up, status, fault, console, explore and the like.
-
-Must never name a field that no command prints.
-"""
+"""Which fields the commands of a local network answer with `--json`: up, status, fault, console, explore and the like."""
 
 from __future__ import annotations
 

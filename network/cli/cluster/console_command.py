@@ -1,4 +1,4 @@
-"""`blockrobot console`, and `up --console`: the page of a local network. Must never start or stop a node by itself."""
+"""`blockrobot console`, and `up --console`: the page of a local network."""
 
 from __future__ import annotations
 

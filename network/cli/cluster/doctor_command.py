@@ -1,4 +1,4 @@
-"""`blockrobot doctor`: what is wrong with the network or a node, and what to do. Must never mend anything by itself."""
+"""`blockrobot doctor`: what is wrong with the network or a node, and what to do."""
 
 from __future__ import annotations
 

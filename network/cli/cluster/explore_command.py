@@ -1,4 +1,4 @@
-"""`blockrobot explore`: a node's explorer in the browser, in one's own session. Must never hand a browser a key or a token.
+"""`blockrobot explore`: a node's explorer in the browser, in one's own session.
 
 What goes to the page is a signed answer to the node's challenge: it opens one session, once, within a minute. It stands
 in a file that only its owner can read, and in the fragment of the address there: no server, proxy or process list sees it.

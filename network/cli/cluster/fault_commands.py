@@ -1,4 +1,4 @@
-"""`blockrobot fault ...`: breaks a local network on purpose. Must never touch a network whose nodes do not allow it."""
+"""`blockrobot fault ...`: breaks a local network on purpose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot status --watch`: a calm live table, or a line for each change. Must never change what it watches."""
+"""`blockrobot status --watch`: a calm live table, or a line for each change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot contract new | test`: begin a contract, and prove what it does. Must never change a source.
+"""`blockrobot contract new | test`: begin a contract, and prove what it does.
 
 `test` runs pytest in a process of its own with the kit's plugin, which writes down the gas and the lines of each call.
 """

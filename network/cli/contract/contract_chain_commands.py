@@ -1,4 +1,4 @@
-"""`blockrobot contract call | query`: use a contract on a running network. Must never sign what the ABI does not take."""
+"""`blockrobot contract call | query`: use a contract on a running network."""
 
 from __future__ import annotations
 

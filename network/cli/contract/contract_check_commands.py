@@ -1,6 +1,6 @@
 """`blockrobot contract check | vectors`: what is wrong with a source; whether this machine agrees with all others.
 
-Must never run the contract that is checked. Exit codes: 0 all is well, 1 something is not.
+Exit codes: 0 all is well, 1 something is not.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`blockrobot contract`: the group of all that concerns contracts. Must never import a command to list its name."""
+"""`blockrobot contract`: the group of all that concerns contracts."""
 
 from __future__ import annotations
 

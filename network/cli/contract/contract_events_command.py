@@ -1,4 +1,4 @@
-"""`blockrobot contract events`: what contracts tell, in order, each once. Must never forget where it stopped.
+"""`blockrobot contract events`: what contracts tell, in order, each once.
 
 The place to go on from lies in a file that is replaced after what was read has been written out: whoever is stopped and
 started again, by whatever means, misses nothing. With `--out` the written file is itself the memory, so that not even a

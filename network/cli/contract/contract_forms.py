@@ -1,4 +1,4 @@
-"""What a contract on a chain takes: its source and ABI, from where a command can get them. Must never be trusted to decide.
+"""What a contract on a chain takes: its source and ABI, from where a command can get them.
 
 The chain checks every call itself; here the ABI only turns texts into values, and catches mistakes before a signature.
 """

@@ -1,4 +1,4 @@
-"""`blockrobot contract propose | approve | ...`: how organisations change contracts. Must never decide what the chain does.
+"""`blockrobot contract propose | approve | ...`: how organisations change contracts.
 
 What may be deployed, and when it takes effect, is the contract `lifecycle`'s to say.
 """

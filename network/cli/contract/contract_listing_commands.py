@@ -1,6 +1,4 @@
-"""`blockrobot contract list | show | diff`: what the chain has, what is proposed, what differs. Must never show a value
-that was not proved.
-"""
+"""`blockrobot contract list | show | diff`: what the chain has, what is proposed, what differs."""
 
 from __future__ import annotations
 

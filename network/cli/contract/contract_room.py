@@ -1,4 +1,4 @@
-"""Looks, before a source is uploaded, whether its proposal has a place. Must never let an upload push out another's source.
+"""Looks, before a source is uploaded, whether its proposal has a place.
 
 The contracts have the last word; but an upload drops the oldest of those before it, also for a proposal they refuse.
 """

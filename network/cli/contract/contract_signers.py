@@ -1,4 +1,4 @@
-"""Who signs a call, and whose session asks: an officer, a member, a wallet. Must never print a key, nor take one as text.
+"""Who signs a call, and whose session asks: an officer, a member, a wallet.
 
 `--as hospital` is the admin of an organisation, `--as hospital/registrar` its registrar, `--key FILE` any key of raw 32
 bytes (a robot's, an admin's elsewhere), `--wallet PROFILE` the person whose wallet that is.

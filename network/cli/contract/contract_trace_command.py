@@ -1,4 +1,4 @@
-"""`blockrobot contract trace`: why a transaction came to what it came to, line by line. Must never send anything."""
+"""`blockrobot contract trace`: why a transaction came to what it came to, line by line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Waits until a decided change of a contract is final, and tells what became of it. Must never wait without an end."""
+"""Waits until a decided change of a contract is final, and tells what became of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot custody`: how custodians stand, the proof of what they hold, and the mending of it. Must never show a token.
+"""`blockrobot custody`: how custodians stand, the proof of what they hold, and the mending of it.
 
 Who may: whoever may read a custodian's data directory, for the operator's token lies there.
 """

@@ -1,6 +1,4 @@
-"""`blockrobot custody hunt`: is anything left of a record? Must never be quiet about a place that it could not read,
-nor of a gone record that it had nothing to compare with.
-"""
+"""`blockrobot custody hunt`: is anything left of a record?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot frames`: which pictures of an empty scene a robot may publish. Must never approve what nobody looked at."""
+"""`blockrobot frames`: which pictures of an empty scene a robot may publish."""
 
 from __future__ import annotations
 

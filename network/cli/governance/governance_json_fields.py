@@ -1,7 +1,6 @@
 """Which fields the commands of those who govern and keep a network answer with `--json`.
 
-Organisations, producers, settings, certificates, notices, new nodes and the doctor. Must never name a field that no
-command prints.
+Organisations, producers, settings, certificates, notices, new nodes and the doctor.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the commands of governance share: whose key signs, which network, how a decision is told. Must never print a key.
+"""What the commands of governance share: whose key signs, which network, how a decision is told.
 
 The admin's key of an organisation lies in the network's folder, `organisations/<name>/admin.key` (raw 32 bytes).
 """

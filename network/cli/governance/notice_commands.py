@@ -1,6 +1,4 @@
-"""`blockrobot notice`: what an organisation tells people, and its register of processing. Must never publish what is not
-complete, nor show words that the chain does not prove.
-"""
+"""`blockrobot notice`: what an organisation tells people, and its register of processing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot org`: organisations and nodes, proposed, approved and listed. Must never send a private key anywhere."""
+"""`blockrobot org`: organisations and nodes, proposed, approved and listed."""
 
 from __future__ import annotations
 

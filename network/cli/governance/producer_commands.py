@@ -1,4 +1,4 @@
-"""`blockrobot producer`: who produces blocks, who would, who lied. Must never judge: evidence is shown as it stands."""
+"""`blockrobot producer`: who produces blocks, who would, who lied."""
 
 from __future__ import annotations
 

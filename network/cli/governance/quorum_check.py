@@ -1,4 +1,4 @@
-"""Looks before a producer goes whether enough of the others are well. Must never take silence for consent: it refuses.
+"""Looks before a producer goes whether enough of the others are well.
 
 The contracts cannot know which nodes run. What they let pass could still stop the chain at once, and then no further
 transaction could mend it.

@@ -1,4 +1,4 @@
-"""`blockrobot settings`: the chain's settings, proposed, approved and listed. Must never check a value itself.
+"""`blockrobot settings`: the chain's settings, proposed, approved and listed.
 
 What a setting may be is decided by the contract; the ranges shown here are for readers.
 """

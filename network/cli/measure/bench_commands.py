@@ -1,4 +1,4 @@
-"""`blockrobot bench`: figures of what the network does. Must never exit 0 after an error."""
+"""`blockrobot bench`: figures of what the network does."""
 
 from __future__ import annotations
 

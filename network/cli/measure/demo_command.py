@@ -1,4 +1,4 @@
-"""`blockrobot demo`: the whole story on embedded parts, checked at each step. Must never print a tick it did not earn."""
+"""`blockrobot demo`: the whole story on embedded parts, checked at each step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot experiment`: the paper's evaluation on a network of one's own. Must never exit 0 if an assertion failed."""
+"""`blockrobot experiment`: the paper's evaluation on a network of one's own."""
 
 from __future__ import annotations
 

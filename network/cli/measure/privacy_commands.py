@@ -1,4 +1,4 @@
-"""`blockrobot privacy`: what our own ledger gives away. Must never exit 0 while an attack on ours beats guessing."""
+"""`blockrobot privacy`: what our own ledger gives away."""
 
 from __future__ import annotations
 

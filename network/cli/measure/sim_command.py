@@ -1,4 +1,4 @@
-"""`blockrobot sim`: plays whole networks in one process, under faults from seeds. Must never exit 0 with a violation."""
+"""`blockrobot sim`: plays whole networks in one process, under faults from seeds."""
 
 from __future__ import annotations
 

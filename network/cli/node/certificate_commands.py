@@ -1,4 +1,4 @@
-"""`blockrobot certificate`: the certificates by which nodes know one another. Must never print a key.
+"""`blockrobot certificate`: the certificates by which nodes know one another.
 
 An organisation issues and renews with its own authority, on its own machine; revoking is a transaction, so that it
 counts on every node from the same height on.

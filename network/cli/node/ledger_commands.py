@@ -1,4 +1,4 @@
-"""`blockrobot node prune` and `node diff`: a node's ledger, cut short or held against another's. Must never guess."""
+"""`blockrobot node prune` and `node diff`: a node's ledger, cut short or held against another's."""
 
 from __future__ import annotations
 

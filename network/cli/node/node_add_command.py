@@ -1,4 +1,4 @@
-"""`blockrobot node add`: one more node on this machine, from its keys to its seat. Must never hide a step of governance."""
+"""`blockrobot node add`: one more node on this machine, from its keys to its seat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot node`: what is done to one node. Must never do work itself: it names the commands and where they live."""
+"""`blockrobot node`: what is done to one node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot node run`: one node in the foreground, until it is told to stop. Must never start a second one beside it."""
+"""`blockrobot node run`: one node in the foreground, until it is told to stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot node init | directory`: a node that joins, and who is there. Must never print or send a private key."""
+"""`blockrobot node init | directory`: a node that joins, and who is there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot node snapshot`: make, restore and look at snapshots of a node's state. Must never touch a node's keys."""
+"""`blockrobot node snapshot`: make, restore and look at snapshots of a node's state."""
 
 from __future__ import annotations
 

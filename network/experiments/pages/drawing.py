@@ -1,4 +1,4 @@
-"""Draws a process map with Graphviz, where its `dot` is installed. Must never end without the DOT file on the disk."""
+"""Draws a process map with Graphviz, where its `dot` is installed."""
 
 from __future__ import annotations
 

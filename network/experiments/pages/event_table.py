@@ -1,4 +1,4 @@
-"""One table of events, whatever log it was read from. Must never hold a tag's UID or hash, a handle or a key.
+"""One table of events, whatever log it was read from.
 
 A case is a frame (`frame-7`) or a tag's readings (the tag's alias). An event that is about a tag bears its alias.
 """

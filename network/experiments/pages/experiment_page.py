@@ -1,4 +1,4 @@
-"""The page of an experiment: one file that reads from the question to the answer. Must never show a key, a handle or a tag.
+"""The page of an experiment: one file that reads from the question to the answer.
 
 What was asked and what held; what share was paired, where time goes, what was lost, each beside the published run; the
 process map; what people see; the statistics tables.

@@ -1,4 +1,4 @@
-"""The directly-follows graph of an event table, with frequencies and durations. Must never count a pair across cases."""
+"""The directly-follows graph of an event table, with frequencies and durations."""
 
 from __future__ import annotations
 

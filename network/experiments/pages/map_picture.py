@@ -1,6 +1,6 @@
 """Draws a process map as SVG by our own hand, for where Graphviz is not: activities in a column, arrows in lanes.
 
-It shows the same graph with the same figures as the DOT file; only the layout is plainer. Must never leave out a pair.
+It shows the same graph with the same figures as the DOT file; only the layout is plainer.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The process map as DOT text: what follows what, how often and how fast. Must never need Graphviz."""
+"""The process map as DOT text: what follows what, how often and how fast."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The statistics tables, in the layout of the prototype's authors: frequencies and durations, for people and as CSV.
 
-One row an activity, one row a pair of activities. Must never leave out a row because it is bad news.
+One row an activity, one row a pair of activities.
 """
 
 from __future__ import annotations

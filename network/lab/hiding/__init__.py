@@ -1,1 +1,1 @@
-"""`blockrobot bench hiding`: what attackers recover of the people whom the robot hides. Must never spare the robot."""
+"""`blockrobot bench hiding`: what attackers recover of the people whom the robot hides."""

@@ -1,4 +1,4 @@
-"""Attacks on a scene: every attacker on every way of hiding, on what the robot released. Must never skip an edge."""
+"""Attacks on a scene: every attacker on every way of hiding, on what the robot released."""
 
 from __future__ import annotations
 

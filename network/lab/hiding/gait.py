@@ -1,8 +1,7 @@
 """Re-identification by silhouette and gait: who was the other person, told from what an attacker recovers over time.
 
 The attacker has walks of everyone of a population, with true silhouettes, and may only guess where they recover
-nothing. What is shown of a probe is what the robot's own hider released. Must never count a guess without a silhouette
-as more or less than chance.
+nothing. What is shown of a probe is what the robot's own hider released.
 """
 
 from __future__ import annotations

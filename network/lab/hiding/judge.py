@@ -1,6 +1,6 @@
 """The judge of hiding: draws scenes, trains attackers on others, attacks what was released, and sums it all up.
 
-Deterministic for a seed, whatever the number of processes. Must never leave out a scene because it went badly.
+Deterministic for a seed, whatever the number of processes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A pixel classifier that learns, on other scenes, to find whom a rendition hides. Needs scikit-learn (`[attack]`).
-
-Must never see a scene that it is judged on.
-"""
+"""A pixel classifier that learns, on other scenes, to find whom a rendition hides. Needs scikit-learn (`[attack]`)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Plays a scene through the hider that robots run, and notes what it released, to whom, and what it cost.
-
-Must never hide anyone by other means than the robot's own: its segmentation, tracks, matcher and cut.
-"""
+"""Plays a scene through the hider that robots run, and notes what it released, to whom, and what it cost."""
 
 from __future__ import annotations
 

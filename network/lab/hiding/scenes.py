@@ -1,7 +1,4 @@
-"""Scenes for the judge: drawn by seed and stratum, with disjoint draws for learning and for judging.
-
-Must never let a scene be judged by an attacker that has learned from it.
-"""
+"""Scenes for the judge: drawn by seed and stratum, with disjoint draws for learning and for judging."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a thief of a rendition holds, for each way of hiding: the picture, the empty scene and the owner's own outline.
-
-Must never hand the true silhouettes to an attacker: truth is for training on other scenes and for scoring.
-"""
+"""What a thief of a rendition holds, for each way of hiding: the picture, the empty scene and the owner's own outline."""
 
 from __future__ import annotations
 

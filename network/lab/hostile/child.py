@@ -1,4 +1,4 @@
-"""Runs the corpus in a process of its own and prints what each program came to. Must never have more memory than it says.
+"""Runs the corpus in a process of its own and prints what each program came to.
 
 Started as `python -m network.lab.hostile.child`: prints one JSON object: the findings, the CPU seconds of each, and
 the most memory the process held. The tests start it twice, with different hash seeds, and compare.

@@ -1,4 +1,4 @@
-"""The whole corpus, by kind. Must never hold two programs of one name."""
+"""The whole corpus, by kind."""
 
 from __future__ import annotations
 

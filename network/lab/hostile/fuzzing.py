@@ -1,4 +1,4 @@
-"""Runs programs made by chance, and tells one digest of all outcomes. Must never take a refused program for a fault.
+"""Runs programs made by chance, and tells one digest of all outcomes.
 
 `python -m network.lab.hostile.fuzzing --seed 1 --programs 1000` prints as JSON how many there were, were refused and
 were called, what the calls came to, and the digest. Two processes that are given the same must print the same. What the

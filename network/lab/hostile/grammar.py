@@ -1,7 +1,4 @@
-"""Makes programs by chance: from a grammar that knows the language, and by changing programs that there are.
-
-Must never draw from anything but the generator it is given: a program is named by its seed.
-"""
+"""Makes programs by chance: from a grammar that knows the language, and by changing programs that there are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What gas buys in CPU time, program by program. Must never let a clock decide anything but a figure.
+"""What gas buys in CPU time, program by program.
 
 A program's time is that of its call, and of the trie if it leaves writes: what a block that holds it takes.
 """

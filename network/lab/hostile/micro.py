@@ -1,4 +1,4 @@
-"""One small program for every operation, builtin, method and host function, at several sizes. Must never be hostile.
+"""One small program for every operation, builtin, method and host function, at several sizes.
 
 Each repeats its one step until the gas is gone: what a step costs in time, its gas must cover.
 """

@@ -1,4 +1,4 @@
-"""Every method and sign of what holds items, at each place where its item can stand. Must never be hostile by itself.
+"""Every method and sign of what holds items, at each place where its item can stand.
 
 A list of one program an operation measures the place that its author thought of. Here each operation comes in tables: the
 item first, in the middle, last and missing; two sizes; several kinds of items; and the state's functions after calls

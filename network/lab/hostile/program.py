@@ -1,4 +1,4 @@
-"""One hostile program and the outcome it must come to. Must never run anything itself."""
+"""One hostile program and the outcome it must come to."""
 
 from __future__ import annotations
 

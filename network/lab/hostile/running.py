@@ -1,4 +1,4 @@
-"""Runs one program as a block would and tells what came of it. Must never read a clock or let a program's host leave it."""
+"""Runs one program as a block would and tells what came of it."""
 
 from __future__ import annotations
 

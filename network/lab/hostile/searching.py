@@ -1,4 +1,4 @@
-"""Breeds programs towards the most CPU time for their gas. Must never judge a program by one run.
+"""Breeds programs towards the most CPU time for their gas.
 
 A program is some values (of every type, in every width of text, in many sizes) and a few steps on them, repeated until the
 gas is gone. Steps are drawn from the tables of the language, so that what is new there is tried by itself. The dearest of each

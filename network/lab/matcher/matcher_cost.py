@@ -1,4 +1,4 @@
-"""What the matcher costs a robot: CPU time for each frame and each reading, calm and in a storm. Must never judge."""
+"""What the matcher costs a robot: CPU time for each frame and each reading, calm and in a storm."""
 
 from __future__ import annotations
 

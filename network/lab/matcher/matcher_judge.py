@@ -1,7 +1,6 @@
 """How often the matcher gives a tag to the wrong person, and how much it withholds: the robot's own, on drawn tracks.
 
-Every draw is fed to `clients.robot.hiding.matcher.Matcher` reading by reading, as a robot does. Must never decide
-anything itself: a track counts as wrong if the matcher binds the tag to somebody else at any time, even for a moment.
+Every draw is fed to `clients.robot.hiding.matcher.Matcher` reading by reading, as a robot does.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The film has colour alone, and the robot cuts nobody out of colour alone. So that its segmentation, tracks and hiding can be
 tried on real people, each moving region gets the distance of its lowest point on the ground. No robot does this: it holds
-for this camera only. Must never be taken for measured depth.
+for this camera only.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`blockrobot bench pedestrians`: how many real pedestrians stay visible to whom. Must never count a guess as seen.
+"""`blockrobot bench pedestrians`: how many real pedestrians stay visible to whom.
 
 The film (vtest.avi of Debian's opencv-doc) shows real people from a high camera, in colour without depth. What is judged is
 the robot's own code; what the film lacks is made for it, and said so: a depth worked out from flat ground, and drawn tags.

@@ -1,7 +1,6 @@
 """People in some frames of the film, marked by eye, and who of them is to be seen in a rendition.
 
-The one judge here that does not come from the robot's own segmentation. Must never take the owner for somebody else: whose
-rendition it is, is whose box holds most of it.
+The one judge here that does not come from the robot's own segmentation.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Plays the film through the robot's hider with tags that are drawn for some of the people, and notes who is shown to whom.
 
 The film has no tags. A first pass of the robot's own segmentation and tracks finds who is followed for long; some of them
-get a tag that is read twice a second while they are followed, at their distance with an error. Must never hide anyone by
-other means than the robot's own.
+get a tag that is read twice a second while they are followed, at their distance with an error.
 """
 
 from __future__ import annotations

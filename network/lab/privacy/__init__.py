@@ -1,1 +1,1 @@
-"""`blockrobot privacy attack`: what our own ledger gives away, found by attacking it. Must never spare it."""
+"""`blockrobot privacy attack`: what our own ledger gives away, found by attacking it."""

@@ -1,4 +1,4 @@
-"""The whole attack: play the days, attack them in each scheme, put the figures side by side. Must never pass on a maybe.
+"""The whole attack: play the days, attack them in each scheme, put the figures side by side.
 
 `ok` only if every attack on ours is shown (95 % bound) to be within 0.05 of guessing, and every attack that must win on
 the prototype's way did: one that wins nowhere shows nothing.

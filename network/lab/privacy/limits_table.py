@@ -1,4 +1,4 @@
-"""The accepted limits as figures: what ours gives away by design, each named. Must never turn into a goal that is met."""
+"""The accepted limits as figures: what ours gives away by design, each named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often an attack was right, beside guessing, and how sure that is. Pure. Must never round a leak away."""
+"""How often an attack was right, beside guessing, and how sure that is. Pure."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""No two blocks are final at one height, and no epoch has two schedules, in anybody's eyes, ever.
-
-Must never ask which of two was right.
-"""
+"""No two blocks are final at one height, and no epoch has two schedules, in anybody's eyes, ever."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What clients ask for is theirs to ask for: it succeeds, or fails as it may. Must never excuse a call by its result."""
+"""What clients ask for is theirs to ask for: it succeeds, or fails as it may."""
 
 from __future__ import annotations
 

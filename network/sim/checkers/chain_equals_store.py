@@ -1,7 +1,6 @@
 """A custodian's store says what the chain says up to its checkpoint, no more and no less, and never runs ahead of it.
 
-In the end it holds every clip that a robot gave it or another honest custodian has. Must never take a clip that is
-known to be missing for one that is kept.
+In the end it holds every clip that a robot gave it or another honest custodian has.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a checker finds. Must never be found in a correct network."""
+"""What a checker finds."""
 
 from __future__ import annotations
 

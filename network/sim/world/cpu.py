@@ -1,4 +1,4 @@
-"""What a simulated node's work takes of its one core, in microseconds of virtual time. Must never read a real clock.
+"""What a simulated node's work takes of its one core, in microseconds of virtual time.
 
 The prices are those of `COSTS`; `blockrobot sim calibrate` measures the same on a real machine. Whatever is charged while
 an owner's code runs keeps its core busy: what is due meanwhile waits, and what it sends leaves when the work is done.

@@ -1,4 +1,4 @@
-"""Shares in the simulator's custody store. Must never differ from the real stores' but in durability."""
+"""Shares in the simulator's custody store."""
 
 from __future__ import annotations
 

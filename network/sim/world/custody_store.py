@@ -1,4 +1,4 @@
-"""A custodian's store and erase keys in memory, for the simulator. Must never differ from the real ones but in durability.
+"""A custodian's store and erase keys in memory, for the simulator.
 
 Both outlive the lives of their node. A write is one step, at once or after a short while (`pause`): a power cut in
 between loses it whole, as it loses a transaction that was not committed.

@@ -1,4 +1,4 @@
-"""The account of uploads in the simulator's custody store. Must never differ from the real stores' but in durability."""
+"""The account of uploads in the simulator's custody store."""
 
 from __future__ import annotations
 

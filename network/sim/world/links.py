@@ -1,4 +1,4 @@
-"""The links between simulated nodes and what goes wrong on them. Must never change a payload, nor deliver to the dead.
+"""The links between simulated nodes and what goes wrong on them.
 
 `Wires` holds the state of all links and carries frames; a `SimNetwork` is one node's end of them, as the assembly
 knows it. A connection is a fact between two lives: it ends when one of them does, and is made anew by a greeting.

@@ -1,7 +1,4 @@
-"""The chain that all simulated networks of one size run: keys, genesis and machine, made once in a process.
-
-Must never hold a key that anybody uses: all of them are hashes of their names.
-"""
+"""The chain that all simulated networks of one size run: keys, genesis and machine, made once in a process."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Clients of a simulated network: they submit signed calls, wait, try elsewhere, and remember what they were told.
 
-A client knows only what nodes answer. Must never count a call as done that no node called final.
+A client knows only what nodes answer.
 """
 
 from __future__ import annotations

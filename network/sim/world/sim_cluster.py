@@ -1,4 +1,4 @@
-"""A whole simulated network on one loop: nodes, links, clients, and the faults of a plan. Must never judge what it sees.
+"""A whole simulated network on one loop: nodes, links, clients, and the faults of a plan.
 
 `SimCluster.run` plays a plan to its end and leaves a history for the checkers.
 """

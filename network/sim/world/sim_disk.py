@@ -1,4 +1,4 @@
-"""The disk of one simulated node: what was synced stays, what was not may be lost or torn. Must never touch a real file.
+"""The disk of one simulated node: what was synced stays, what was not may be lost or torn.
 
 It keeps the promises of `journal_disk.Disk` and no more: bytes are safe after the file's `sync`, names after their
 directory's. A power cut keeps of the rest what the dice say: a prefix of the unsynced bytes, the last of them perhaps

@@ -1,6 +1,6 @@
 """A node's ledger in the simulator: in memory, slow to sync, and short of what was not synced when the power went.
 
-Must never lose a commit that had returned. One that was under way when the power went is kept or lost, as dice say.
+One that was under way when the power went is kept or lost, as dice say.
 """
 
 from __future__ import annotations

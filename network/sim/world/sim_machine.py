@@ -1,4 +1,4 @@
-"""Executes blocks for the nodes of a simulated run, and compares. Must never give a verifier what a leader built.
+"""Executes blocks for the nodes of a simulated run, and compares.
 
 A block is executed for real when its leader builds it, and again when the first node verifies it; the other verifiers
 are given what came of that. With `shares` False every node executes for itself, as real ones do. Either way each

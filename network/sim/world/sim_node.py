@@ -1,7 +1,4 @@
-"""One simulated node: production parts on a simulated disk, ledger, store and network, through many lives.
-
-Must never let anything outlive a life but what a real machine keeps: the disk, the ledger, the custodian's store, keys.
-"""
+"""One simulated node: production parts on a simulated disk, ledger, store and network, through many lives."""
 
 from __future__ import annotations
 

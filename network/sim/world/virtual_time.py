@@ -1,4 +1,4 @@
-"""An event loop whose clock jumps from one timer to the next. Must never read a real clock, a socket or a thread.
+"""An event loop whose clock jumps from one timer to the next.
 
 Everything that is scheduled belongs to an `Owner`, one life of one node (or the stage itself): what a dead owner had
 scheduled never runs, which is how a power cut ends a process. A paused owner's work waits until it goes on.

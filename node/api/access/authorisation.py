@@ -1,4 +1,4 @@
-"""Who may call what, as one table made from the rules in the code. Must never hold a rule of its own.
+"""Who may call what, as one table made from the rules in the code.
 
 A route's rule stands in the route table (`Route.access`), a contract entry's in its docstring
 (`contracts.execution.callers`). The tests try every cell of both tables.

@@ -1,4 +1,4 @@
-"""Challenges that cost a node no memory. Must never take one twice from a key with standing, nor one it did not make.
+"""Challenges that cost a node no memory.
 
 A challenge is its expiry, a nonce and a code over both and the key, under a secret of this process; so there is no
 table of open ones that a flood could fill. Only those that opened a session are remembered, by key, until they expire.

@@ -1,4 +1,4 @@
-"""What a request turns out to cost: the CPU time of its own work, paid as it is spent. Must never answer for nothing.
+"""What a request turns out to cost: the CPU time of its own work, paid as it is spent.
 
 A price says beforehand what a route is worth. What a request takes beyond it is measured, slice by slice, on the event
 loop and in the thread that reads the ledger, and goes on the same budget, as a debt if need be: whoever has one is

@@ -2,8 +2,6 @@
 
 The key of a grant reads what is of its visit, and for a while after its end what became of the records: nothing else of
 the chain, since nobody can tell whether its holder is still a member.
-
-Must never look at anything but finalized state: what could still be undone gives nobody a right.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What clients' requests may cost, by who asks: a session's key, or else the address. Must never grow without bound.
+"""What clients' requests may cost, by who asks: a session's key, or else the address.
 
 A request costs what its route is worth (`work_costs.py`), and what it turns out to take beyond that (`Tab`). Loopback has
 a generous budget of its own: on an emulated network every client without a session shares that one address. Whoever is

@@ -1,4 +1,4 @@
-"""Who may call what, stated once for each route and enforced in one place. Must never default to "anyone"."""
+"""Who may call what, stated once for each route and enforced in one place."""
 
 from __future__ import annotations
 

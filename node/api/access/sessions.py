@@ -1,4 +1,4 @@
-"""Sessions: a client proves its key once and gets a short-lived token. Must never log, store or return a token twice.
+"""Sessions: a client proves its key once and gets a short-lived token.
 
 Tokens are kept as hashes only. The table is bounded, for all and for each account, which is a key, or all the grantees
 of one visit: who opens too many closes the oldest of the same account. One person has a key for each visit, so visits

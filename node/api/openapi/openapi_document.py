@@ -1,4 +1,4 @@
-"""The OpenAPI 3.1 document, made from the route table. Must never describe a route that is not in it."""
+"""The OpenAPI 3.1 document, made from the route table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference pages of interface, errors, authorisation and state, made from the code. Must never be edited by hand.
+"""The reference pages of interface, errors, authorisation and state, made from the code.
 
 `python -m node.api.openapi.reference_pages FOLDER` writes the pages; `--check` only tells whether they are current.
 """

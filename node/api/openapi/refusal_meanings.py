@@ -1,4 +1,4 @@
-"""What the code of a receipt means, in words. Must never guess: a code that nobody explained gets no words.
+"""What the code of a receipt means, in words.
 
 A receipt's code is the machine's own, one of a contract's author, or one of the catalogue. The sentence that the contract
 gave stands in the receipt.

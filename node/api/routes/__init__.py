@@ -1,4 +1,4 @@
-"""The routes, one module for each resource. Must never grow a route that is missing from this table."""
+"""The routes, one module for each resource."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Announcements of visits and of their new owner keys, for wallets to scan. Must never leave one out: all is proved."""
+"""Announcements of visits and of their new owner keys, for wallets to scan."""
 
 from __future__ import annotations
 

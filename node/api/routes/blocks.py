@@ -1,4 +1,4 @@
-"""Finalized blocks, for explorers and auditors. Must never show a block that could still be undone."""
+"""Finalized blocks, for explorers and auditors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chain's contracts: versions, interfaces, sources. Must never run one, nor name what the chain does not."""
+"""The chain's contracts: versions, interfaces, sources."""
 
 from __future__ import annotations
 

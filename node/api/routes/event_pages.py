@@ -1,4 +1,4 @@
-"""Events of contracts by place, page by page: what a reader needs to go on where it stopped. Must never skip one.
+"""Events of contracts by place, page by page: what a reader needs to go on where it stopped.
 
 A place is height:index, the index counting the events of the block; it is the same at every node, so that a reader may
 go on at another one. A page says where to go on, also past blocks without events: what is pruned meanwhile is no loss.

@@ -1,4 +1,4 @@
-"""GET /v1/events: contract events of finalized blocks as they come. Must never lose or repeat one behind a cursor.
+"""GET /v1/events: contract events of finalized blocks as they come.
 
 Server-sent events; each id is `height:index`, and a stream that starts at a cursor begins with the event after it.
 """

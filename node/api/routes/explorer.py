@@ -1,7 +1,6 @@
 """What the explorer asks beyond the other routes: headers, producers, counts, meanings of codes; and its own files.
 
-A node whose explorer is public answers these, and only these, to anybody. Must never show anything of a person, nor what
-could still be undone, but for the round that the node says it is in.
+A node whose explorer is public answers these, and only these, to anybody.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The newest finalized header, the headers below it, and the epochs. Must never serve a header that is not final.
+"""The newest finalized header, the headers below it, and the epochs.
 
 The epochs are for anyone, as the genesis file is: a receipt is told to whoever knows its transaction, and cannot be
 checked without knowing who certified its block.

@@ -1,4 +1,4 @@
-"""GET /v1/genesis: the file that a client must trust. Must never hold anything that only members may see."""
+"""GET /v1/genesis: the file that a client must trust."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What stands on the chain about organisations and what they tell people, proved to anyone. Must never prove a key that is
-about a person: who is not registered yet has no session, and has to read the notice before she says a word.
-"""
+"""What stands on the chain about organisations and what they tell people, proved to anyone."""
 
 from __future__ import annotations
 

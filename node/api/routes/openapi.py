@@ -1,4 +1,4 @@
-"""GET /v1/openapi.json: the interface described by itself. Must never differ from the route table."""
+"""GET /v1/openapi.json: the interface described by itself."""
 
 from __future__ import annotations
 

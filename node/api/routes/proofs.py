@@ -1,4 +1,4 @@
-"""Proofs of the state. Must never mix two snapshots in one answer."""
+"""Proofs of the state."""
 
 from __future__ import annotations
 

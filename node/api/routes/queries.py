@@ -1,4 +1,4 @@
-"""Read-only calls of contracts. Must never change state; the answer is this node's word (for proof: /v1/state-proofs)."""
+"""Read-only calls of contracts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Challenges and sessions. Must never put a token anywhere but into the one answer that hands it over."""
+"""Challenges and sessions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Submit transactions and follow them. Must never say a transaction is final before it is.
+"""Submit transactions and follow them.
 
 Submission needs no session: a transaction is signed by itself, and a wallet must be able to send one on a connection
 that says nothing else. Whoever knows a txid may ask for it.

@@ -1,6 +1,6 @@
 """The live feeds that a robot can listen to, a line each, and the options that each adds to the commands that use them.
 
-The one place that knows every adapter. Must never import a middleware: adapters do that when they are used.
+The one place that knows every adapter.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Notices when what a robot listens to falls silent, vanishes or comes back, and says so in a sentence. Knows no clock.
-
-Must never end a run: a topic that is gone may come back.
-"""
+"""Notices when what a robot listens to falls silent, vanishes or comes back, and says so in a sentence. Knows no clock."""
 
 from __future__ import annotations
 

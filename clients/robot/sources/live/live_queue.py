@@ -1,7 +1,7 @@
 """What came and is not yet worked on: bounded, in order of arrival, filled by any thread and emptied by one.
 
 When it is full, images go first, the oldest before the newer; then sound and labels; readings of tags last, since a frame
-whose reading is gone could be taken for somebody else's. Must never lose anything without counting it.
+whose reading is gone could be taken for somebody else's.
 """
 
 from __future__ import annotations

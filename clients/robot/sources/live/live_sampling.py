@@ -1,7 +1,4 @@
-"""Listens to live feeds for some seconds: what is on the air, and frames of a scene without people.
-
-Must never keep more of a topic than its first message, and never show what a message says.
-"""
+"""Listens to live feeds for some seconds: what is on the air, and frames of a scene without people."""
 
 from __future__ import annotations
 

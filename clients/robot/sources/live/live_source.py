@@ -1,7 +1,6 @@
 """Live feeds as one source: what they deliver waits in a bounded queue until the robot comes to it, in real time only.
 
-What the robot is too slow for is dropped at the queue and counted. Must never write what it hears, and never let an
-exception out into a feed's threads.
+What the robot is too slow for is dropped at the queue and counted.
 """
 
 from __future__ import annotations

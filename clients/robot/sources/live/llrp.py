@@ -1,7 +1,6 @@
 """Asks RFID readers for tags over LLRP, beside whatever brings the camera's frames, in one thread for all of them.
 
-Must never open a port, write a tag's UID, or change a reader's settings: it gives it one job (a ROSpec of its own), and
-takes it away when it leaves. LLRP has no encryption: a reader belongs on a network of the robot's own.
+LLRP has no encryption: a reader belongs on a network of the robot's own.
 """
 
 from __future__ import annotations

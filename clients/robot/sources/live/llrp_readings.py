@@ -1,7 +1,7 @@
 """Makes the reports of one LLRP reader into sightings: gathered by tag and antenna, and put on this machine's clock.
 
 Each reader has a clock of its own, UTC or the time since it was switched on, and a run may hear several: that is why they
-are told apart here. A sighting from here has no distance. Must never keep a tag's UID longer than readings are gathered.
+are told apart here. A sighting from here has no distance.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The synthetic corridor as a live source, rendered as it is asked for: nothing is kept, and nothing is written.
 
 Its day has no end: when the scenario is over it begins again. Played, it is as a camera is: a frame is seen when it is
-due, and what the machine is too slow for is never seen. Must never be given the UID of a real tag.
+due, and what the machine is too slow for is never seen.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Makes events of messages: frames, tag sightings, other senses, and a `Refused` for each that cannot be used.
 
-Recordings and live feeds are read by this one reader. Must never write anything, and never let one message end a stream.
+Recordings and live feeds are read by this one reader.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 There is no standard ROS message for RFID, so the user says where things stand: `epc = "ids[]"`, `rssi = "dbs[]"`. A
 path goes through fields by `.`; `[]` behind a field means each of its entries, `{}` that the field is text in JSON,
-through which the path goes on. Must never run anything that a file or a message says: a path only reads.
+through which the path goes on.
 """
 
 from __future__ import annotations

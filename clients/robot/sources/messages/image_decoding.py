@@ -1,4 +1,4 @@
-"""Turns ROS image messages, raw or compressed, into depth in millimetres or into colour. Must never trust a message.
+"""Turns ROS image messages, raw or compressed, into depth in millimetres or into colour.
 
 Every refusal is FRAME_INVALID with a `reason` of a few words: encoding, size, step, undecodable. No measurement is 0
 whatever the camera calls it: 0, NaN, infinite, below 0, or at the end of the 16 bits.

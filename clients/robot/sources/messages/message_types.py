@@ -1,7 +1,4 @@
-"""What the types of messages look like: those that ROS has, our own, and what a recording or a live graph defines.
-
-Must never show what a message says: only types are described here.
-"""
+"""What the types of messages look like: those that ROS has, our own, and what a recording or a live graph defines."""
 
 from __future__ import annotations
 

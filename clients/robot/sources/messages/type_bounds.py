@@ -1,7 +1,7 @@
 """Whether reading a message of a type takes no more work than its bytes: a stranger's definition may ask for far more.
 
 The reader runs through arrays of values that have no bytes as often as a message tells, and writes fixed arrays out, one
-line of code for each value. Must never read a message.
+line of code for each value.
 """
 
 from __future__ import annotations

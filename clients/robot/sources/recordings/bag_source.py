@@ -1,7 +1,7 @@
 """A recording as a source: frames, tag sightings and other senses, in the order in which they were recorded.
 
 A message that cannot be used becomes a `Refused`, and the stream goes on; a recording that breaks off ends in
-BAG_DAMAGED after everything before the break. Must never write anything.
+BAG_DAMAGED after everything before the break.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Decompresses chunks of recordings, no more of one than a recorder writes. Must never believe what a chunk says it holds.
+"""Decompresses chunks of recordings, no more of one than a recorder writes.
 
 The library that reads recordings decompresses a chunk whole, however much comes out; a few kilobytes may be gigabytes. A
 file that is packed as a whole it unpacks beside, into the folder for temporary files.

@@ -1,4 +1,4 @@
-"""Opens the SQLite database of a recording, which a stranger wrote. Must never run what the file brings along.
+"""Opens the SQLite database of a recording, which a stranger wrote.
 
 A database may be a program: views, triggers, generated columns and virtual tables compute what is selected from them.
 Only the plain tables that recorders write are read. Pages may also lead to one another in a circle or be shared by many

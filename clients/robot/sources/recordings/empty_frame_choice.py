@@ -1,6 +1,6 @@
 """Gathers frames of the empty scene out of many: no more than are needed, spread evenly over those that came.
 
-Pure. Must never take frames of different sizes for one scene.
+Pure.
 """
 
 from __future__ import annotations

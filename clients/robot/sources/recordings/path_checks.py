@@ -1,6 +1,6 @@
 """Tells at the start, where a topic's type is known, which path of the topics file leads nowhere in its messages.
 
-A misspelt field would otherwise cost every reading of a run. Must never look at a message: only at types.
+A misspelt field would otherwise cost every reading of a run.
 """
 
 from __future__ import annotations

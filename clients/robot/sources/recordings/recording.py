@@ -1,4 +1,4 @@
-"""One recording of any format: ROS 1 .bag, rosbag2 with SQLite or MCAP, as folder or as file. Must never write anything.
+"""One recording of any format: ROS 1 .bag, rosbag2 with SQLite or MCAP, as folder or as file.
 
 A whole recording is read by its index, in time order. One that was cut off is read from the front to the break, and
 says so at the end: `messages` then raises BAG_DAMAGED after the last whole message.

@@ -1,7 +1,6 @@
 """Says what a recording holds, and which topics could be depth, colour, tags, labels or sound.
 
-It looks at types and at the first message of each image topic. Must never show what a message says: a recording holds
-the UIDs of people's tags.
+It looks at types and at the first message of each image topic.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """`blockrobot wallet guardians list|split`: who holds shares of this wallet's words, and handing them out.
 
-Words go to the terminal, one guardian at a time, or onto sheets. Must never put them into JSON, a log or an argument, nor
-leave them on the screen; the wallet's file keeps none either.
+Words go to the terminal, one guardian at a time, or onto sheets.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`blockrobot wallet guardians recover|check`: guardians' words, typed or from files, and the wallet made from them.
 
-A wrong word is told at once. Must never put a word into an error, JSON or a log, nor leave typed words on the screen.
+A wrong word is told at once.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`blockrobot wallet keyring`: a passphrase in the system's keyring, for who wants that. Must never be used unasked.
+"""`blockrobot wallet keyring`: a passphrase in the system's keyring, for who wants that.
 
 Whoever can use the person's session on this machine can then open the wallet: that is why nothing goes there by itself.
 """

@@ -1,7 +1,4 @@
-"""`blockrobot wallet new|restore`: a wallet and its words.
-
-Must never take words as an argument, nor show them once there is a wallet.
-"""
+"""`blockrobot wallet new|restore`: a wallet and its words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot wallet rotate|transfer|leave`: after a theft, and when one goes. Must never take words as an argument."""
+"""`blockrobot wallet rotate|transfer|leave`: after a theft, and when one goes."""
 
 from __future__ import annotations
 

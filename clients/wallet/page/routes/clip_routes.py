@@ -1,4 +1,4 @@
-"""Opening records in the page: asked for on the chain, fetched, checked, opened. Must never show what is unproven."""
+"""Opening records in the page: asked for on the chain, fetched, checked, opened."""
 
 from __future__ import annotations
 

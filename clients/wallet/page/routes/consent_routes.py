@@ -1,4 +1,4 @@
-"""A person's say, in the page: read, give, refuse, take back. Must never let her give before she was told."""
+"""A person's say, in the page: read, give, refuse, take back."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Erasing in the page: what will be gone and what remains, the question, and receipts as they come in.
-
-Must never erase without the passphrase, nor call erased what a custodian has not confirmed.
-"""
+"""Erasing in the page: what will be gone and what remains, the question, and receipts as they come in."""
 
 from __future__ import annotations
 

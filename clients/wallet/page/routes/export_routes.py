@@ -1,4 +1,4 @@
-"""Taking along, in the page: the warning, the work, the file. Must never leave the file behind when the page ends."""
+"""Taking along, in the page: the warning, the work, the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person is to know: who looked, what is missing or changed, what was shared with her. Must never leave any out."""
+"""What a person is to know: who looked, what is missing or changed, what was shared with her."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page shows without asking the network: from what the wallet knows and has proven. Must never change anything."""
+"""What the page shows without asking the network: from what the wallet knows and has proven."""
 
 from __future__ import annotations
 

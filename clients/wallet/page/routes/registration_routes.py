@@ -1,4 +1,4 @@
-"""Registering in the page with the code on one's card. Must never register before the notice was on the screen.
+"""Registering in the page with the code on one's card.
 
 Who registers consents to nothing by it: what she agrees to, she says afterwards, purpose by purpose.
 """

@@ -1,4 +1,4 @@
-"""Sharing and its end, in the page. Must never share without the passphrase, nor before she was told what that means."""
+"""Sharing and its end, in the page."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The corpus, a module for each kind of attack. Must never hold a program without the outcome it must come to."""
+"""The corpus, a module for each kind of attack."""

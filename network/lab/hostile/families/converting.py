@@ -1,4 +1,4 @@
-"""Conversions without end, between all types that the language turns into each other. Must never be had for nothing."""
+"""Conversions without end, between all types that the language turns into each other."""
 
 from __future__ import annotations
 

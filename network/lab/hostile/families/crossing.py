@@ -1,4 +1,4 @@
-"""One contract against another: re-entrance, borrowed rights, calls into views. Must never change what it was not given."""
+"""One contract against another: re-entrance, borrowed rights, calls into views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Floods: of keys, values, events, calls, scans, hashes, signatures. Must never pass a budget of one call."""
+"""Floods: of keys, values, events, calls, scans, hashes, signatures."""
 
 from __future__ import annotations
 

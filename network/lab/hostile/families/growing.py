@@ -1,4 +1,4 @@
-"""Programs that would fill the memory: every operation that grows a value, and every conversion. Must never be let."""
+"""Programs that would fill the memory: every operation that grows a value, and every conversion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tricks with names and letters: shadowing, look-alikes, what parsers read differently. Must never mean two things."""
+"""Tricks with names and letters: shadowing, look-alikes, what parsers read differently."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deep values and deep sources. Must never reach a parser, an encoder or a comparison that recurses."""
+"""Deep values and deep sources."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Programs that reach for Python: attributes, imports, exceptions, closures. Must never be handed one object of it."""
+"""Programs that reach for Python: attributes, imports, exceptions, closures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Programs that would run for ever, or deeper than any stack. Must never end but by a budget."""
+"""Programs that would run for ever, or deeper than any stack."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sources, constants, defaults and arguments that are attacks themselves. Must never cost more than their bytes."""
+"""Sources, constants, defaults and arguments that are attacks themselves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Few steps that mean much work: comparing, sorting, searching, large numbers. Must never cost less than it takes."""
+"""Few steps that mean much work: comparing, sorting, searching, large numbers."""
 
 from __future__ import annotations
 

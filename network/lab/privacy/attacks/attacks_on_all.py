@@ -1,4 +1,4 @@
-"""The attacks that every scheme has to stand: dictionary, linking, membership. Must never attack ours more gently.
+"""The attacks that every scheme has to stand: dictionary, linking, membership.
 
 Time, robot and size are the same in all schemes: what differs is the mark of the owner. So these three are run once, on
 the real chain, and count for each scheme.

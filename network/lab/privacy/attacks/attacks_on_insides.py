@@ -1,7 +1,7 @@
 """What a curious custodian, a stolen backup and a stolen robot open or name of what our design says they cannot.
 
 What they can do by design is in `table`. The prototype keeps plain pictures under the tag's hash: whoever reads its
-database has them. Must never count a failed attempt that was not made.
+database has them.
 """
 
 from __future__ import annotations

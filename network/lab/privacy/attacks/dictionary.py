@@ -1,4 +1,4 @@
-"""Trying every UID that a tag could have, against what each scheme makes public. Must never be told a UID.
+"""Trying every UID that a tag could have, against what each scheme makes public.
 
 A UID has 96 bits, but all cards of a delivery share most of them, and whoever holds one card knows which: what is left is
 a serial number. That is enumerated here, really; what longer unknown parts would cost is computed from the rate.

@@ -1,4 +1,4 @@
-"""What attackers are given, and beside it the truth by which they are judged. Must never let the first hold the second."""
+"""What attackers are given, and beside it the truth by which they are judged."""
 
 from __future__ import annotations
 

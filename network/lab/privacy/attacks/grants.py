@@ -1,7 +1,7 @@
 """Naming with whom something was shared, from the chain alone: guesses at careless wallets and at unsalted hashes. Pure.
 
 The grantee's key G is made as owner keys are, so whatever names visits is tried on grants; her handle's hash is tried with
-every salt that is public. Must never use a person's private key.
+every salt that is public.
 """
 
 from __future__ import annotations

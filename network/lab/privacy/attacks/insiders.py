@@ -1,4 +1,4 @@
-"""What insiders and thieves open: custodian, stolen backup, stolen robot. Must never be handed a key for free.
+"""What insiders and thieves open: custodian, stolen backup, stolen robot.
 
 Each attempt takes what such an attacker has, and tries all of it on all that there is; it counts what opened.
 """

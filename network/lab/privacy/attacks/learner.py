@@ -1,7 +1,7 @@
 """The attacker who learns to tell whether two visits are one person's, from pairs of people whom she knows.
 
 Gradient boosting where scikit-learn is installed (extra `attack`), logistic regression otherwise, and every single
-feature by itself; which of them attacks is chosen on people known to her. Must never see a person that it is judged on.
+feature by itself; which of them attacks is chosen on people known to her.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What every member, and so every node, can read of the chain, put in order. Must never look at anything else."""
+"""What every member, and so every node, can read of the chain, put in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linking the visits of one person: by keys, by time, by robot, by size, by all of it. Must never use the truth.
+"""Linking the visits of one person: by keys, by time, by robot, by size, by all of it.
 
 Each attack is given two visits and makes numbers of the pair; what is learned from them is in `trials` and `learner`.
 """

@@ -1,7 +1,7 @@
 """Who is enrolled, and who was here today: asked of the registry and of everything else on the chain.
 
 The attacker has a person's UID and looks for a trace of it, or has what stands for her in the registry and looks for
-what it did on a day. Must never be told who is enrolled.
+what it did on a day.
 """
 
 from __future__ import annotations

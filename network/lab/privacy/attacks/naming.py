@@ -1,7 +1,7 @@
 """Naming whose a visit is from keys alone: guesses at how a careless robot would have drawn its secrets. Pure.
 
 O = S + H('owner', s)G, with S of everyone on the chain: who guesses s, or the r behind it, names the visit. Tried are
-secrets made of what is public. Must never use a person's private key.
+secrets made of what is public.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What our ledger does give away, measured: the accepted limits. Must never be left out because it looks bad.
+"""What our ledger does give away, measured: the accepted limits.
 
 Each attack here is on what the design leaves open: the times of blocks, who stands at which robot together, words of
 consent under a handle. They win, and the figures say how often.

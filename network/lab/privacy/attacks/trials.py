@@ -1,4 +1,4 @@
-"""Trials of linking: here is a visit; which of these two is the same person's? Must never let an attacker see the answer.
+"""Trials of linking: here is a visit; which of these two is the same person's?
 
 In a `matched` trial both candidates are visits to the same robot on the same round, so that place and hour, which every
 eyewitness knows, say nothing. In a free one the other candidate is anybody's visit at all.

@@ -1,4 +1,4 @@
-"""The attacked chain: the shipped contracts run by the real executor, block by block. Must never be gentler than a node's.
+"""The attacked chain: the shipped contracts run by the real executor, block by block.
 
 There are no node processes: blocks are what a leader would make of what is submitted, and all of it is public to members.
 """

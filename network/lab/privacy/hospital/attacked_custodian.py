@@ -1,4 +1,4 @@
-"""The custodian of the attacked hospital: the real one, over SQLite and a file of erase keys. Must never be opened twice.
+"""The custodian of the attacked hospital: the real one, over SQLite and a file of erase keys.
 
 It follows the last day of the chain, is copied as a backup would copy it, hears of what some people share, erases what
 some ask to be erased, and is copied again. The copies are what thieves get.

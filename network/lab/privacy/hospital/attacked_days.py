@@ -1,4 +1,4 @@
-"""The attacked days from beginning to end, and the truth about them. Must never mix what is true with what is seen.
+"""The attacked days from beginning to end, and the truth about them.
 
 `play` returns a `Played`: the chain and what robots and wallets left, which attackers get parts of, and `truth`, by which
 their answers are judged.

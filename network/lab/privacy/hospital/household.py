@@ -1,4 +1,4 @@
-"""The keys of the people and robots in an attacked hospital, and their enrolment. Must never reach an attacker.
+"""The keys of the people and robots in an attacked hospital, and their enrolment.
 
 Keys are drawn anew in each run by the product's own code: only who comes when follows the seed.
 """

@@ -1,4 +1,4 @@
-"""The prototype's store, for comparison: pictures in the clear under their owner's mark. Must never keep real ones.
+"""The prototype's store, for comparison: pictures in the clear under their owner's mark.
 
 Peppering or salting the mark changes nothing of the pictures, so one store stands for all the paper's schemes.
 """

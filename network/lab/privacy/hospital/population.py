@@ -1,7 +1,7 @@
 """The people whom the attacked robots meet: who they are, when they pass which robot, how large they look. Pure.
 
 Drawn from a seed. People have habits, since habits are what links: a ward, a way of staying longer or shorter, a build, a
-companion, a day on which they say no. Must never give a person a habit that no attacker could see in anything.
+companion, a day on which they say no.
 """
 
 from __future__ import annotations

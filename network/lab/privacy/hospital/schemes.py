@@ -1,4 +1,4 @@
-"""The ways of naming an owner that are compared: the paper's prototype, its proposals, and ours. Must never flatter one.
+"""The ways of naming an owner that are compared: the paper's prototype, its proposals, and ours.
 
 The prototype writes SHA-256 of the tag's UID on each record and in its list of users. Salted: a salt for each record,
 public beside it. Peppered: one secret in every hash, not on the chain. Ours puts no function of a UID anywhere.

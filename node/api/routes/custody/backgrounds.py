@@ -1,4 +1,4 @@
-"""Recorded empty frames, named by their hash. Must never take content whose hash is not its name."""
+"""Recorded empty frames, named by their hash."""
 
 from __future__ import annotations
 

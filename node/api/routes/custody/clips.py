@@ -1,4 +1,4 @@
-"""Clips: robots upload them, owners fetch them. Must never release one but to its record's owner key."""
+"""Clips: robots upload them, owners fetch them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Receipts of consent for whoever gave, refused or took it back. Must never sign for anybody but the session's own key."""
+"""Receipts of consent for whoever gave, refused or took it back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shares: an owner brings custodians parts of keys, a grantee fetches what was shared. Must never name her in a URL."""
+"""Shares: an owner brings custodians parts of keys, a grantee fetches what was shared."""
 
 from __future__ import annotations
 
