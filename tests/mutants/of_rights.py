@@ -7,6 +7,30 @@ from tests.mutants.mutant import Kind, Replaced
 REPLACED: tuple[Replaced, ...] = (
     Replaced(
         Kind.AUTHORISATION,
+        "clients/wallet/sharing/outgoing_shares.py",
+        "own shares end with the old words",
+        "for grant_id in ids if grant_id not in known]",
+        "for grant_id in ids]",
+        "tests/unit/clients/wallet/test_rotating.py",
+    ),
+    Replaced(
+        Kind.AUTHORISATION,
+        "clients/wallet/recovery/key_rotation.py",
+        "a cut keeps a thief's shares",
+        "return exposed + [visit for visit in self._moved if visit.shares_due]",
+        "return exposed",
+        "tests/unit/clients/wallet/test_rotating.py",
+    ),
+    Replaced(
+        Kind.AUTHORISATION,
+        "clients/wallet/ledger/visit_scan.py",
+        "a moved visit's shares are forgotten",
+        "visits[place].sequence, visits[place].shares_due",
+        "visits[place].sequence, False",
+        "tests/unit/clients/wallet/test_rotating.py",
+    ),
+    Replaced(
+        Kind.AUTHORISATION,
         "pages/local_page.py",
         "another web page may change something",
         ("        if origin != self._origin and (origin is not None or request.method not in _SAFE_METHODS):"),
