@@ -8,17 +8,17 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from rosbags.interfaces import Nodetype
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.messages.definitions import DEFINITION_MAX_CHARS, count_work, parse, without_comments
 from clients.robot.sources.messages.type_bounds import is_bounded
 from clients.robot.synthetic.bag_messages import typestore
 from consensus.errors import BlockRobotError
 
-DEFINITION_MAX_CHARS = 256 * 1024
-DEFINITIONS_MAX_COUNT = 64
+LEARNT_MAX_COUNT = 64
 """How many definitions of live publishers are kept; what is forgotten is worked out again when it is told again."""
 
 Key = TypeVar("Key")
@@ -155,13 +155,15 @@ class LearntTypes:
     def _work_out(self, type_name: str, definition: str) -> MessageTypes | None:
         if len(definition) > DEFINITION_MAX_CHARS:
             return None
-        key = type_name, definition
+        key = type_name, without_comments(definition)  # another comment is no other type
         return _keep(self._worked_out, key, self._worked_out[key] if key in self._worked_out else self._parse(*key))
 
-    def _parse(self, type_name: str, definition: str) -> MessageTypes | None:
+    def _parse(self, type_name: str, text: str) -> MessageTypes | None:
         store = get_typestore(Stores.EMPTY)
+        definition = MessageDefinition(MessageDefinitionFormat.MSG, text)
         try:
-            store.register(get_types_from_msg(definition, type_name))
+            count_work(definition)
+            store.register(parse(type_name, definition))
         except Exception:  # noqa: BLE001 - a stranger's text fails in many ways
             return None
         types = MessageTypes(store, ros1=self._ros1)
@@ -172,6 +174,6 @@ def _keep(kept: OrderedDict[Key, Value], key: Key, value: Value) -> Value:
     """Put a value last of so many; what was not used for the longest goes."""
     kept[key] = value
     kept.move_to_end(key)
-    if len(kept) > DEFINITIONS_MAX_COUNT:
+    if len(kept) > LEARNT_MAX_COUNT:
         kept.popitem(last=False)
     return value

@@ -11,12 +11,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.typesys import Stores, get_typestore
 
 from clients.robot.sources.live.live_feed import Message
-from clients.robot.sources.messages.message_types import MessageTypes, own_types, types_with
+from clients.robot.sources.messages.definitions import (
+    DEFINITIONS_MAX_COUNT,
+    DEFINITIONS_MAX_WORK,
+    WORD_MAX_CHARS,
+    DefinitionTooLongError,
+    count_work,
+    parse,
+)
+from clients.robot.sources.messages.message_types import MessageTypes, types_with
 from clients.robot.sources.recordings.bounded_chunks import bound_chunks
 from clients.robot.sources.recordings.database import bound_databases
 from clients.robot.sources.recordings.salvage import BrokenOffError, Channel, Found, scan_file
@@ -28,6 +37,9 @@ bound_databases()
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_SUFFIXES = (".bag", ".bag.active")
 """The second is what a ROS 1 recorder leaves that was killed."""
+
+CHANNELS_MAX_COUNT = 4_096
+"""Of a recording that is read without an index: each publisher of a topic has one in ROS 1."""
 
 SUFFIXES = (*ROS1_SUFFIXES, *STORAGE_SUFFIXES)
 
@@ -82,7 +94,7 @@ class Recording:
             yield from self._salvaged(set(topics))
             return
         try:
-            with AnyReader([self.path], default_typestore=own_types()) as reader:
+            with _reader(self.path) as reader:
                 chosen = [connection for connection in reader.connections if connection.topic in topics]
                 if not chosen:
                     return
@@ -115,12 +127,12 @@ class Recording:
         return None
 
     def _look_by_index(self) -> None:
-        with AnyReader([self.path], default_typestore=own_types()) as reader:
+        with _reader(self.path) as reader:
             seconds = reader.duration / 1e9
             for connection in reader.connections:
                 _require_kinds((connection.topic, str), (connection.msgtype, str), (connection.msgcount, int))
                 self._note(connection.topic, connection.msgtype, connection.msgcount)
-            self._learn([(connection.msgtype, connection.msgdef) for connection in _defined(reader.connections)])
+            self._learn([(connection.msgtype, connection.msgdef) for connection in reader.connections])
         for figures in self.topics.values():
             figures.rate_hz = round(figures.count / seconds, 2) if seconds > 0 else 0.0
 
@@ -128,41 +140,49 @@ class Recording:
         """Count what can be read of a recording that has no index, or a damaged one."""
         self.topics.clear()
         self._salvage = _storage_files(self.path)
-        channels: dict[tuple[Path, int], Channel] = {}
+        channels: dict[tuple[Path, int], str] = {}
+        definitions: dict[str, MessageDefinition] = {}
         first_ns, last_ns = None, 0
         try:
             for path, item in self._scan():
                 if isinstance(item, Channel):
-                    channels[path, item.number] = item
+                    if len(definitions) < DEFINITIONS_MAX_COUNT:
+                        definitions[item.msgtype] = item.definition
+                    channels[path, item.number] = item.topic
                     self._note(item.topic, item.msgtype, 0)
-                elif (channel := channels.get((path, item.channel))) is not None:
-                    self.topics[channel.topic].count += 1
+                elif (topic := channels.get((path, item.channel))) is not None:
+                    self.topics[topic].count += 1
                     first_ns = item.at_ns if first_ns is None else first_ns
                     last_ns = item.at_ns
         except BrokenOffError as error:
             self.broken = str(error)
         if first_ns is None:
             raise self._damaged() from why
-        self._learn([(channel.msgtype, channel.definition) for channel in channels.values()])
+        self._learn(list(definitions.items()))
         seconds = max(0, last_ns - first_ns) / 1e9
         for figures in self.topics.values():
             figures.rate_hz = round(figures.count / seconds, 2) if seconds > 0 else 0.0
 
     def _scan(self) -> Iterator[tuple[Path, Channel | Found]]:
+        channels: set[tuple[Path, int, str, str]] = set()
         for path in self._salvage:
             for item in scan_file(path):
+                if isinstance(item, Channel):
+                    channels.add((path, item.number, item.topic, item.msgtype))
+                    if len(channels) > CHANNELS_MAX_COUNT:
+                        raise BrokenOffError("It has more topics than anybody records.")
                 yield path, item
 
     def _salvaged(self, topics: set[str]) -> Iterator[Message]:
-        channels: dict[tuple[Path, int], Channel] = {}
+        channels: dict[tuple[Path, int], tuple[str, str]] = {}
         try:
             for path, item in self._scan():
                 if isinstance(item, Channel):
-                    channels[path, item.number] = item
+                    channels[path, item.number] = item.topic, item.msgtype
                     continue
-                channel = channels.get((path, item.channel))
-                if channel is not None and channel.topic in topics:
-                    yield Message(channel.topic, channel.msgtype, item.at_ns, item.data)
+                topic, msgtype = channels.get((path, item.channel), ("", ""))
+                if topic in topics:
+                    yield Message(topic, msgtype, item.at_ns, item.data)
         except BrokenOffError as error:
             raise self._damaged() from error
 
@@ -174,13 +194,21 @@ class Recording:
     def _learn(self, definitions: list[tuple[str, MessageDefinition]]) -> None:
         """Add the types that the recording defines; its word goes before what is built in, for ROS 1 differs."""
         store = get_typestore(Stores.EMPTY)
-        for name, definition in dict(definitions).items():
-            if definition.format is MessageDefinitionFormat.NONE:
-                continue
+        work_left = DEFINITIONS_MAX_WORK
+        defined = [
+            (name, what) for name, what in dict(definitions).items() if what.format is not MessageDefinitionFormat.NONE
+        ]
+        for place, (name, definition) in enumerate(defined):
             try:
-                store.register(_parse(name, definition))
+                work_left -= count_work(definition)
+                if work_left < 0 or place >= DEFINITIONS_MAX_COUNT:
+                    raise DefinitionTooLongError
+                store.register(parse(name, definition))
+            except DefinitionTooLongError:
+                shown = name[:WORD_MAX_CHARS]
+                self.broken = self.broken or f"Its definition of {shown} is longer than anybody writes one."
             except Exception:  # noqa: BLE001 - a spoilt definition; its topic is then one of an unknown type
-                self.broken = self.broken or f"Its definition of {name} is damaged."
+                self.broken = self.broken or f"Its definition of {name[:WORD_MAX_CHARS]} is damaged."
         if any(figures.type not in store.fielddefs for figures in self.topics.values()):
             store.register({name: what for name, what in self._known.fielddefs.items() if name not in store.fielddefs})
         self.types = MessageTypes(store, ros1=self._ros1)
@@ -196,20 +224,8 @@ def _require_kinds(*told: tuple[Any, type]) -> None:
         raise BrokenOffError("A row holds what no recorder writes.")
 
 
-def _defined(connections: list[Connection]) -> list[Connection]:
-    return [connection for connection in connections if connection.msgdef.format is not MessageDefinitionFormat.NONE]
-
-
-def _parse(name: str, definition: MessageDefinition) -> Any:
-    if definition.format is MessageDefinitionFormat.MSG:
-        return get_types_from_msg(definition.data, name)
-    rule = "=" * 80 + "\n"
-    if not definition.data.startswith(f"{rule}IDL: "):
-        return get_types_from_idl(definition.data)
-    types: dict[str, Any] = {}
-    for part in definition.data.split(rule)[1:]:
-        types.update(get_types_from_idl(part.partition("\n")[2]))
-    return types
+def _reader(path: Path) -> Ros1Reader | Ros2Reader:
+    return Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
 
 
 def _require_regular(path: Path) -> None:

@@ -20,6 +20,7 @@ from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2.storage_mcap import decompress
 from rosbags.typesys.msg import normalize_msgtype
 
+from clients.robot.sources.messages.definitions import DEFINITION_MAX_CHARS, DEFINITIONS_MAX_COUNT
 from clients.robot.sources.recordings.database import open_database
 
 RECORD_MAX_BYTES = 1 << 30
@@ -118,6 +119,11 @@ def _in_time_order(scan: Scan) -> Scan:
         raise broken
 
 
+def _definition(kind: MessageDefinitionFormat | None, text: str) -> MessageDefinition:
+    """Return a definition, none for one of another language. Of one that is too long so much is kept that it is told."""
+    return _NO_DEFINITION if kind is None else MessageDefinition(kind, text[: DEFINITION_MAX_CHARS + 1])
+
+
 # MCAP: an opcode, a length of 8 bytes, the record
 
 
@@ -132,7 +138,9 @@ def _mcap_records(
         if opcode == b"\x03":
             (number,) = struct.unpack("<H", _read(record, 2))
             name, kind, text = _mcap_text(record), _mcap_text(record), _mcap_text(record)
-            schemas[number] = (name, MessageDefinition(_FORMATS[kind], text) if kind in _FORMATS else _NO_DEFINITION)
+            schemas[number] = (name, _definition(_FORMATS.get(kind), text))
+            if len(schemas) > DEFINITIONS_MAX_COUNT:
+                raise BrokenOffError("It defines more types than anybody records.")
         elif opcode == b"\x04":
             number, schema = struct.unpack("<HH", _read(record, 4))
             name, definition = schemas.get(schema, ("", _NO_DEFINITION))
@@ -178,7 +186,7 @@ def _ros1_records(file: BinaryIO, *, inside: bool) -> Scan:
         data = _read_last(file, length, opcode, b"\x05")
         if opcode == b"\x07":
             fields = _ros1_fields(data)
-            definition = MessageDefinition(MessageDefinitionFormat.MSG, fields["message_definition"].decode())
+            definition = _definition(MessageDefinitionFormat.MSG, fields["message_definition"].decode())
             (number,) = struct.unpack("<I", header["conn"])
             yield Channel(number, header["topic"].decode(), normalize_msgtype(fields["type"].decode()), definition)
         elif opcode == b"\x02":
@@ -236,4 +244,4 @@ def _sqlite_definitions(base: apsw.Connection) -> dict[str, MessageDefinition]:
     if "message_definitions" not in tables:
         return {}
     rows = base.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
-    return {str(name): MessageDefinition(_FORMATS[kind], str(text)) for name, kind, text in rows if kind in _FORMATS}
+    return {str(name): _definition(_FORMATS.get(kind), str(text)) for name, kind, text in rows}

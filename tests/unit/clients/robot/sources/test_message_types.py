@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import struct
 import threading
+import time
 
 import pytest
 
 from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.messages.definitions import DEFINITION_MAX_CHARS, DEFINITION_MAX_WORDS
 from clients.robot.sources.messages.message_types import (
-    DEFINITION_MAX_CHARS,
-    DEFINITIONS_MAX_COUNT,
+    LEARNT_MAX_COUNT,
     LearntTypes,
     MessageTypes,
     own_types,
@@ -87,11 +88,31 @@ def test_messages_of_publishers_that_disagree_about_a_type_are_each_read_by_thei
 def test_what_strangers_define_takes_no_more_memory_than_so_many_definitions() -> None:
     types = LearntTypes(own_types(), ros1=True)
     good = types.of(TAG, "string epc")
-    for number in range(3 * DEFINITIONS_MAX_COUNT):
+    for number in range(3 * LEARNT_MAX_COUNT):
         types.of(TAG, f"string epc{number}")
         types.learn(f"a_msgs/msg/T{number}", "%%%")
         assert types.of(TAG, "string epc") is good, "what is in use is not forgotten"
     assert types.learn(TAG, "#" * (DEFINITION_MAX_CHARS + 1)) is False
-    assert len(types._worked_out) == DEFINITIONS_MAX_COUNT
-    assert len(types._newest) == DEFINITIONS_MAX_COUNT
+    assert len(types._worked_out) == LEARNT_MAX_COUNT
+    assert len(types._newest) == LEARNT_MAX_COUNT
     assert max(len(text) for _, text in types._worked_out) < DEFINITION_MAX_CHARS
+
+
+@pytest.mark.parametrize(
+    "line", ["int8 a{0}\n", "string a{0}\n", "a b{0}\n", "b/c/D[3] a{0}\n", "int32 A{0}=0\n", "#{0}\n", "\n", "a{0} "]
+)
+def test_a_definition_of_the_largest_length_takes_no_seconds(line: str) -> None:
+    types = LearntTypes(own_types(), ros1=True)
+    text = "".join(line.format(number) for number in range(DEFINITION_MAX_CHARS // 6))[:DEFINITION_MAX_CHARS]
+    words = "int8 a\n" * (DEFINITION_MAX_WORDS // 2)
+    before = time.thread_time()
+    assert types.learn(TAG, text) in (False, line in ("#{0}\n", "\n"))
+    for number in range(5):
+        types.learn(TAG, f"{words}# {number}\n")
+    assert time.thread_time() - before < 3, "it is of a second or two less on any machine"
+
+
+def test_another_comment_is_no_other_type() -> None:
+    types = LearntTypes(own_types(), ros1=True)
+    assert types.of(TAG, "# one\n\nstring epc") is types.of(TAG, "string epc\n  # another\n")
+    assert types.of(TAG, 'string A="#"\nstring epc').knows(TAG)
