@@ -212,7 +212,7 @@ class Cluster:
             while waiting:
                 for name in list(waiting):
                     if not self.is_running(name):
-                        detail = f"Node {name} stopped: {self.last_words(name)}"
+                        detail = f"Node {name} stopped: {self.latest_messages(name)}"
                         raise BlockRobotError("CLUSTER_START_FAILED", detail, nodes=name)
                     if await self._answers_ready(session, name, is_asked_for=names is not None):
                         waiting.remove(name)
@@ -228,7 +228,7 @@ class Cluster:
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
             while not self._is_own(name, await fetch_status(session, self.configs[name])):
                 if not self.is_running(name):
-                    raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.last_words(name)}")
+                    raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.latest_messages(name)}")
                 if time.monotonic() > deadline:
                     raise BlockRobotError("CLUSTER_START_FAILED", f"{name} did not answer in time.")
                 await asyncio.sleep(_POLL_S)
@@ -246,7 +246,7 @@ class Cluster:
         chain_id = self.genesis.chain_id.hex()
         return status is not None and (status.get("name"), status.get("chain_id")) == (name, chain_id)
 
-    def last_words(self, name: str) -> str:
+    def latest_messages(self, name: str) -> str:
         """Return the last line that a node printed outside its log."""
         path = self.config(name).data_dir / "output.log"
         lines = split_lines(path.read_text(encoding="utf-8", errors="replace").strip()) if path.exists() else []

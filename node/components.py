@@ -1,4 +1,4 @@
-"""The parts of one node, put together from `Surroundings`."""
+"""The parts of one node, put together from `Environment`."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from node.api.node_services import FinalizedLedger, Pool
 from node.api.services import Clock
 from node.consensus.engine import Engine, Outbox
 from node.consensus.epoch_change import EpochStart, Head, read_head
-from node.consensus.evidence_submitter import Accuser, describe_accused, suspended_height
+from node.consensus.evidence_submitter import EvidenceSubmitter, describe_accused, suspended_height
 from node.consensus.journal import JournalEntry
 from node.consensus.journal_writer import VotingJournal
-from node.consensus.readiness_reporter import Candidacy
+from node.consensus.readiness_reporter import ReadinessReporter
 from node.consensus.stall_detector import FinalityWatch
 from node.custody.chain.chain_follower import Custody
-from node.custody.chain.custody_admin import Upkeep
+from node.custody.chain.custody_admin import CustodyAdmin
 from node.custody.chain.custody_setup import CustodyPlace
 from node.directory.node_directory import Directory
 from node.execution.block_executor import ExecutedBlock, Executor
@@ -69,7 +69,7 @@ class OpenJournal(VotingJournal, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class Environment:
     """All that a node's parts touch outside of themselves.
 
     `stopwatch` gives seconds that only grow, also while a callback runs; `randomness` that many fresh bytes.
@@ -106,9 +106,7 @@ async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
             raise BlockRobotError("DATA_DIRECTORY_INVALID", "The ledger is that of another genesis file.")
 
 
-def make_core(
-    surroundings: Surroundings, head: Head, before: Core | None = None, journal: Sequence[bytes] = ()
-) -> Core:
+def make_core(surroundings: Environment, head: Head, before: Core | None = None, journal: Sequence[bytes] = ()) -> Core:
     """Return a core that goes on from this head: after the core of the epoch `before`, or with the voting journal."""
     return Core(
         head.start.epoch.settings,
@@ -124,7 +122,7 @@ def make_core(
     )
 
 
-def restore_core(surroundings: Surroundings) -> tuple[Core, EpochStart]:
+def restore_core(surroundings: Environment) -> tuple[Core, EpochStart]:
     """Return the core as ledger and journal left it, and how its epoch began. Raises STORAGE_DAMAGED."""
     with surroundings.ledger.snapshot() as snapshot:
         head = read_head(snapshot, surroundings.genesis)
@@ -132,10 +130,10 @@ def restore_core(surroundings: Surroundings) -> tuple[Core, EpochStart]:
     return make_core(surroundings, head, journal=journal), head.start
 
 
-class Assembly:
+class NodeComponents:
     """One node's parts. Made on the event loop, started once, stopped once; it is the node's `NodeStatus` too."""
 
-    def __init__(self, surroundings: Surroundings) -> None:
+    def __init__(self, surroundings: Environment) -> None:
         """Make all parts; nothing is said to anybody yet. Raises STORAGE_*, GENESIS_INVALID."""
         self.surroundings = around = surroundings
         self.genesis = genesis = around.genesis
@@ -230,11 +228,11 @@ class Assembly:
         self._candidacy = self._make_candidacy()
         self.accuser = self._make_accuser()
 
-    def _make_candidacy(self) -> Candidacy | None:
+    def _make_candidacy(self) -> ReadinessReporter | None:
         around = self.surroundings
         if around.key is None:
             return None
-        return Candidacy(
+        return ReadinessReporter(
             key=around.key,
             chain_id=self.genesis.chain_id,
             pool=self.pool,
@@ -245,11 +243,11 @@ class Assembly:
             randomness=around.randomness,
         )
 
-    def _make_accuser(self) -> Accuser | None:
+    def _make_accuser(self) -> EvidenceSubmitter | None:
         around = self.surroundings
         if around.key is None:
             return None
-        accuser = Accuser(
+        accuser = EvidenceSubmitter(
             key=around.key,
             chain_id=self.genesis.chain_id,
             pool=self.pool,
@@ -289,11 +287,11 @@ class Assembly:
         level = 1 + sum(self.sync.is_level_with(peer) for peer in self.network.connected)
         return level >= self.engine.epoch.schedule.quorum
 
-    def _make_upkeep(self) -> Upkeep | None:
+    def _make_upkeep(self) -> CustodyAdmin | None:
         around, place, custody = self.surroundings, self.surroundings.custody, self.custody
         if place is None or custody is None:
             return None
-        return Upkeep(
+        return CustodyAdmin(
             name=around.name,
             member=place.key.public_key,
             custodian=custody.custodian,
@@ -410,9 +408,9 @@ class Assembly:
             self.sync.look_again()
             await self.pruner.run_once()
             if self._candidacy is not None:
-                await self._candidacy.speak_if_due()
+                await self._candidacy.submit_if_due()
             if self.accuser is not None:
-                await self.accuser.speak_if_due()
+                await self.accuser.submit_if_due()
             if self.feed.height != announced:
                 announced = self.feed.height
                 self.peers.announce_height(announced)
@@ -484,7 +482,7 @@ async def _cancel(task: asyncio.Task[None]) -> None:
     await asyncio.gather(task, return_exceptions=True)
 
 
-def _gauges_of(parts: Assembly) -> dict[str, tuple[str, Callable[[], float]]]:
+def _gauges_of(parts: NodeComponents) -> dict[str, tuple[str, Callable[[], float]]]:
     """Return each figure's name, with what it says and how it is read; what only grows is named `_total`."""
     return {
         "blockrobot_finalized_height": ("Height of the newest stored block.", lambda: parts.feed.height),

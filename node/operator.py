@@ -20,7 +20,7 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.services import NodeStatus
-from node.custody.chain.custody_admin import Upkeep
+from node.custody.chain.custody_admin import CustodyAdmin
 from node.custody.chain.custody_admin_routes import add_custody_routes
 from node.faults import FaultSwitch
 from pages.listening import awaiting_body, serve, share_of_descriptors
@@ -44,7 +44,7 @@ def create_operator_listener(
     status: NodeStatus,
     faults: FaultSwitch | None = None,
     token: str = "",
-    upkeep: Upkeep | None = None,
+    upkeep: CustodyAdmin | None = None,
     *,
     reading_token: str = "",
 ) -> web.Application:

@@ -20,12 +20,12 @@ from node.api import ApiServices, create_api
 from node.api.node_services import EngineRounds, WallClock
 from node.api.server import serve_api
 from node.budgets.disk_reserve import DiskReserve
-from node.components import Assembly, Surroundings, begin_ledger
+from node.components import Environment, NodeComponents, begin_ledger
 from node.config import OPERATOR_HOST, READING_TOKEN_FILE_NAME, NodeConfig, load_genesis, load_key
 from node.consensus.engine import Outbox
 from node.consensus.journal_disk import SystemDisk
 from node.consensus.journal_recovery import open_journal
-from node.consensus.round_log import NotingOutbox, SpokenRounds
+from node.consensus.round_log import LoggingOutbox, RoundLog
 from node.custody.chain.consent_receipts import ConsentReceipts
 from node.custody.chain.custody_setup import CustodyPlace
 from node.custody.erase_keys import EraseKeys
@@ -35,12 +35,12 @@ from node.directory.node_directory import Directory
 from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.ledger.pruning import answer_requests
-from node.mempool.client_pool import OutwardPool
+from node.mempool.client_pool import ClientPool
 from node.operator import create_operator_listener, serve_operator
 from node.p2p.accepting import bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
 from node.snapshot.joining import Joiner
-from node.snapshot.shelf import SnapshotShelf
+from node.snapshot.shelf import SnapshotStore
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
 
 HTTP_STOP_MS = 500
@@ -74,7 +74,7 @@ class Node:
         config: NodeConfig,
         *,
         clock: WallClock | None = None,
-        wrap_outbox: Callable[[Outbox, Assembly], Outbox] | None = None,
+        wrap_outbox: Callable[[Outbox, NodeComponents], Outbox] | None = None,
         restored: bool = False,
     ) -> None:
         """Read genesis and keys. Another clock, or an outbox around the node's own, is for tests of the network.
@@ -91,7 +91,7 @@ class Node:
         self._faults: FaultSwitch | None = None
         self._token = ""
         self._custodian_key: PrivateKey | None = None
-        self._spoken = SpokenRounds(self._clock.now_ms, self._leader_name)
+        self._spoken = RoundLog(self._clock.now_ms, self._leader_name)
         if config.faults_enabled:
             self._faults = FaultSwitch(config.name, config.data_dir, self._clock)
         if config.faults_enabled or config.custodian_key_path is not None:
@@ -136,8 +136,8 @@ class Node:
         directory = Directory(newest_beginning(config.data_dir, genesis))
         with ledger.snapshot() as snapshot:
             directory.refresh(snapshot, 0 if snapshot.position is None else snapshot.position.height)
-        self._parts = Assembly(
-            Surroundings(
+        self._parts = NodeComponents(
+            Environment(
                 genesis=genesis,
                 name=config.name,
                 ledger=ledger,
@@ -159,7 +159,7 @@ class Node:
     async def _open_snapshots(self, ledger: LmdbStore) -> None:
         """Serve snapshots to others, make them at milestones, fetch one if need be."""
         config, parts = self.config, self._parts
-        shelf = SnapshotShelf(ledger, config.snapshots_dir)
+        shelf = SnapshotStore(ledger, config.snapshots_dir)
         await shelf.open()
         self._stack.push_async_callback(shelf.stop)
         parts.peers.snapshots = shelf
@@ -215,7 +215,7 @@ class Node:
 
     def _around_outbox(self, outbox: Outbox) -> Outbox:
         """Put around the engine's outbox what notes the words, and around that what was given."""
-        noting = NotingOutbox(outbox, self._spoken)
+        noting = LoggingOutbox(outbox, self._spoken)
         return noting if self._wrap_outbox is None else self._wrap_outbox(noting, self._parts)
 
     def _seats(self) -> dict[str, Any]:
@@ -283,7 +283,7 @@ class Node:
             clock=self._clock,
             ledger=parts.finalized,
             views=self._contracts.views,
-            pool=OutwardPool(parts.pool, self.problem),
+            pool=ClientPool(parts.pool, self.problem),
             custody=parts.custody,
             receipts=None if self._custodian_key is None else ConsentReceipts(self._custodian_key, parts.sync.keepers),
             rounds=rounds,

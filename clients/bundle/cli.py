@@ -14,7 +14,7 @@ from clients.bundle.checks.consent_receipts import CheckedFile, CheckedReceipt, 
 from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_json
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from pages.moments import show_moment
@@ -77,7 +77,7 @@ def _told(path: Path, verdict: Verdict) -> dict[str, Any]:
     "--genesis", "named", help="The network's genesis file, or its genesis hash: whom you trust, not the file."
 )
 @json_option
-@plain_errors
+@handle_errors
 def verify(file: Path, named: str | None, as_json: bool) -> None:
     """Check an export bundle offline: what is proved, against which network, up to which block, and what is not.
 

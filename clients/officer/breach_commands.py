@@ -12,10 +12,10 @@ from clients.officer.breaches import Breach, Breaches, breach_json
 from clients.officer.lost_keys_commands import lost_keys
 from clients.officer.officer_mandates_commands import mandates
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from clients.wallet.cli.group_options import place_wallet, wallet_options
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import read_correction, write_correction
 from consensus.bounded_text import read_json_text
 from consensus.rights.right_codes import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
@@ -53,7 +53,7 @@ def _run(ctx: click.Context, start: str, action: Callable[[Breaches, Breach], Aw
         breach = await breaches.find(start)
         return await action(breaches, breach), await breaches.find(breach.breach_id.hex())
 
-    return run_opened(ctx, lambda opened: main(Breaches(opened)))
+    return run_with_wallet(ctx, lambda opened: main(Breaches(opened)))
 
 
 def _clock(breach: Breach) -> str:
@@ -103,14 +103,14 @@ def _show(breach: Breach, profile: str) -> None:
 @click.option("--all", "everything", is_flag=True, help="Those that are closed, too.")
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def breaches(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """List denied visits with what is left of the 72 hours, by the chain's clock.
 
     Example: blockrobot officer breaches --json
     """
-    found: list[Breach] = run_opened(ctx, lambda opened: Breaches(opened).read_all())
+    found: list[Breach] = run_with_wallet(ctx, lambda opened: Breaches(opened).read_all())
     shown = [breach for breach in found if everything or breach.is_open]
     if as_json:
         print_json({"ok": True, "breaches": [breach_json(breach) for breach in shown]})
@@ -127,7 +127,7 @@ def breaches(ctx: click.Context, everything: bool, as_json: bool) -> None:
 @click.option("--reason", type=_reasons(), required=True, help="Why you think so.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def assess(ctx: click.Context, breach: str, risk: str, reason: str, as_json: bool) -> None:
     """Say how much risk a breach is to people; say it anew if it turns out to be more. It cannot be lowered again.
 
@@ -143,7 +143,7 @@ def assess(ctx: click.Context, breach: str, risk: str, reason: str, as_json: boo
 @click.option("--reason", type=_reasons(), help=f"After 72 hours, why so late: {', '.join(DELAY_REASONS)}.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def notify(ctx: click.Context, breach: str, whom: str, reason: str | None, as_json: bool) -> None:
     """Note that the authority (Art. 33) or the subjects (Art. 34) were told. You tell them yourself.
 
@@ -160,7 +160,7 @@ def notify(ctx: click.Context, breach: str, whom: str, reason: str | None, as_js
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool, as_json: bool) -> None:
     """End a breach: have the visit erased, or end its quarantine. It cannot be opened again.
 
@@ -187,14 +187,14 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
 @click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
     """Check a correction that a person handed over: that it was she who said it, of what, and when.
 
     Example: blockrobot officer correction correction.json
     """
     correction = read_correction(file.read_bytes())
-    number, row = run_opened(ctx, lambda opened: Breaches(opened).find_correction(correction))
+    number, row = run_with_wallet(ctx, lambda opened: Breaches(opened).find_correction(correction))
     if as_json:
         place = {"number": number, "txid": row.txid.hex(), "height": row.height, "time_ms": row.time}
         print_json({"ok": True, **place, "correction": read_json_text(write_correction(correction))})

@@ -8,10 +8,10 @@ import click
 
 from clients.officer.lost_keys import LostKeys, Ordered, Preview, Proposal
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from consensus.errors import BlockRobotError
 from consensus.rights.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, VISITS_MAX_COUNT
 from pages.moments import read_moment, show_moment
@@ -175,14 +175,14 @@ def _require_room(found: Preview, visits: int | None) -> int:
 @click.option("--all", "everything", is_flag=True, help="Those that are over, too.")
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """List what was proposed, how far it is, and what comes next.
 
     Example: blockrobot officer lost-keys list --all
     """
-    found = run_opened(ctx, lambda opened: LostKeys(opened).read_all())
+    found = run_with_wallet(ctx, lambda opened: LostKeys(opened).read_all())
     shown = [proposal for proposal in found if everything or proposal.is_open]
     if as_json:
         print_json({"ok": True, "proposals": [_proposal_json(proposal) for proposal in shown]})
@@ -197,14 +197,14 @@ def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
 @_span_options
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json: bool) -> None:
     """Show how many visits and records a span would touch. Nothing is changed, and nobody is told.
 
     Example: blockrobot officer lost-keys preview --robot 02ab34cd5e --from "2026-03-01 09:30" --until "2026-03-01 09:40"
     """
-    found = run_opened(ctx, lambda opened: LostKeys(opened).preview(robot, from_ms, until_ms))
+    found = run_with_wallet(ctx, lambda opened: LostKeys(opened).preview(robot, from_ms, until_ms))
     if as_json:
         print_json({"ok": True, **_preview_json(found)})
         return
@@ -224,7 +224,7 @@ def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def propose(
     ctx: click.Context,
     robot: str,
@@ -253,7 +253,7 @@ def propose(
         proposal_id = await handling.propose(found.span, reason, most)
         return found, await handling.find(proposal_id.hex())
 
-    found, proposal = run_opened(ctx, lambda opened: main(LostKeys(opened)))
+    found, proposal = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
     line = f"Proposed. Nothing is erased yet: a second officer has {APPROVE_MS // _DAY_MS} days to agree."
     _tell_decided(found, proposal, line, as_json=as_json)
 
@@ -263,7 +263,7 @@ def propose(
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
     """Agree to a colleague's proposal, after seeing what it would touch. You have checked it yourself.
 
@@ -280,7 +280,7 @@ def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None
         await handling.approve(before)
         return found, await handling.find(before.proposal_id.hex())
 
-    found, after = run_opened(ctx, lambda opened: main(LostKeys(opened)))
+    found, after = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
     line = f"Approved. Either of you has {CARRY_OUT_MS // _DAY_MS} days to have it carried out."
     _tell_decided(found, after, line, as_json=as_json)
 
@@ -290,7 +290,7 @@ def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
     """Have an approved proposal carried out. Say it again for what comes later: robots may deliver a day late.
 
@@ -311,7 +311,7 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
         ordered = await handling.erase(before, tell)
         return ordered, await handling.find(before.proposal_id.hex())
 
-    ordered, after = run_opened(ctx, lambda opened: main(LostKeys(opened)))
+    ordered, after = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
     if as_json:
         done = {
             "erasure_ids": [erasure_id.hex() for erasure_id in ordered.erasure_ids],
@@ -342,7 +342,7 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
 @click.argument("proposal")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def stop(ctx: click.Context, proposal: str, as_json: bool) -> None:
     """End a proposal, approved or not. What was ordered already stays ordered.
 
@@ -354,7 +354,7 @@ def stop(ctx: click.Context, proposal: str, as_json: bool) -> None:
         await handling.stop(found)
         return await handling.find(found.proposal_id.hex())
 
-    after = run_opened(ctx, lambda opened: main(LostKeys(opened)))
+    after = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
     if as_json:
         print_json({"ok": True, **_proposal_json(after)})
         return

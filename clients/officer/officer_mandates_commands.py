@@ -17,10 +17,10 @@ from clients.officer.mandate_papers import (
 )
 from clients.sdk.failover import SURE_REFUSALS
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import APPROVED, PROPOSED, Mandate, Mandates
 from clients.wallet.present.mandate_json_fields import mandate_json
 from consensus.errors import BlockRobotError
@@ -94,7 +94,7 @@ def _require_papers(papers: tuple[Path, ...]) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def propose(
     ctx: click.Context,
     whom: str,
@@ -136,7 +136,7 @@ def propose(
             raise
         return place, await handling.find(mandate_id.hex())
 
-    place, proposed = run_opened(ctx, lambda opened: main(Mandates(opened)))
+    place, proposed = run_with_wallet(ctx, lambda opened: main(Mandates(opened)))
     line = f"Proposed. A second officer has {APPROVE_MS // _DAY_MS} days to agree. The papers' receipt: {place}"
     _tell(proposed, line, as_json=as_json, receipt=str(place))
 
@@ -148,7 +148,7 @@ def propose(
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def approve(
     ctx: click.Context, mandate: str, receipt: Path, papers: tuple[Path, ...], yes: bool, as_json: bool
 ) -> None:
@@ -169,7 +169,7 @@ def approve(
         await handling.approve(before)
         return await handling.find(before.mandate_id.hex())
 
-    after = run_opened(ctx, lambda opened: main(Mandates(opened)))
+    after = run_with_wallet(ctx, lambda opened: main(Mandates(opened)))
     line = f"Approved. The representative has {ACCEPT_MS // _DAY_MS} days to accept it."
     _tell(after, line, as_json=as_json)
 
@@ -178,14 +178,14 @@ def approve(
 @click.option("--all", "everything", is_flag=True, help="Those that are over, too.")
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """List mandates and proposals, how far each is, and what comes next.
 
     Example: blockrobot officer mandates list --all
     """
-    found = run_opened(ctx, lambda opened: Mandates(opened).read_all())
+    found = run_with_wallet(ctx, lambda opened: Mandates(opened).read_all())
     shown = [mandate for mandate in found if everything or mandate.is_open]
     if as_json:
         print_json({"ok": True, "mandates": [mandate_json(mandate) for mandate in shown]})
@@ -200,7 +200,7 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
 @click.argument("mandate")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def end(ctx: click.Context, mandate: str, as_json: bool) -> None:
     """End a mandate, or a proposal of one. What was consented to under it is withdrawn with the same block.
 
@@ -215,5 +215,5 @@ def end(ctx: click.Context, mandate: str, as_json: bool) -> None:
         await handling.end(found)
         return await handling.find(found.mandate_id.hex())
 
-    after = run_opened(ctx, lambda opened: main(Mandates(opened)))
+    after = run_with_wallet(ctx, lambda opened: main(Mandates(opened)))
     _tell(after, "Ended: nobody acts for that person by it any more.", as_json=as_json)

@@ -13,7 +13,7 @@ from clients.registrar.card_sheet import SUFFIXES, describe_card, qr_text
 from clients.registrar.desk import Desk
 from clients.sdk.new_files import new_file, write_new_file
 from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
-from clients.sdk.terminal.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, load_genesis, print_json
 from consensus.members.vouchers import ROLES, decode_card_code
 
 
@@ -56,7 +56,7 @@ def card() -> None:
     help="Write the card: FILE.html to print, FILE.svg with the QR code alone, FILE.txt with the code.",
 )
 @json_option
-@plain_errors
+@handle_errors
 def issue(
     desk: Path | None, genesis: Path | None, role: str, uid_file: Path | None, out: Path | None, as_json: bool
 ) -> None:
@@ -113,7 +113,7 @@ def issue(
 )
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
-@plain_errors
+@handle_errors
 def revoke(
     desk: Path | None, genesis: Path | None, member: str | None, uid_file: Path | None, yes: bool, as_json: bool
 ) -> None:
@@ -151,7 +151,7 @@ def revoke(
     help="Instead of --robot: the file that its card was issued with.",
 )
 @json_option
-@plain_errors
+@handle_errors
 def name_robot(
     desk: Path | None,
     genesis: Path | None,
@@ -187,7 +187,7 @@ def name_robot(
     help="Forget this tag alone, whoever has it.",
 )
 @json_option
-@plain_errors
+@handle_errors
 def forget(desk: Path | None, genesis: Path | None, uid_file: Path | None, as_json: bool) -> None:
     """Take tags off the desk's list: of those who left or were revoked, and of codes that expired unused.
 
@@ -228,7 +228,7 @@ def roster() -> None:
     help="Where to write it, in place of an older roster.",
 )
 @json_option
-@plain_errors
+@handle_errors
 def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json: bool) -> None:
     """Seal today's roster to one robot. It is good for a day.
 

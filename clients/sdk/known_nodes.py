@@ -108,7 +108,7 @@ async def read_known_nodes(read: StateReading, before: KnownNodes) -> KnownNodes
     return KnownNodes(height, tuple(usable)) if usable else before
 
 
-class NodeBook:
+class NodeDirectory:
     """The nodes of one client: fixed ones that it was given, or the network's, which it goes on learning."""
 
     def __init__(self, genesis: Genesis, urls: Mapping[str, str] | None, known: KnownNodes | None) -> None:

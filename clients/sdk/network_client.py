@@ -27,7 +27,7 @@ from clients.sdk.connections import (
     NodeAddress,
 )
 from clients.sdk.failover import BY_ITS_CLOCK, NOT_TAKING_PART, failure_of, may_ask_another
-from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeBook, read_known_nodes
+from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeDirectory, read_known_nodes
 from clients.sdk.node_answers import (
     EpochsAnswer,
     FinalityAnswer,
@@ -39,7 +39,7 @@ from clients.sdk.node_answers import (
     read_answer,
     read_hex,
 )
-from clients.sdk.proof_checks import ProvedState, Trust
+from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.sdk.sessions import Sessions
 from clients.sdk.trust_pin import open_pin, write_pin
 from consensus.chain.block import Header
@@ -91,8 +91,8 @@ class NetworkClient:
         self.clock = clock or SystemClock()
         self.transactions = TransactionBuilder(genesis.chain_id, self.clock)
         self.light_client, known = open_pin(genesis, pinned)
-        self._trust = Trust(genesis, self.light_client)
-        self._book = NodeBook(genesis, urls, known)
+        self._trust = ProofVerifier(genesis, self.light_client)
+        self._book = NodeDirectory(genesis, urls, known)
         self._connections = Connections()
         self._sessions = Sessions(genesis.chain_id, self._connections, self.clock)
         self._first = first
@@ -197,7 +197,7 @@ class NetworkClient:
                 self._sessions.forget(node, key, token)
         raise AssertionError("a loop of two attempts ends by answer or error")
 
-    async def ask_any(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool = False) -> T:
+    async def with_any_node(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool = False) -> T:
         """Do the work with one node after another until one does it; begin with the one that served last.
 
         Raises the first refusal that no other node could help with, or what `failure_of` says of them all. Where a
@@ -249,15 +249,15 @@ class NetworkClient:
         return self._trust.follow(read_answer(content, EpochsAnswer))
 
     async def _ask_until_fresh(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
-        """As `ask_any`, but give nodes that lag behind what this client has seen a moment to catch up."""
+        """As `with_any_node`, but give nodes that lag behind what this client has seen a moment to catch up."""
         for _ in range(PASSES_MAX_COUNT - 1):
             try:
-                return await self.ask_any(work)
+                return await self.with_any_node(work)
             except BlockRobotError as error:
                 if error.code != "PROOF_STALE":
                     raise
                 await asyncio.sleep(PASS_PAUSE_MS / 1000)
-        return await self.ask_any(work)
+        return await self.with_any_node(work)
 
     # Transactions
 
@@ -273,7 +273,7 @@ class NetworkClient:
                 raise error
             return transaction.txid
 
-        return await self.ask_any(submit_to, is_doubted=True)
+        return await self.with_any_node(submit_to, is_doubted=True)
 
     async def submit_batch(self, transactions: Sequence[Transaction]) -> list[BlockRobotError | None]:
         """Hand up to 256 transactions to one node; for each return None, or why this node rejected it.
@@ -282,7 +282,7 @@ class NetworkClient:
         """
         if not transactions:
             return []
-        return await self.ask_any(lambda node: self._submit_to(node, transactions))
+        return await self.with_any_node(lambda node: self._submit_to(node, transactions))
 
     async def _submit_to(self, node: NodeAddress, transactions: Sequence[Transaction]) -> list[BlockRobotError | None]:
         body = msgspec.msgpack.encode([transaction.wire for transaction in transactions])
@@ -322,7 +322,7 @@ class NetworkClient:
             slice_ms = min(left_ms, WAIT_SLICE_MS)
             started_ms = self.clock.now_ms()
             try:
-                receipt = await self.ask_any(partial(self._look_up, txid=txid, wait_ms=slice_ms, lane=lane))
+                receipt = await self.with_any_node(partial(self._look_up, txid=txid, wait_ms=slice_ms, lane=lane))
             except BlockRobotError as error:
                 if error.code in _NO_WAIT_HELPS or not may_ask_another(error):
                     raise
@@ -381,7 +381,9 @@ class NetworkClient:
     async def _final_after_rejection(self, transaction: Transaction, error: BlockRobotError) -> FinalReceipt:
         """A transaction that was final before (and has expired since) is no failure: look before raising."""
         try:
-            receipt = await self.ask_any(lambda node: self._look_up(node, transaction.txid, 0, transaction.body.sender))
+            receipt = await self.with_any_node(
+                lambda node: self._look_up(node, transaction.txid, 0, transaction.body.sender)
+            )
         except BlockRobotError:
             raise error from None
         if receipt is None:
@@ -475,7 +477,7 @@ class NetworkClient:
         """Return what one node says a view returns: convenient, but not proved. Raises CALL_REFUSED and the like."""
         document = {"contract": contract, "view": view, "args": encode_value(arguments).hex()}
         body = msgspec.json.encode(document)
-        content = await self.ask_any(lambda node: self.ask_node(node, "POST", "/v1/queries", key=key, body=body))
+        content = await self.with_any_node(lambda node: self.ask_node(node, "POST", "/v1/queries", key=key, body=body))
         return decode_value(read_hex(read_answer(content, QueryAnswer).result))
 
     async def announcements(

@@ -46,7 +46,7 @@ class ProvedState:
     answer: ProofsAnswer | None = field(default=None, repr=False, compare=False)
 
 
-class Trust:
+class ProofVerifier:
     """Checks answers with a light client, and follows evidence down from final headers."""
 
     def __init__(self, genesis: Genesis, light_client: LightClient) -> None:

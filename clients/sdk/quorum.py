@@ -15,10 +15,10 @@ from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 
-_TURNED_AWAY = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
+_TURNED_AWAY = frozenset({"SESSION_REFUSED", "SENDER_NOT_ADMITTED"})
 
 
-class AskingClient(Protocol):
+class HeaderClient(Protocol):
     """What is needed of `clients.sdk.network_client.NetworkClient`."""
 
     genesis: Genesis
@@ -35,7 +35,7 @@ class AskingClient(Protocol):
         """Return proved values of up to 128 flat keys."""
 
 
-async def hear_quorum(client: AskingClient, key: PrivateKey) -> bool:
+async def confirm_with_quorum(client: HeaderClient, key: PrivateKey) -> bool:
     """Tell whether a quorum of the producers has answered with a header that is not older than the pinned one.
 
     What was final for some seconds is known to one of them, unless they have been cut apart in those very seconds; from
@@ -70,17 +70,17 @@ async def hear_quorum(client: AskingClient, key: PrivateKey) -> bool:
     return len(heard) >= needed and client.light_client.epoch.number == epoch.number
 
 
-async def require_quorum(client: AskingClient, key: PrivateKey) -> None:
-    """Take no state from now on that is older than what a quorum of the producers knows (see `hear_quorum`).
+async def require_quorum(client: HeaderClient, key: PrivateKey) -> None:
+    """Take no state from now on that is older than what a quorum of the producers knows (see `confirm_with_quorum`).
 
     Whoever acts on what stands there of somebody else asks this first: one node can prove an old state, and be quiet of the
     newer one. Raises QUORUM_UNHEARD if too few answer; then nothing could become final either.
     """
-    if not await hear_quorum(client, key):
+    if not await confirm_with_quorum(client, key):
         raise BlockRobotError("QUORUM_UNHEARD")
 
 
-async def is_turned_away(client: AskingClient, key: PrivateKey) -> bool:
+async def is_rejected_by_network(client: HeaderClient, key: PrivateKey) -> bool:
     """Tell whether no node serves this key, and more refuse it as no member than may be faulty."""
 
     async def ask(node: NodeAddress) -> str:
@@ -96,7 +96,7 @@ async def is_turned_away(client: AskingClient, key: PrivateKey) -> bool:
     return not is_served and refusals > Schedule.of(client.light_client.epoch).faults_tolerated
 
 
-async def _seats(client: AskingClient, key: PrivateKey) -> dict[str, bytes]:
+async def _seats(client: HeaderClient, key: PrivateKey) -> dict[str, bytes]:
     """Return the producers' keys by the names of their nodes, as the state proves them, else as genesis has them."""
     height, rows = await read_active_nodes(lambda keys: client.state_values(keys, key))
     nodes = rows if height else client.genesis.nodes

@@ -24,7 +24,7 @@ SILENCE_RESTORED = "restored"
 SILENCE_OUTDATED = "outdated"
 
 
-class SilenceMark(Wire, frozen=True):
+class SigningLockout(Wire, frozen=True):
     """Why a producer must stay silent: until a block above `above_round` of `epoch` is final (None: not known yet)."""
 
     reason: str
@@ -44,7 +44,7 @@ class JournalRecord(Wire, frozen=True):
     proposed_id: bytes | None
     vote: Vote | None
     timeout: Timeout | None
-    silence: SilenceMark | None
+    silence: SigningLockout | None
 
 
 @dataclass(slots=True)
@@ -57,7 +57,7 @@ class JournalState:
     vote: Vote | None = None
     timeout: Timeout | None = None
     proposed_id: bytes | None = None
-    silence: SilenceMark | None = None
+    silence: SigningLockout | None = None
     blocks: dict[bytes, Block] = field(default_factory=dict)
     later: list[bytes] = field(default_factory=list)
     """The records of later epochs, as they stand: the store is behind what this producer has said (R37)."""
@@ -81,7 +81,7 @@ def encode_block_record(epoch: int, block: Block) -> bytes:
     return encode(record)
 
 
-def encode_silence_record(epoch: int, last_voted_round: int, mark: SilenceMark | None) -> bytes:
+def encode_silence_record(epoch: int, last_voted_round: int, mark: SigningLockout | None) -> bytes:
     """Return a record that begins a silence, changes it, or ends it (None)."""
     record = JournalRecord(
         kind=KIND_SILENCE,
@@ -100,7 +100,7 @@ def encode_silence_record(epoch: int, last_voted_round: int, mark: SilenceMark |
 
 def encode_restored_record() -> bytes:
     """Return the record that an operator's `--restored` puts behind the journal, or into a new one in its place."""
-    return encode_silence_record(0, 0, SilenceMark(reason=SILENCE_RESTORED, epoch=0, above_round=None))
+    return encode_silence_record(0, 0, SigningLockout(reason=SILENCE_RESTORED, epoch=0, above_round=None))
 
 
 def read_journal(records: Iterable[bytes], epoch: int) -> JournalState:

@@ -13,7 +13,7 @@ from consensus.primitives.hashing import HASH_SIZE_BYTES
 ROUND_MAX = 1 << 53
 
 
-class Genuineness:
+class MessageChecks:
     """The checks of one epoch of one chain."""
 
     def __init__(self, chain_id: bytes, schedule: Schedule, round_zero_id: bytes, check: SignatureCheck) -> None:

@@ -17,15 +17,15 @@ from consensus.protocol.block_tree import BlockNode, Execution, make_node
 from consensus.protocol.commit_rule import Commit, choose_commit, have_contradiction
 from consensus.protocol.effects import Effect, Message
 from consensus.protocol.events import Event
-from consensus.protocol.message_handling import Hearing
+from consensus.protocol.message_handling import MessageHandler
 
 _LATE_VOTE_ROUNDS = 2
 
 
-class Core(Hearing):
+class Core(MessageHandler):
     """One node's part in consensus. Without a key, or with one outside the schedule, it only follows.
 
-    It is made as `Standing` is, and driven by `handle`. On start it asks what others last heard of it (R33).
+    It is made as `CoreState` is, and driven by `handle`. On start it asks what others last heard of it (R33).
     """
 
     # Events
@@ -82,7 +82,7 @@ class Core(Hearing):
             return
         if self._end_silence():
             self._speak_again()
-        while self._voter.may_have_spoken(self.round):
+        while self._voter.may_have_signed(self.round):
             self._time_out()
         self._lead()
         branch = self._certified_branch()
@@ -101,7 +101,7 @@ class Core(Hearing):
         self._effects += self._pacemaker.heartbeat()
         self._effects += self._voter.returning.begin(self._now_ms)
         if self._voter.has_left and self.silence is not None:
-            self._effects.append(effects.SilenceChanged(*self.silence))
+            self._effects.append(effects.LockoutChanged(*self.silence))
         self._doubt_own_memory()
         self._effects += [effects.Broadcast(message) for message in self._last_words()]
         last_vote, last_timeout = self._voter.last_vote, self._voter.last_timeout
@@ -116,7 +116,7 @@ class Core(Hearing):
         proposed_id = self._voter.proposed_id
         proposed = None if proposed_id is None else self.block(proposed_id)
         notice = CertificateNotice(qc=self.high_qc, entered_by=self.entered_by)
-        return [notice, *self._voter.last_words(self.round, self.high_qc.round, proposed)]
+        return [notice, *self._voter.latest_messages(self.round, self.high_qc.round, proposed)]
 
     def _greet(self, index: int) -> None:
         if index != self.index:
@@ -429,7 +429,7 @@ class Core(Hearing):
         if (
             self.index is None
             or self.index != self.leader
-            or not self._voter.may_speak(self.round)
+            or not self._voter.may_sign(self.round)
             or self._leading.is_building(self.round)
             or parent is None
             or parent.execution is not Execution.VALID
@@ -467,7 +467,7 @@ class Core(Hearing):
             return
         node = make_node(event.block, self._now_ms)
         header = node.header
-        if not self._voter.may_speak(self.round) or header.round != self.round or not is_safe_to_extend(header):
+        if not self._voter.may_sign(self.round) or header.round != self.round or not is_safe_to_extend(header):
             return
         if header.parent_id not in self._tree.nodes or not self._tree.may_add(node.block_id, header):
             return

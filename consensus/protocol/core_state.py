@@ -10,21 +10,21 @@ from collections.abc import Sequence
 from consensus.chain.block import Block, Header, QuorumCertificate
 from consensus.chain.epoch_settings import ChainSettings
 from consensus.chain.journal_records import JournalState, read_journal
-from consensus.chain.message_checks import Genuineness
+from consensus.chain.message_checks import MessageChecks
 from consensus.chain.schedule import Schedule
 from consensus.chain.signature_cache import SignatureCache, SignatureCheck
 from consensus.primitives.keys import PrivateKey
 from consensus.protocol.block_fetching import Fetcher
 from consensus.protocol.block_tree import BlockNode, BlockTree, make_node
 from consensus.protocol.effects import Effect
-from consensus.protocol.message_log import Witness
+from consensus.protocol.message_log import MessageLog
 from consensus.protocol.pacemaker import Pacemaker
-from consensus.protocol.proposer import Leading
+from consensus.protocol.proposer import Proposer
 from consensus.protocol.vote_collectors import TimeoutCollector, VoteCollector
 from consensus.protocol.voter import Voter
 
 
-class Standing:
+class CoreState:
     """The state of one core, restored from the store's head and the journal."""
 
     def __init__(
@@ -39,7 +39,7 @@ class Standing:
         round_zero_id: bytes,
         journal: Sequence[bytes] = (),
         check: SignatureCheck | None = None,
-        before: Standing | None = None,
+        before: CoreState | None = None,
     ) -> None:
         """Begin above `finalized`, the head of the synced store, certified by `finalized_qc`, in the schedule's epoch.
 
@@ -52,12 +52,12 @@ class Standing:
             raise AssertionError("the certificate of the finalized head is of another epoch")
         self._schedule = schedule
         check = check or SignatureCache()
-        self._genuine = Genuineness(chain_id, schedule, round_zero_id, check)
+        self._genuine = MessageChecks(chain_id, schedule, round_zero_id, check)
         self._tree = BlockTree(finalized, finalized_qc)
         self._votes = VoteCollector(schedule.quorum)
         self._timeouts = TimeoutCollector(schedule.quorum)
         self._pacemaker = Pacemaker(settings, schedule)
-        self._leading = Leading(settings, self._pacemaker)
+        self._leading = Proposer(settings, self._pacemaker)
         kept = [] if before is None else before._later_records
         restored = read_journal([*kept, *journal], schedule.epoch)
         self._later_records: list[bytes] = restored.later
@@ -67,7 +67,7 @@ class Standing:
             self._voter.returning = returning.next(
                 schedule, self._voter.index, settings.base_timeout_ms, boundary_round=before._tree.root.header.round
             )
-        self._witness = Witness(chain_id, schedule, self._voter.index, check)
+        self._witness = MessageLog(chain_id, schedule, self._voter.index, check)
         self._fetcher = Fetcher(self._voter.index, settings.base_timeout_ms)
         self._retry_ms = max(1, settings.base_timeout_ms // 4)
         self._effects: list[Effect] = []

@@ -136,7 +136,7 @@ class EvidenceFound:
 
 
 @dataclass(frozen=True, slots=True)
-class SilenceChanged:
+class LockoutChanged:
     """This producer signs nothing, for this reason and until then; or, both empty, it may sign again (for the log)."""
 
     reason: str
@@ -163,6 +163,6 @@ Effect = (
     | BlockCertified
     | ProposalLost
     | EvidenceFound
-    | SilenceChanged
+    | LockoutChanged
     | Halt
 )

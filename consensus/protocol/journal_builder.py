@@ -15,7 +15,7 @@ from consensus.primitives.encoding import encode
 from consensus.protocol.block_tree import BlockNode
 
 
-class Journalist:
+class JournalBuilder:
     """Keeps the set of journalled blocks, and the finalized ones that the store has not yet synced."""
 
     def __init__(self, epoch: int, restored: JournalState) -> None:

@@ -7,22 +7,22 @@ from __future__ import annotations
 
 from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.chain.evidence import Evidence
-from consensus.chain.journal_records import SILENCE_OUTDATED, SilenceMark, encode_silence_record
+from consensus.chain.journal_records import SILENCE_OUTDATED, SigningLockout, encode_silence_record
 from consensus.chain.messages import SILENT, Proposal, Timeout, Vote, Word, WordsAnswer, WordsRequest
-from consensus.protocol.core_state import Standing
+from consensus.protocol.core_state import CoreState
 from consensus.protocol.effects import Effect, EvidenceFound, Persist, SendTo
-from consensus.protocol.signing_guard import SilenceReport
+from consensus.protocol.signing_guard import LockoutStatus
 
 
-class Hearing(Standing):
+class MessageHandler(CoreState):
     """The part of the core that listens (R30 to R36)."""
 
     @property
-    def silence(self) -> SilenceReport | None:
+    def silence(self) -> LockoutStatus | None:
         """Why this producer signs nothing, and until when; None if it may sign."""
         if self._voter.has_left:
             until = f"its ledger reaches epoch {self._voter.newest_epoch}, of which its journal speaks"
-            return SilenceReport(SILENCE_OUTDATED, until)
+            return LockoutStatus(SILENCE_OUTDATED, until)
         return self._voter.returning.report
 
     # Words of all
@@ -83,7 +83,7 @@ class Hearing(Standing):
         mark = returning.mark
         self._follow(mark, returning.doubt(forgotten_round))
 
-    def _follow(self, mark_before: SilenceMark | None, consequences: list[Effect]) -> None:
+    def _follow(self, mark_before: SigningLockout | None, consequences: list[Effect]) -> None:
         """Journal a changed mark, then do what follows."""
         mark = self._voter.returning.mark
         if mark != mark_before:

@@ -32,7 +32,7 @@ class _Heard:
     """How many forgeries each sender (an index, None for all that are no producers) sent under this name."""
 
 
-class Witness:
+class MessageLog:
     """The memory of one epoch. `own_index` is never accused: what it said is the journal's matter."""
 
     def __init__(self, chain_id: bytes, schedule: Schedule, own_index: int | None, check: SignatureCheck) -> None:

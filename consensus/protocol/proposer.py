@@ -10,7 +10,7 @@ from consensus.protocol.effects import BuildBlock
 from consensus.protocol.pacemaker import Pacemaker
 
 
-class Leading:
+class Proposer:
     """The leader's turn: at most one block is being built in a round."""
 
     def __init__(self, settings: ChainSettings, pacemaker: Pacemaker) -> None:

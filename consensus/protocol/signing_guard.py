@@ -11,22 +11,22 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from consensus.chain.block import Header
-from consensus.chain.journal_records import SILENCE_OUTDATED, SilenceMark
+from consensus.chain.journal_records import SILENCE_OUTDATED, SigningLockout
 from consensus.chain.messages import ASKING, SILENT, SPEAKING, WordsAnswer, WordsRequest
 from consensus.chain.schedule import Schedule
-from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, Effect, SendTo, SetTimer, SilenceChanged
+from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, Effect, LockoutChanged, SendTo, SetTimer
 
 _FIRST_ROUND = 1
 
 
-class SilenceReport(NamedTuple):
+class LockoutStatus(NamedTuple):
     """Why a producer signs nothing (a word), and the rest of the sentence "it signs nothing until ..."."""
 
     reason: str
     until: str
 
 
-class Returning:
+class SigningGuard:
     """One producer's way back, in one epoch. A follower has nothing to say; a lone producer has nobody to ask."""
 
     def __init__(
@@ -34,14 +34,14 @@ class Returning:
         schedule: Schedule,
         index: int | None,
         base_timeout_ms: int,
-        mark: SilenceMark | None,
+        mark: SigningLockout | None,
         *,
         asks: bool = True,
-        speaks_above_round: int = 0,
+        signs_above_round: int = 0,
     ) -> None:
         """Begin with the journal's mark. `asks` is False only if this process spoke in the epoch before (R36).
 
-        `speaks_above_round` is then what it may still have forgotten of this epoch (R40).
+        `signs_above_round` is then what it may still have forgotten of this epoch (R40).
         """
         self._epoch, self._retry_ms = schedule.epoch, base_timeout_ms
         self._producers = frozenset(schedule.producers)
@@ -56,7 +56,7 @@ class Returning:
         self._silent: set[int] = set()
         self._signed_rounds: dict[int, int] = {}
         self._highest_told_round = 0
-        self.speaks_above_round = speaks_above_round
+        self.signs_above_round = signs_above_round
         self.mark = _carried(mark, schedule.epoch, same_producers=False)
 
     @property
@@ -77,14 +77,14 @@ class Returning:
         return self._is_asking or (self._has_others and self.mark is not None and self.mark.above_round is None)
 
     @property
-    def report(self) -> SilenceReport | None:
+    def report(self) -> LockoutStatus | None:
         """Why this producer signs nothing, and until when; None if it may."""
         if not self.bars:
             return None
         mark = self.mark
         if mark is None:
             needed = f"{self._needed_to_speak} other producers have said what they last heard of this one"
-            return SilenceReport(ASKING, f"{needed} ({len(self._willing)} so far)")
+            return LockoutStatus(ASKING, f"{needed} ({len(self._willing)} so far)")
         if mark.above_round is not None:
             until = f"a block above round {mark.above_round} of epoch {mark.epoch} is final without it"
         else:
@@ -95,7 +95,7 @@ class Returning:
                 f" (which cannot be while {1 + len(self._silent)} producers are silent and the chain tolerates"
                 f" {self._tolerated}: all organisations must sign a restart)"
             )
-        return SilenceReport(mark.reason, until)
+        return LockoutStatus(mark.reason, until)
 
     # Asking
 
@@ -138,11 +138,11 @@ class Returning:
             self._signed_rounds[sender] = answer.signed_round
         if self._is_asking and len(self._willing) >= self._needed_to_speak:
             self._is_asking = False
-            self.speaks_above_round = self._first_safe_round() - 1
+            self.signs_above_round = self._first_safe_round() - 1
         mark = self.mark
         if mark is not None and mark.above_round is None and len(self._signed_rounds) >= self._needed_for_round:
             above_round = 1 + max(last_voted_round, *self._signed_rounds.values())
-            self.mark = SilenceMark(reason=mark.reason, epoch=self._epoch, above_round=above_round)
+            self.mark = SigningLockout(reason=mark.reason, epoch=self._epoch, above_round=above_round)
         if before == (self._is_asking, self.mark):
             return []
         effects: list[Effect] = [self._changed()]
@@ -167,7 +167,7 @@ class Returning:
             return []
         if mark is not None and (mark.above_round is None or forgotten_round <= mark.above_round):
             return []
-        self.mark = SilenceMark(reason=SILENCE_OUTDATED, epoch=self._epoch, above_round=None)
+        self.mark = SigningLockout(reason=SILENCE_OUTDATED, epoch=self._epoch, above_round=None)
         self._signed_rounds.clear()
         return [self._changed(), *self.ask_again()]
 
@@ -186,11 +186,11 @@ class Returning:
 
     def _changed(self) -> Effect:
         report = self.report
-        return SilenceChanged(reason="", until="") if report is None else SilenceChanged(report.reason, report.until)
+        return LockoutChanged(reason="", until="") if report is None else LockoutChanged(report.reason, report.until)
 
     # The next epoch
 
-    def next(self, schedule: Schedule, index: int | None, base_timeout_ms: int, *, boundary_round: int) -> Returning:
+    def next(self, schedule: Schedule, index: int | None, base_timeout_ms: int, *, boundary_round: int) -> SigningGuard:
         """R36: return what goes on in the next epoch. Who spoke in this one, in this process, need not ask again.
 
         If the boundary lies so low that it may have spoken above it before, and forgotten it (R40), that was in the
@@ -199,14 +199,14 @@ class Returning:
         """
         is_following = schedule.epoch == self._epoch + 1
         same_producers = is_following and self._producers == frozenset(schedule.producers)
-        may_have_left = boundary_round <= self.speaks_above_round
+        may_have_left = boundary_round <= self.signs_above_round
         spoke = self._has_others and not self._is_asking and (same_producers or not may_have_left)
         mark = _carried(self.mark, schedule.epoch, same_producers=same_producers)
-        speaks_above_round = _FIRST_ROUND if spoke and may_have_left else 0
-        return Returning(schedule, index, base_timeout_ms, mark, asks=not spoke, speaks_above_round=speaks_above_round)
+        signs_above_round = _FIRST_ROUND if spoke and may_have_left else 0
+        return SigningGuard(schedule, index, base_timeout_ms, mark, asks=not spoke, signs_above_round=signs_above_round)
 
 
-def _carried(mark: SilenceMark | None, epoch: int, *, same_producers: bool) -> SilenceMark | None:
+def _carried(mark: SigningLockout | None, epoch: int, *, same_producers: bool) -> SigningLockout | None:
     """R36: a silence that began in an earlier epoch goes on in this one.
 
     With the last rounds known it lasts until a block above the first round of this epoch is final, if those who told them
@@ -215,4 +215,4 @@ def _carried(mark: SilenceMark | None, epoch: int, *, same_producers: bool) -> S
     if mark is None or mark.epoch >= epoch:
         return mark
     is_bounded = same_producers and mark.above_round is not None
-    return SilenceMark(reason=mark.reason, epoch=epoch, above_round=_FIRST_ROUND if is_bounded else None)
+    return SigningLockout(reason=mark.reason, epoch=epoch, above_round=_FIRST_ROUND if is_bounded else None)

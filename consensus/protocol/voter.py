@@ -16,8 +16,8 @@ from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
 from consensus.primitives.keys import PrivateKey
 from consensus.protocol.block_tree import BlockNode
 from consensus.protocol.effects import Broadcast, Effect, Persist
-from consensus.protocol.journal_builder import Journalist
-from consensus.protocol.signing_guard import Returning
+from consensus.protocol.journal_builder import JournalBuilder
+from consensus.protocol.signing_guard import SigningGuard
 
 
 class Voter:
@@ -34,24 +34,24 @@ class Voter:
         self._settings, self._chain_id, self._epoch = settings, chain_id, schedule.epoch
         self._key = key
         self.index = None if key is None else schedule.index_of(key.public_key)
-        self.journalist = Journalist(schedule.epoch, restored)
+        self.journalist = JournalBuilder(schedule.epoch, restored)
         self.last_voted_round = restored.last_voted_round
         self.last_vote = restored.vote
         self.last_timeout = restored.timeout
         self.proposed_id = restored.proposed_id
         self.newest_epoch = restored.newest_epoch
-        self.returning = Returning(schedule, self.index, settings.base_timeout_ms, restored.silence)
+        self.returning = SigningGuard(schedule, self.index, settings.base_timeout_ms, restored.silence)
         self.has_ended = False
 
-    def may_speak(self, round_number: int) -> bool:
+    def may_sign(self, round_number: int) -> bool:
         """R4, R40: tell whether nothing can have been said yet in this round or later, and the producer may sign at all."""
-        spoken_round = max(self.last_voted_round, self.returning.speaks_above_round)
+        spoken_round = max(self.last_voted_round, self.returning.signs_above_round)
         return self.index is not None and not self._is_barred and round_number > spoken_round
 
-    def may_have_spoken(self, round_number: int) -> bool:
+    def may_have_signed(self, round_number: int) -> bool:
         """R40: tell whether this producer knows of no word of its own in this round, and may have forgotten one."""
         is_open = self.index is not None and not self._is_barred
-        return is_open and self.last_voted_round < round_number <= self.returning.speaks_above_round
+        return is_open and self.last_voted_round < round_number <= self.returning.signs_above_round
 
     @property
     def _is_barred(self) -> bool:
@@ -87,7 +87,7 @@ class Voter:
         header = node.header
         return (
             header.round == round_number
-            and self.may_speak(round_number)
+            and self.may_sign(round_number)
             and is_safe_to_extend(header)
             and header.timestamp_ms <= now_ms + self._settings.max_clock_drift_ms
             and not (node.block.transactions and len(branch) > UNFINALIZED_BLOCKS_MAX_COUNT)
@@ -103,10 +103,10 @@ class Voter:
     ) -> tuple[Vote, list[Effect]]:
         """R12: journal the last block of the branch and the vote for it, then speak; propose it first if it is own.
 
-        The caller has asked `may_vote` (or `may_speak`, for an own block).
+        The caller has asked `may_vote` (or `may_sign`, for an own block).
         """
         node = branch[-1]
-        if self._key is None or self.index is None or not self.may_speak(node.header.round):
+        if self._key is None or self.index is None or not self.may_sign(node.header.round):
             raise AssertionError("this producer may not speak in this round")
         vote = sign_vote(self._key, self._chain_id, self._epoch, node.header.round, node.block_id, self.index)
         self.last_voted_round = node.header.round
@@ -150,7 +150,7 @@ class Voter:
         )
         return timeout, [Persist(records=(record,)), Broadcast(timeout)]
 
-    def last_words(
+    def latest_messages(
         self, round_number: int, high_qc_round: int, proposed: Block | None
     ) -> list[Proposal | Vote | Timeout]:
         """R13: return what was said last and still matters, byte for byte. `proposed` is the block of `proposed_id`."""

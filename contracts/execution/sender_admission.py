@@ -31,7 +31,7 @@ from contracts.state.view import StateReader
 OWNER_ENTRIES_OF_RECORDS = frozenset({"transfer"})
 GRANTEE_ENTRIES = frozenset({"request_granted", "noticed"})
 PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
-WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
+NOT_ADMITTED = "SENDER_NOT_ADMITTED"
 _REGISTER_ARGUMENTS_COUNT = 10
 _RECOVERED_KEPT_COUNT = 256
 
@@ -161,12 +161,12 @@ def _find_registration_fault(state: StateReader, transaction: Transaction, chain
     """
     arguments = transaction.arguments()
     if len(arguments) != _REGISTER_ARGUMENTS_COUNT:
-        return WITHOUT_STANDING
+        return NOT_ADMITTED
     handle, card_key, role, not_after_ms, voucher_signature, spend, view, sealing, card_signature, _ = arguments
     texts = (handle, card_key, voucher_signature, spend, view, sealing, card_signature)
     well_formed = all(isinstance(item, bytes) for item in texts) and isinstance(role, str) and len(handle) == 32
     if not well_formed or type(not_after_ms) is not int or not 0 <= not_after_ms < 1 << 53:
-        return WITHOUT_STANDING
+        return NOT_ADMITTED
     chain_id, sender = transaction.body.chain_id, transaction.body.sender
     if HANDLE.has(state, handle):
         return "HANDLE_TAKEN"
@@ -204,7 +204,7 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
         return ""
     if is_registration(transaction):
         return _find_registration_fault(state, transaction, chain_time_ms)
-    return WITHOUT_STANDING
+    return NOT_ADMITTED
 
 
 def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
@@ -215,7 +215,7 @@ def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: in
 def require_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> None:
     """Refuse a sender who may not have this transaction wait (see `find_fault`).
 
-    Raises SENDER_WITHOUT_STANDING, or for a registration VOUCHER_FOREIGN, VOUCHER_EXPIRED or HANDLE_TAKEN.
+    Raises SENDER_NOT_ADMITTED, or for a registration VOUCHER_FOREIGN, VOUCHER_EXPIRED or HANDLE_TAKEN.
     """
     fault = find_fault(state, transaction, chain_time_ms)
     if fault:

@@ -27,7 +27,7 @@ from contracts.kit.worker import (
 )
 from contracts.vm.model.faults import ContractSourceError
 from contracts.worker.walled_process import WalledProcess
-from contracts.worker.wire import WallPart
+from contracts.worker.wire import SandboxFeature
 
 _T = TypeVar("_T")
 WORKER_MODULE = "contracts.kit.worker"
@@ -95,7 +95,7 @@ class WalledEngine:
         weakref.finalize(self, self._worker.forget, self._chain)
 
     @property
-    def parts(self) -> Sequence[WallPart]:
+    def parts(self) -> Sequence[SandboxFeature]:
         """The parts of the wall."""
         return self._worker.parts
 

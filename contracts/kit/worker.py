@@ -17,7 +17,7 @@ from contracts.kit.tracing import Trace
 from contracts.vm import InternalFault
 from contracts.vm.model.faults import ContractSourceError, Diagnostic
 from contracts.worker.wall import close_wall
-from contracts.worker.wire import Pipe, WallPart
+from contracts.worker.wire import Pipe, SandboxFeature
 
 MEMORY_MAX_BYTES = 1024**3
 
@@ -79,7 +79,7 @@ class Forget(msgspec.Struct, frozen=True, tag=True):
 class Answer(msgspec.Struct, frozen=True):
     """The answer to a request, each of which fills in what it asks for."""
 
-    parts: tuple[WallPart, ...] = ()
+    parts: tuple[SandboxFeature, ...] = ()
     migrates_by: str = ""
     ran: Ran | None = None
     trace: Trace | None = None

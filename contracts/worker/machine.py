@@ -31,9 +31,9 @@ from contracts.worker.wire import (
     ExecutedRun,
     ExecuteRun,
     Refused,
+    SandboxFeature,
     View,
     Viewed,
-    WallPart,
 )
 
 ATTEMPTS_MAX_COUNT = 2
@@ -65,7 +65,7 @@ class Ledger(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Staff:
+class WorkerSpec:
     """How workers are started: the command, what they are told first, and who hears why one was replaced."""
 
     command: Sequence[str]
@@ -74,16 +74,16 @@ class Staff:
     stalled_max_ms: int = STALLED_MAX_MS
 
 
-class _Post:
+class _WorkerSlot:
     """A place that always has a worker when one is needed."""
 
-    def __init__(self, staff: Staff) -> None:
+    def __init__(self, staff: WorkerSpec) -> None:
         self._staff = staff
         self._handle: WorkerHandle | None = None
         self._spare: WorkerHandle | None = None
         self._effort = 0
         self._closed = False
-        self.parts: tuple[WallPart, ...] = ()
+        self.parts: tuple[SandboxFeature, ...] = ()
         self.replaced_count = 0
         self.last_loss = ""
 
@@ -160,9 +160,9 @@ class _Post:
 class WorkerMachine:
     """Builds and verifies blocks in a worker; any thread may ask, one at a time is served."""
 
-    def __init__(self, staff: Staff, ledger: Ledger) -> None:
+    def __init__(self, staff: WorkerSpec, ledger: Ledger) -> None:
         """Start the worker, but do not wait for it."""
-        self._post = _Post(staff)
+        self._post = _WorkerSlot(staff)
         self._ledger = ledger
         self._lock = threading.Lock()
         self._hold: Hold | None = ledger.hold()
@@ -174,7 +174,7 @@ class WorkerMachine:
         except WorkerLostError as error:
             self._post.dismiss(error.reason)
 
-    def greet(self) -> tuple[WallPart, ...]:
+    def greet(self) -> tuple[SandboxFeature, ...]:
         """Wait for the worker's wall; return its parts. Raises CONTRACT_WORKER_FAILED if no worker can be had."""
         with self._lock:
             for _ in range(STARTS_MAX_COUNT):
@@ -356,8 +356,8 @@ class WorkerMachine:
 class WorkerViews:
     """Answers views in a worker, which is started with the first one. One thread at a time is served."""
 
-    def __init__(self, staff: Staff) -> None:
-        self._post = _Post(staff)
+    def __init__(self, staff: WorkerSpec) -> None:
+        self._post = _WorkerSlot(staff)
         self._lock = threading.Lock()
 
     def run_view(
@@ -403,7 +403,7 @@ class WorkerViews:
             self._post.close()
 
 
-def missing_parts(parts: Sequence[WallPart]) -> dict[str, str]:
+def missing_parts(parts: Sequence[SandboxFeature]) -> dict[str, str]:
     """Return the required parts that a wall lacks, and why."""
     return {part.name: part.detail for part in parts if not part.had and part.name in REQUIRED_PARTS}
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from contracts.worker.system_calls import allow_only_listed
-from contracts.worker.wire import WallPart
+from contracts.worker.wire import SandboxFeature
 
 PARTS = (
     "environment",
@@ -42,7 +42,7 @@ _PROC = Path("/proc/self")
 _PAGE_BYTES = resource.getpagesize()
 
 
-def close_wall(kept_files: tuple[Path, ...], memory_max_bytes: int) -> tuple[WallPart, ...]:
+def close_wall(kept_files: tuple[Path, ...], memory_max_bytes: int) -> tuple[SandboxFeature, ...]:
     """Close the wall; return its parts. What is open on `kept_files` stays, beside the three standard descriptors.
 
     `memory_max_bytes` is what the process may take beyond what it has now; 0 sets no limit.
@@ -62,12 +62,12 @@ def close_wall(kept_files: tuple[Path, ...], memory_max_bytes: int) -> tuple[Wal
     return tuple(_close(name, step) for name, step in zip(PARTS, steps, strict=True))
 
 
-def _close(name: str, step: Callable[[], str]) -> WallPart:
+def _close(name: str, step: Callable[[], str]) -> SandboxFeature:
     try:
         trouble = step()
     except (OSError, ValueError) as error:
         trouble = f"{type(error).__name__}: {error}"
-    return WallPart(name, not trouble, trouble)
+    return SandboxFeature(name, not trouble, trouble)
 
 
 def _empty_environment() -> str:

@@ -35,7 +35,7 @@ class Begin(_Message, frozen=True):
     memory_max_bytes: int
 
 
-class WallPart(msgspec.Struct, array_like=True, frozen=True):
+class SandboxFeature(msgspec.Struct, array_like=True, frozen=True):
     """One part of the wall, whether it stands, and why not if it does not."""
 
     name: str
@@ -46,7 +46,7 @@ class WallPart(msgspec.Struct, array_like=True, frozen=True):
 class Hello(_Message, frozen=True):
     """The worker's first word: it is ready, behind this wall."""
 
-    parts: tuple[WallPart, ...]
+    parts: tuple[SandboxFeature, ...]
 
 
 class Execute(_Message, frozen=True):

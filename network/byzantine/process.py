@@ -22,7 +22,7 @@ from network.byzantine.behaviour import TICK_MS, Behaviour
 from network.byzantine.catalogue import BEHAVIOURS, byzantine_clock, check_behaviour, make_behaviour
 from network.byzantine.engine_view import EngineView
 from node.api.node_services import WallClock
-from node.components import Assembly
+from node.components import NodeComponents
 from node.config import NodeConfig, load_genesis
 from node.consensus.engine import Outbox
 from node.main import run_process
@@ -56,7 +56,7 @@ class ByzantineNode(Node):
         genesis = load_genesis(config)
         self._ticking: asyncio.Task[None] | None = None
 
-        def wrap(outbox: Outbox, parts: Assembly) -> Outbox:
+        def wrap(outbox: Outbox, parts: NodeComponents) -> Outbox:
             key = parts.surroundings.key  # as the honest node has it: it may have joined later, or have a new key
             if key is None:
                 raise BlockRobotError("FAULT_INVALID", f"{config.name} has no producer key.")

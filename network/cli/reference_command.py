@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
 
 
 @click.command()
@@ -20,7 +20,7 @@ from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, pla
 )
 @click.option("--check", is_flag=True, help="Write nothing; exit 1 if a page is not current.")
 @json_option
-@plain_errors
+@handle_errors
 def reference(out: Path, check: bool, as_json: bool) -> None:
     """Write http-api.md, errors.md, authorisation.md, state.md and json-output.md, made from the tables in the code.
 

@@ -36,7 +36,7 @@ def make_event(at_ms: int, kind: str, text: str, tone: str = "", nodes: Sequence
     return {"at_ms": at_ms, "kind": kind, "tone": tone, "text": text, "nodes": list(nodes)}
 
 
-class Chronicle:
+class Timeline:
     """Remembers the last moment, and which rounds were told of."""
 
     def __init__(self) -> None:

@@ -14,11 +14,11 @@ from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
-from network.console.chronicle import Chronicle, make_event
+from network.console.chronicle import Timeline, make_event
 from network.console.clock import ForwardClock
 from network.console.export import write_export
 from network.console.looking import Looking, NodeSight
-from network.console.moments import Moment, MomentMaker
+from network.console.moments import FrameBuilder, Moment
 from network.console.recorder import Recorder
 from network.console.rounds import ROUNDS_KEPT_COUNT, RoundBook
 from network.faults.actions import Restart
@@ -62,8 +62,8 @@ class LiveConsole:
         configs = self.cluster.configs.items()
         producers = [name for name, config in configs if config.producer_key_path is not None]
         self._rounds = RoundBook(len(producers) - (len(producers) - 1) // 3, producers)
-        self._chronicle = Chronicle()
-        self._maker = MomentMaker(time.monotonic())
+        self._chronicle = Timeline()
+        self._maker = FrameBuilder(time.monotonic())
         self.moment = None
 
     def _read_genesis(self) -> bytes:

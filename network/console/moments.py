@@ -27,7 +27,7 @@ Moment = dict[str, Any]
 _Rates = dict[str, tuple[float, float]]
 
 
-class MomentMaker:
+class FrameBuilder:
     """Makes moments of looks, one after another."""
 
     def __init__(self, now_s: float) -> None:

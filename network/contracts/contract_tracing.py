@@ -48,7 +48,7 @@ class TracedTransaction:
 
 async def _fetch_blocks(client: NetworkClient, key: PrivateKey, first: int, last: int) -> list[bytes]:
     async def fetch(height: int) -> bytes:
-        content = await client.ask_any(lambda node: client.ask_node(node, "GET", f"/v1/blocks/{height}", key=key))
+        content = await client.with_any_node(lambda node: client.ask_node(node, "GET", f"/v1/blocks/{height}", key=key))
         return read_hex(read_answer(content, BlockDocument).block)
 
     return list(await asyncio.gather(*[fetch(height) for height in range(first, last + 1)]))

@@ -32,7 +32,7 @@ from contracts.lifecycle.opening import open_block
 from contracts.state.view import MemoryState
 from contracts.vm import CompiledContract, InternalFault, compile_contract
 from contracts.worker.wall import close_wall
-from contracts.worker.wire import Pipe, WallPart
+from contracts.worker.wire import Pipe, SandboxFeature
 from network.ledger_diff.block_replay import base_of_genesis, execute_on
 
 MEMORY_MAX_BYTES = 4 * 1024**3
@@ -66,7 +66,7 @@ class NextBlock(msgspec.Struct, frozen=True, tag=True):
 class Walled(msgspec.Struct, frozen=True, tag=True):
     """The wall is closed: its parts."""
 
-    parts: tuple[WallPart, ...]
+    parts: tuple[SandboxFeature, ...]
 
 
 class Went(msgspec.Struct, frozen=True, tag=True):

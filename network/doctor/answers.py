@@ -66,7 +66,7 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
             found.append(Finding("PRODUCER_SUSPENDED", answer.name, f"{detail} shows why."))
         lacks = _what_the_wall_lacks(status.get("contracts", {}))
         if lacks:
-            found.append(Finding("CONTRACT_WALL_INCOMPLETE", answer.name, lacks))
+            found.append(Finding("CONTRACT_SANDBOX_INCOMPLETE", answer.name, lacks))
         if status.get("blocks_kept", {}).get("held_by") == "custodian":
             detail = f"It has blocks from {status['earliest_height']} on; custody is at {status['custody_checkpoint']}."
             found.append(Finding("OLD_BLOCKS_HELD", answer.name, detail))

@@ -128,7 +128,7 @@ KINDS: dict[str, FindingKind] = _table(
         "Give it memory, raise memory_mib in [contracts] of node.toml, or put the newest program on it; start it again.",
     ),
     FindingKind(
-        "CONTRACT_WALL_INCOMPLETE",
+        "CONTRACT_SANDBOX_INCOMPLETE",
         "warning",
         "The wall around the processes that run contracts lacks something, or is switched off.",
         "Give the node what is named (docs/explanation/second-wall.md), or set wall in [contracts] of node.toml.",

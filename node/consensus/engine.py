@@ -34,12 +34,12 @@ from consensus.protocol.effects import (
     ExecuteBlock,
     FetchBlocks,
     Halt,
+    LockoutChanged,
     Message,
     Persist,
     ProposalLost,
     SendTo,
     SetTimer,
-    SilenceChanged,
 )
 from consensus.protocol.events import (
     BlockBuilt,
@@ -69,7 +69,7 @@ INLINE_TRANSACTIONS_MAX_COUNT = 24
 DRAIN_MAX_MS = 20
 _PATIENCE_TURNS = 2
 _JOURNAL = "journal"
-_SAID_AGAIN = (
+_RETRANSMITTED_EVENTS = (
     VoteReceived,
     ProposalReceived,
     TimeoutReceived,
@@ -209,7 +209,7 @@ class Engine:
 
     def submit(self, event: Event) -> None:
         """Hand an event to the core, after those that wait. A node that cannot write lets pass what comes again."""
-        if self._outages and isinstance(event, _SAID_AGAIN):
+        if self._outages and isinstance(event, _RETRANSMITTED_EVENTS):
             return
         self._events.append(event)
         self._drain()
@@ -278,7 +278,7 @@ class Engine:
                 self._executor.note_lost(block_id)
             case EvidenceFound(evidence=evidence):
                 self._show_evidence(evidence)
-            case SilenceChanged(reason=reason, until=until):
+            case LockoutChanged(reason=reason, until=until):
                 log.warning("silent" if reason else "speaks", reason=reason, until=until)
             case Halt(reason=reason):
                 log.critical("halted", reason=reason)

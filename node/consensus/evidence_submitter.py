@@ -41,7 +41,7 @@ class _Case:
     tries_count: int = 0
 
 
-class Accuser:
+class EvidenceSubmitter:
     """The evidence that this node holds and that the finalized state does not know yet."""
 
     def __init__(
@@ -86,7 +86,7 @@ class Accuser:
         index = schedule.index_of(self._key.public_key)
         return len(schedule.producers) if index is None else index
 
-    async def speak_if_due(self) -> int:
+    async def submit_if_due(self) -> int:
         """Submit the accusations whose turn has come; return how many. Drops the cases that the state knows."""
         if not self._cases:
             return 0
@@ -152,7 +152,9 @@ def suspended_height(state: LedgerSnapshot, producer: bytes) -> int | None:
     return row.suspended_height if row is not None and row.status == "suspended" else None
 
 
-def describe_accused(accuser: Accuser | None, directory: Directory, state: LedgerSnapshot) -> list[dict[str, Any]]:
+def describe_accused(
+    accuser: EvidenceSubmitter | None, directory: Directory, state: LedgerSnapshot
+) -> list[dict[str, Any]]:
     """Return the nodes against which there is evidence that the chain does not know yet, and those that it suspended."""
     pending = () if accuser is None else accuser.pending
     names = {name for each in pending if (name := directory.name_of_producer(each.producer)) is not None}

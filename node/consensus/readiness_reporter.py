@@ -27,7 +27,7 @@ SALT_SIZE_BYTES = 8
 log = structlog.get_logger(__name__)
 
 
-class Candidacy:
+class ReadinessReporter:
     """Says `producers.ready` for one producer key while it is a candidate without a seat."""
 
     def __init__(
@@ -53,7 +53,7 @@ class Candidacy:
         self._randomness = randomness
         self._said_ms: int | None = None
 
-    async def speak_if_due(self) -> bool:
+    async def submit_if_due(self) -> bool:
         """Say that the node is ready, if it is a candidate and its last word is too old; tell whether it was said."""
         now_ms = self._clock.now_ms()
         if self._said_ms is not None and 0 <= now_ms - self._said_ms < SAY_INTERVAL_MIN_MS:

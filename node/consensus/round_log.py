@@ -17,7 +17,7 @@ ROUNDS_KEPT_COUNT = 32
 PROPOSED, VOTED, GAVE_UP = "proposed", "voted", "gave-up"
 
 
-class SpokenRounds:
+class RoundLog:
     """The last rounds in which this node said anything, oldest first. On the event loop only."""
 
     def __init__(self, clock: Callable[[], int], leader: Callable[[int, int], str | None]) -> None:
@@ -44,10 +44,10 @@ class SpokenRounds:
         ]
 
 
-class NotingOutbox:
+class LoggingOutbox:
     """An outbox that notes votes, timeouts and proposals on their way out."""
 
-    def __init__(self, inner: Outbox, spoken: SpokenRounds) -> None:
+    def __init__(self, inner: Outbox, spoken: RoundLog) -> None:
         self._inner = inner
         self._spoken = spoken
 

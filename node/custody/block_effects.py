@@ -27,7 +27,7 @@ from node.custody.stores.custody_store import (
     Grant,
     OutboxRow,
     RecordFacts,
-    VisitStanding,
+    VisitRestrictions,
 )
 from node.custody.stores.share_store import ShareRow
 
@@ -61,7 +61,7 @@ def matches_roots(clip: ClipRow, facts: RecordFacts) -> bool:
     )
 
 
-class EffectsOfBlock:
+class BlockApplier:
     """Brings about one block, in the order of its events.
 
     Confirmations of neighbouring events are written together; before anything that looks at clips they are flushed.
@@ -77,10 +77,10 @@ class EffectsOfBlock:
         self._block = block
         self._confirmed: list[RecordFacts] = []
         self._missing: list[RecordFacts] = []
-        self._standings: dict[bytes, VisitStanding] = {}
+        self._standings: dict[bytes, VisitRestrictions] = {}
         self._settled: list[tuple[str, bytes, int]] = []
 
-    async def bring_about(self) -> None:
+    async def apply(self) -> None:
         """Take every event of the block into the store and the erase keys. The checkpoint is the caller's."""
         recorded = [event.data["record_id"] for event in self._block.events if event.kind == "records.recorded"]
         staged = await self._store.clips(recorded)
@@ -172,7 +172,7 @@ class EffectsOfBlock:
     async def _on_right(self, event: FinalizedEvent) -> None:
         """Heed what the owner, or an officer, says of a visit, from this event on."""
         owner = event.data["owner"]
-        before = await find_standing(self._store, owner) or VisitStanding(owner)
+        before = await find_standing(self._store, owner) or VisitRestrictions(owner)
         self._standings[owner] = await settle(self._store, follow_event(before, event, self._block.height))
         if self._standings[owner].quarantined:
             await self._shares.deny_visit(owner)

@@ -23,7 +23,7 @@ from consensus.state.keys import Reader, Scanner
 from consensus.state.records import EMPTY_FRAME, OF_VISIT, RECORD, RecordRow
 from consensus.state.rights import OBJECTION, QUARANTINE, RESTRICTION
 from node.custody.restrictions import prolong, standing_of, with_natural
-from node.custody.stores.custody_store import Checkpoint, RecordFacts, VisitStanding
+from node.custody.stores.custody_store import Checkpoint, RecordFacts, VisitRestrictions
 from node.custody.stores.share_store import ShareRow
 
 NARROWING_KINDS = frozenset({"restricted", "objected", "denied", "transferred"})
@@ -134,10 +134,10 @@ class ChainFacts:
         return RecordState(facts, row.status, frozenset(row.awaited))
 
     @cached_property
-    def _restrictions(self) -> dict[bytes, VisitStanding]:
+    def _restrictions(self) -> dict[bytes, VisitRestrictions]:
         return {owner: standing_of(owner, row) for (owner,), row in RESTRICTION.rows(self._state)}
 
-    def standings(self) -> Iterator[VisitStanding]:
+    def standings(self) -> Iterator[VisitRestrictions]:
         """Yield what stands of every visit of which something was ever said, also where it was taken back since.
 
         Requests are void up to the height of the last word that the audit has; where it has none, up to this state.
@@ -146,12 +146,12 @@ class ChainFacts:
         objected = {owner for (owner,), _ in OBJECTION.rows(self._state)}
         narrowed = self._audited.narrowed
         for owner in sorted(denied | objected | set(self._restrictions) | set(narrowed)):
-            told = self._restrictions.get(owner, VisitStanding(owner))
+            told = self._restrictions.get(owner, VisitRestrictions(owner))
             height = narrowed.get(owner, self.point.height)
             standing = structs.replace(told, narrowed_height=height, quarantined=owner in denied)
             yield with_natural(standing, self._natural(told))
 
-    def _natural(self, standing: VisitStanding) -> dict[bytes, int]:
+    def _natural(self, standing: VisitRestrictions) -> dict[bytes, int]:
         """Return when the records of a visit that are kept longer would expire, ms."""
         natural = {}
         for (_, record_id), _ in OF_VISIT.rows(self._state, standing.owner) if standing.until_ms else ():

@@ -20,7 +20,7 @@ from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_download, check_clip_upload
 from consensus.records.commitments import ciphertext_leaves
-from node.custody.block_effects import EffectsOfBlock, build_release, matches_roots
+from node.custody.block_effects import BlockApplier, build_release, matches_roots
 from node.custody.chain_facts import ChainFacts
 from node.custody.clip_fetching import MISSING_READ_COUNT, Fetching
 from node.custody.erase_keys import ErasableKeys, unwrap_key
@@ -29,7 +29,7 @@ from node.custody.finalized_events import FinalizedEvents
 from node.custody.frame_wrapping import parts_of, wipe_keys, wrap_frames
 from node.custody.repair.reconciliation import Reconciliation
 from node.custody.restrictions import find_standing, is_void, require_release
-from node.custody.share_service import SharingDesk
+from node.custody.share_service import ShareService
 from node.custody.shares import CLOCK_SLACK_MS, Shares, grant_covers, may_release
 from node.custody.stores.custody_store import (
     BlockEffects,
@@ -50,7 +50,7 @@ WORDS_DIVISOR = 4
 log = structlog.get_logger(__name__)
 
 
-class Custodian(SharingDesk, Fetching):
+class Custodian(ShareService, Fetching):
     """One custodian over its store and its erase keys.
 
     `member` is its own key on the chain (33 bytes), by which it knows its receipts again; `clock_ms` is the node's wall
@@ -303,7 +303,7 @@ class Custodian(SharingDesk, Fetching):
             if not await self._is_next(block):
                 return
             await self._eraser.finish()
-            await EffectsOfBlock(self._store, self._eraser, self._shares, self._member, block).bring_about()
+            await BlockApplier(self._store, self._eraser, self._shares, self._member, block).apply()
             await self._close_block(block.checkpoint)
 
     async def reconcile(self, facts: ChainFacts) -> None:
@@ -317,7 +317,7 @@ class Custodian(SharingDesk, Fetching):
             if known is not None and known.height >= point.height:
                 return
             await self._eraser.finish()
-            await Reconciliation(self._store, self._eraser, self._shares, self._member, facts).bring_about()
+            await Reconciliation(self._store, self._eraser, self._shares, self._member, facts).apply()
             await self._close_block(point)
 
     async def report_expired(self, facts: ChainFacts) -> None:

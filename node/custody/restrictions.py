@@ -15,7 +15,7 @@ from msgspec import structs
 from consensus.errors import BlockRobotError
 from consensus.state.rights import RestrictionRow
 from node.custody.finalized_events import FinalizedEvent
-from node.custody.stores.custody_store import BlockEffects, CustodyStore, Grant, RecordFacts, VisitStanding
+from node.custody.stores.custody_store import BlockEffects, CustodyStore, Grant, RecordFacts, VisitRestrictions
 
 NARROWING = frozenset(
     {
@@ -29,7 +29,7 @@ NARROWING = frozenset(
 STANDING_EVENTS = NARROWING | {"rights.lifted"}
 
 
-def prolong(standing: VisitStanding | None, record_id: bytes, expires_at_ms: int) -> int:
+def prolong(standing: VisitRestrictions | None, record_id: bytes, expires_at_ms: int) -> int:
     """Return when a record expires, in ms, that would expire at a time if nothing had been said."""
     if standing is None or not standing.until_ms:
         return expires_at_ms
@@ -37,11 +37,11 @@ def prolong(standing: VisitStanding | None, record_id: bytes, expires_at_ms: int
     return max(expires_at_ms, standing.until_ms) if covered else expires_at_ms
 
 
-def standing_of(owner: bytes, row: RestrictionRow | None) -> VisitStanding:
+def standing_of(owner: bytes, row: RestrictionRow | None) -> VisitRestrictions:
     """Return the standing of a visit of which only a restriction is known."""
     if row is None:
-        return VisitStanding(owner)
-    return VisitStanding(
+        return VisitRestrictions(owner)
+    return VisitRestrictions(
         owner,
         whole=row.whole,
         whole_since_ms=row.whole_since_ms,
@@ -50,12 +50,12 @@ def standing_of(owner: bytes, row: RestrictionRow | None) -> VisitStanding:
     )
 
 
-def is_void(grant: Grant, standing: VisitStanding | None) -> bool:
+def is_void(grant: Grant, standing: VisitRestrictions | None) -> bool:
     """Tell whether a request counts no more, because of what was said of the visit after it."""
     return standing is not None and (standing.quarantined or grant.height <= standing.narrowed_height)
 
 
-def require_release(grant: Grant, standing: VisitStanding | None) -> None:
+def require_release(grant: Grant, standing: VisitRestrictions | None) -> None:
     """Raise CLIP_QUARANTINED or ACCESS_ENDED if nothing may be released under a request any more."""
     if standing is not None and standing.quarantined:
         raise BlockRobotError("CLIP_QUARANTINED")
@@ -63,22 +63,22 @@ def require_release(grant: Grant, standing: VisitStanding | None) -> None:
         raise BlockRobotError("ACCESS_ENDED")
 
 
-def with_natural(standing: VisitStanding, natural: Mapping[bytes, int]) -> VisitStanding:
+def with_natural(standing: VisitRestrictions, natural: Mapping[bytes, int]) -> VisitRestrictions:
     """Return a standing with other natural expiries, sorted."""
     return structs.replace(standing, natural=tuple(sorted(natural.items())))
 
 
-async def find_standing(store: CustodyStore, owner: bytes) -> VisitStanding | None:
+async def find_standing(store: CustodyStore, owner: bytes) -> VisitRestrictions | None:
     """Return what was said of one visit, or None if nothing was."""
     return (await store.standings([owner])).get(owner)
 
 
-def follow_event(before: VisitStanding, event: FinalizedEvent, height: int) -> VisitStanding:
+def follow_event(before: VisitRestrictions, event: FinalizedEvent, height: int) -> VisitRestrictions:
     """Return what stands after one event that is about a whole visit; what is kept beyond its expiry is settled apart."""
     after = before
     if event.kind in {"rights.restricted", "rights.lifted"}:
         told = event.data
-        after = VisitStanding(
+        after = VisitRestrictions(
             owner=before.owner,
             narrowed_height=before.narrowed_height,
             quarantined=before.quarantined,
@@ -89,15 +89,15 @@ def follow_event(before: VisitStanding, event: FinalizedEvent, height: int) -> V
             natural=before.natural,
         )
     elif event.kind == "rights.quarantined":
-        after = VisitStanding(before.owner, before.narrowed_height, quarantined=True, natural=before.natural)
+        after = VisitRestrictions(before.owner, before.narrowed_height, quarantined=True, natural=before.natural)
     elif event.kind == "rights.quarantine_ended":
-        after = VisitStanding(before.owner, before.narrowed_height, natural=before.natural)
+        after = VisitRestrictions(before.owner, before.narrowed_height, natural=before.natural)
     if event.kind in NARROWING:
         after = structs.replace(after, narrowed_height=max(height, before.narrowed_height))
     return after
 
 
-async def settle(store: CustodyStore, standing: VisitStanding) -> VisitStanding:
+async def settle(store: CustodyStore, standing: VisitRestrictions) -> VisitRestrictions:
     """Write what stands, and with it until when each clip of the visit is kept. Doing it again changes nothing.
 
     The natural expiries are written before any clip is prolonged and forgotten after all have them again, so that a
@@ -125,7 +125,7 @@ async def settle(store: CustodyStore, standing: VisitStanding) -> VisitStanding:
     return settled
 
 
-def hold(standing: VisitStanding, facts: RecordFacts) -> tuple[VisitStanding, RecordFacts]:
+def hold(standing: VisitRestrictions, facts: RecordFacts) -> tuple[VisitRestrictions, RecordFacts]:
     """Return a record that has just come to a visit as it is to be kept, and what stands of the visit with it."""
     until_ms = prolong(standing, facts.record_id, facts.expires_at_ms)
     if until_ms == facts.expires_at_ms:

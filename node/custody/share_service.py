@@ -29,7 +29,7 @@ from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStor
 from node.custody.stores.share_store import PartRow, PartStatus
 
 
-class SharingDesk:
+class ShareService:
     """Uploads of parts of keys, and downloads of shared clips."""
 
     if TYPE_CHECKING:  # the custodian's own

@@ -21,8 +21,8 @@ from consensus.chain.genesis import Genesis, genesis_to_json
 from consensus.errors import BlockRobotError
 from contracts.execution.machine import ContractMachine
 from contracts.lifecycle.registry import check_contracts
-from contracts.worker.machine import Hold, Staff, WorkerMachine, WorkerViews, missing_parts
-from contracts.worker.wire import Begin, WallPart
+from contracts.worker.machine import Hold, WorkerMachine, WorkerSpec, WorkerViews, missing_parts
+from contracts.worker.wire import Begin, SandboxFeature
 from node.api.services import LedgerSnapshot, ViewRunner
 from node.budgets.token_buckets import OWN, Source
 from node.config import CONTRACT_MEMORY_MIB, NodeConfig
@@ -61,7 +61,7 @@ class ContractPlace(Protocol):
         ...
 
 
-class StoreOfWorkers:
+class WorkerLedgerSource:
     """The node's ledger as `contracts.worker` needs it."""
 
     def __init__(self, ledger: LedgerStore) -> None:
@@ -95,13 +95,13 @@ class _FileOfWorkers:
 def open_walled_machine(config: NodeConfig, genesis: Genesis, ledger: LedgerFile) -> Iterator[Machine]:
     """Execute blocks for a tool that reads a node's ledger: behind the wall, unless the node itself goes without one.
 
-    Raises CONTRACT_WORKER_FAILED, CONTRACT_WALL_INCOMPLETE, GENESIS_INVALID.
+    Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE, GENESIS_INVALID.
     """
     if config.contract_wall == "off":
         yield ContractMachine.of_genesis(genesis)
         return
     check_contracts(genesis)
-    machine = WorkerMachine(Staff(WORKER_COMMAND, _begin(config, genesis)), _FileOfWorkers(ledger))
+    machine = WorkerMachine(WorkerSpec(WORKER_COMMAND, _begin(config, genesis)), _FileOfWorkers(ledger))
     try:
         _require_wall(config.contract_wall, machine.greet())
         yield machine
@@ -113,15 +113,15 @@ def _begin(config: NodeConfig, genesis: Genesis) -> Begin:
     return Begin(genesis_to_json(genesis), str(config.ledger_dir), config.contract_memory_mib * _BYTES_PER_MIB)
 
 
-def _require_wall(wall: str, parts: tuple[WallPart, ...]) -> None:
-    """Raise CONTRACT_WALL_INCOMPLETE if the wall must be whole and is not."""
+def _require_wall(wall: str, parts: tuple[SandboxFeature, ...]) -> None:
+    """Raise CONTRACT_SANDBOX_INCOMPLETE if the wall must be whole and is not."""
     missing = missing_parts(parts)
     if wall == "require" and missing:
         named = "; ".join(f"{name}: {why}" for name, why in missing.items())
-        raise BlockRobotError("CONTRACT_WALL_INCOMPLETE", f"The wall around contracts lacks {named}.")
+        raise BlockRobotError("CONTRACT_SANDBOX_INCOMPLETE", f"The wall around contracts lacks {named}.")
 
 
-class InsideContracts:
+class InProcessContracts:
     """Contracts run inside the node's process."""
 
     machine: Machine | None = None
@@ -151,14 +151,14 @@ class InsideContracts:
         """Do nothing: there is nothing to end."""
 
 
-class WalledContracts:
+class SandboxedContracts:
     """Contracts run in two worker processes: one for blocks, one for views."""
 
-    def __init__(self, wall: str, staff: Staff, ledger: LedgerStore) -> None:
+    def __init__(self, wall: str, staff: WorkerSpec, ledger: LedgerStore) -> None:
         """Start the worker for blocks, but do not wait for it; the other one is started with the first view."""
         self._wall = wall
         blocks = replace(staff, note_loss=partial(_note_loss, "blocks"))
-        self._blocks = WorkerMachine(blocks, StoreOfWorkers(ledger))
+        self._blocks = WorkerMachine(blocks, WorkerLedgerSource(ledger))
         self._views = WorkerViews(replace(staff, note_loss=partial(_note_loss, "views")))
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="views")
         self._places = ViewPlaces()
@@ -168,7 +168,7 @@ class WalledContracts:
     async def greet(self) -> None:
         """Wait until the worker is behind its wall; say what that lacks.
 
-        Raises CONTRACT_WORKER_FAILED, or CONTRACT_WALL_INCOMPLETE if the wall must be whole and is not.
+        Raises CONTRACT_WORKER_FAILED, or CONTRACT_SANDBOX_INCOMPLETE if the wall must be whole and is not.
         """
         parts = await asyncio.to_thread(self._blocks.greet)
         _report(parts)
@@ -224,7 +224,7 @@ def _note_loss(what: str, reason: str) -> None:
     log.warning("contract_worker_replaced", worker=what, reason=reason)
 
 
-def _report(parts: tuple[WallPart, ...]) -> None:
+def _report(parts: tuple[SandboxFeature, ...]) -> None:
     missing = {part.name: part.detail for part in parts if not part.had}
     log.info("contract_wall_closed", parts=[part.name for part in parts if part.had])
     if missing:
@@ -234,13 +234,13 @@ def _report(parts: tuple[WallPart, ...]) -> None:
 async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerStore) -> ContractPlace:
     """Return where the contracts of a node run, ready for the first block. The ledger holds genesis.
 
-    Raises CONTRACT_WORKER_FAILED, CONTRACT_WALL_INCOMPLETE, GENESIS_INVALID.
+    Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE, GENESIS_INVALID.
     """
     if config.contract_wall == "off":
         log.warning("contract_wall_off")
-        return InsideContracts(genesis)
+        return InProcessContracts(genesis)
     check_contracts(genesis)  # said here: a worker that cannot begin only ends
-    place = WalledContracts(config.contract_wall, Staff(WORKER_COMMAND, _begin(config, genesis)), ledger)
+    place = SandboxedContracts(config.contract_wall, WorkerSpec(WORKER_COMMAND, _begin(config, genesis)), ledger)
     try:
         await place.greet()
     except BaseException:

@@ -13,7 +13,7 @@ from node.api.services import PoolStatus, SubmitResult, TransactionPool
 from node.budgets.token_buckets import OWN, Source
 
 
-class OutwardPool:
+class ClientPool:
     """A pool, closed while the node has a problem with all its peers."""
 
     def __init__(self, pool: TransactionPool, problem: Callable[[], BlockRobotError | None]) -> None:

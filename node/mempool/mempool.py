@@ -190,7 +190,7 @@ class Mempool:
 
         What is wrong only for this sender stands in `refusal`, for `insert` to raise: it would tell who has not signed that
         the sender is a member. Raises TRANSACTION_WRONG_CHAIN, TRANSACTION_EXPIRED, TRANSACTION_TOO_FAR_AHEAD,
-        TRANSACTION_REPLAYED, MEMPOOL_FULL, SENDER_WITHOUT_STANDING or what `has_standing` raises.
+        TRANSACTION_REPLAYED, MEMPOOL_FULL, SENDER_NOT_ADMITTED or what `has_standing` raises.
         """
         if transaction.txid in self._entries:
             return Screened(transaction, Account(b""), reserved=False, is_verified=True, is_waiting=True)
@@ -200,7 +200,7 @@ class Mempool:
         body = transaction.body
         reserved = body.contract in RESERVED_CONTRACTS or (body.contract, body.entry) in RESERVED_CALLS
         if not self._has_standing(transaction):
-            raise BlockRobotError("SENDER_WITHOUT_STANDING")
+            raise BlockRobotError("SENDER_NOT_ADMITTED")
         account = self._account_of(transaction)
         self._plan_evictions(
             transaction, account, reserved

@@ -52,7 +52,7 @@ REFUSAL_GRID_S = 0.05
 log = structlog.get_logger(__name__)
 
 _UNSIGNED = frozenset({"SIGNATURE_INVALID", "SIGNATURE_HIGH_S"})
-_NOT_ADMITTED = "SENDER_WITHOUT_STANDING"
+_NOT_ADMITTED = "SENDER_NOT_ADMITTED"
 _KNOW_MEMBERS = frozenset({"own", "peer"})  # sources to which it is no secret who is a member
 _ALLOWANCES: dict[SourceKind, Allowance] = {
     "own": Allowance(us_per_s=1_000_000, burst_us=10_000_000),

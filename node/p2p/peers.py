@@ -408,7 +408,7 @@ class Peers:
                 self._network.cut_off(peer, error)
                 self._intake.forget(Source("peer", peer))
                 return
-            if error.code == "SENDER_WITHOUT_STANDING":
+            if error.code == "SENDER_NOT_ADMITTED":
                 self._keep_unsettled(peer, outcome.wire, until_ms)
         if any(outcome.is_new for outcome in outcomes):
             self._engine.note_work()

@@ -36,7 +36,7 @@ def _monotonic_ms() -> int:
     return time.monotonic_ns() // 1_000_000
 
 
-class SnapshotShelf:
+class SnapshotStore:
     """The newest snapshots of a ledger, each in a folder named by its height."""
 
     def __init__(self, ledger: LedgerStore, folder: Path, now_ms: Callable[[], int] = _monotonic_ms) -> None:

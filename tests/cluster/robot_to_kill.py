@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from clients.robot.cli import main as robot_cli
-from clients.robot.consent.consent_filter import Keeper
+from clients.robot.consent.consent_filter import ConsentFilter
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.delivery.robot_network import RobotNetwork
 from clients.robot.recording import sealed_file, sealing, spool, visit_book
@@ -85,7 +85,7 @@ def _in_spool(arguments: tuple[Any, ...], _: Any) -> bool:
 STEPS: dict[str, Step] = {
     # A picture on its way to the spool: lost with the robot's memory, and nowhere else.
     "frame-received": Step(RunStatistics, "frame_arrived", number=3),
-    "frame-decided": Step(Keeper, "take", after=True, number=2),
+    "frame-decided": Step(ConsentFilter, "take", after=True, number=2),
     "clip-filled": Step(Pipeline, "_seal_one", number=2),
     "clip-sealed": Step(pipeline, "seal_clip", after=True, number=2),
     "spooled-half": Step(os, "fsync", counts=_syncs_clip, number=2, spoils=True),

@@ -39,7 +39,7 @@ async def wait_caught_up(network: NetworkUnderTest, name: str, timeout_s: float)
         own, other = await network.status(name), await network.status("node-1")
         if own.get("ready") and own["finalized_height"] >= other["finalized_height"] - 4:
             return own
-        assert time.monotonic() < deadline, (own, network.cluster.last_words(name))
+        assert time.monotonic() < deadline, (own, network.cluster.latest_messages(name))
         await asyncio.sleep(0.1)
 
 

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.quorum import hear_quorum, is_turned_away
+from clients.sdk.quorum import confirm_with_quorum, is_rejected_by_network
 from clients.sdk.trust_pin import open_pin
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -75,10 +75,10 @@ async def test_a_view_is_answered_and_an_unknown_one_is_refused(network: Network
 async def test_a_quorum_is_heard_over_one_node_that_is_gone_and_not_over_two(network: NetworkUnderTest) -> None:
     async with NetworkClient(network.genesis) as client:
         await client.submit_and_wait(network.transaction())
-        assert await hear_quorum(client, network.registrar)
+        assert await confirm_with_quorum(client, network.registrar)
         network.cluster.kill(network.names[0])
-        assert await hear_quorum(client, network.registrar)
+        assert await confirm_with_quorum(client, network.registrar)
         network.cluster.kill(network.names[1])
-        assert not await hear_quorum(client, network.registrar)
-        assert not await is_turned_away(client, network.registrar)
-        assert await is_turned_away(client, PrivateKey(bytes([77]) * 32))
+        assert not await confirm_with_quorum(client, network.registrar)
+        assert not await is_rejected_by_network(client, network.registrar)
+        assert await is_rejected_by_network(client, PrivateKey(bytes([77]) * 32))

@@ -162,7 +162,7 @@ async def _revoke(sides: Sides, shared: Shared) -> None:
     # NOT_PERMITTED: a session that her key opens after the end reads what became of the grant, and nothing else.
     assert await sides.barred(shared, access_id) in {"ACCESS_ENDED", "GRANT_ENDED", "NOT_PERMITTED"}
     receipt = await sides.received(shared)
-    with pytest.raises(BlockRobotError, match=r"SENDER_WITHOUT_STANDING|GRANT_ENDED"):
+    with pytest.raises(BlockRobotError, match=r"SENDER_NOT_ADMITTED|GRANT_ENDED"):
         await sides.receiving.request_access(receipt, shared.records)
     assert {notice.kind for notice in receipt.notices} == {"revoked"}
 

@@ -92,7 +92,7 @@ async def refuse_the_thief(thief: Wallet, report: VisitReport, early: bytes) -> 
         Rotating(thief).transfer(visit),
         thief.network.call(thief.keys.identity, "identity", "leave", [thief.store.content.handle]),
     ):
-        with pytest.raises(BlockRobotError, match="SENDER_WITHOUT_STANDING"):
+        with pytest.raises(BlockRobotError, match="SENDER_NOT_ADMITTED"):
             await work
     with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
         await thief.visit_report(visit)

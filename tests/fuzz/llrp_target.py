@@ -18,7 +18,7 @@ from clients.robot.sources.topics import LlrpReader
 from tests.fuzz.target import FlipBytes, Target
 
 
-class _Ear:
+class _FeedListener:
     """Hears what becomes of a reader's reports."""
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ def open_llrp() -> Target:
         loop.run_until_complete(hear(data))
 
     async def hear(data: bytes) -> None:
-        ear = _Ear()
+        ear = _FeedListener()
         link = _Link(library, LlrpReader("127.0.0.1", front=(1,)), ear, _Opening(1))  # type: ignore[arg-type]
         client = LLRPClient("127.0.0.1")
         try:

@@ -290,9 +290,7 @@ DROPPED_CHECKS: tuple[DroppedCheck, ...] = (
         "tests/unit/node/api/test_grantee_reads.py",
     ),
     DroppedCheck(Kind.QUOTAS, "node/mempool/mempool.py", "SENDER_LIMIT", 0, "tests/unit/node/test_mempool.py"),
-    DroppedCheck(
-        Kind.QUOTAS, "node/mempool/mempool.py", "SENDER_WITHOUT_STANDING", 0, "tests/unit/node/test_mempool.py"
-    ),
+    DroppedCheck(Kind.QUOTAS, "node/mempool/mempool.py", "SENDER_NOT_ADMITTED", 0, "tests/unit/node/test_mempool.py"),
     DroppedCheck(Kind.QUOTAS, "node/mempool/mempool.py", "TRANSACTION_EXPIRED", 0, "tests/unit/node/test_mempool.py"),
     DroppedCheck(
         Kind.QUOTAS, "node/mempool/mempool.py", "TRANSACTION_WRONG_CHAIN", 0, "tests/unit/node/test_mempool.py"

@@ -23,7 +23,7 @@ from node.custody.stores.custody_store import (
     FrameRow,
     Grant,
     RecordFacts,
-    VisitStanding,
+    VisitRestrictions,
 )
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.share_store import PartPlace, PartRow, ShareRow
@@ -185,8 +185,8 @@ async def test_an_embedded_store_of_a_former_format_is_brought_to_this_one(tmp_p
         async with SqliteStore(tmp_path) as store:
             assert await store.grant(asked.access_id) == asked
             await store.put_part(part(1, 1, 10))
-            await store.apply(BlockEffects(standings=(VisitStanding(OWNER),)))
-            assert await store.standings([OWNER]) == {OWNER: VisitStanding(OWNER)}
+            await store.apply(BlockEffects(standings=(VisitRestrictions(OWNER),)))
+            assert await store.standings([OWNER]) == {OWNER: VisitRestrictions(OWNER)}
             assert (await store.counts()).parts == 1
     with sqlite3.connect(tmp_path / DATABASE_FILE_NAME) as database:
         for table, key in (("missing", "record_id"), ("shares", "grant_id")):

@@ -15,7 +15,7 @@ from node.custody.custodian import Custodian
 from node.custody.finalized_events import FinalizedEvents
 from node.custody.repair.scrub import Judge, ScrubReport
 from node.custody.restrictions import find_standing
-from node.custody.stores.custody_store import BlockEffects, VisitStanding
+from node.custody.stores.custody_store import BlockEffects, VisitRestrictions
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -304,10 +304,10 @@ async def _dies_after(
 
 
 async def test_a_store_keeps_one_standing_for_each_owner_over_a_restart(house: House) -> None:
-    first = VisitStanding(ALICE, 4, quarantined=True, natural=((b"\x01" * 16, 9),))
-    second = VisitStanding(BOB, 5, whole=True, whole_since_ms=3, until_ms=1 << 50, records=(b"\x02" * 16,))
+    first = VisitRestrictions(ALICE, 4, quarantined=True, natural=((b"\x01" * 16, 9),))
+    second = VisitRestrictions(BOB, 5, whole=True, whole_since_ms=3, until_ms=1 << 50, records=(b"\x02" * 16,))
     async with house.open():
-        await house.store.apply(BlockEffects(standings=(VisitStanding(ALICE), second)))
+        await house.store.apply(BlockEffects(standings=(VisitRestrictions(ALICE), second)))
         await house.store.apply(BlockEffects(standings=(first,)))
     async with house.open():
         assert await house.store.standings() == {ALICE: first, BOB: second}

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from node.custody.chain.custody_admin import Upkeep
+from node.custody.chain.custody_admin import CustodyAdmin
 from node.custody.stores.custody_store import Checkpoint
 from tests.offchain.house import ERASURE_ID, House
 from tests.offchain.small_chain import CUSTODIAN, OTHER_CUSTODIAN, START_MS, record_clip
@@ -37,7 +37,7 @@ async def no_uploads(_timestamp_ms: int, *, counts_held: bool) -> dict[str, Any]
     return {}
 
 
-def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lambda _prefix: None) -> Upkeep:
+def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lambda _prefix: None) -> CustodyAdmin:
     class Ledger:
         def snapshot(self) -> Snapshot:
             return Snapshot(state, note)
@@ -45,7 +45,7 @@ def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lamb
     ledger: Any = Ledger()
     parts = {"custodian": house.custodian, "store": house.store, "keys": house.keys, "ledger": ledger}
     serving = {"find_peers": list, "is_serving": lambda: True, "describe_uploads": no_uploads}
-    return Upkeep(name="node-1", member=CUSTODIAN, clock=lambda: NOW_MS, **parts, **serving)
+    return CustodyAdmin(name="node-1", member=CUSTODIAN, clock=lambda: NOW_MS, **parts, **serving)
 
 
 async def test_who_owes_which_receipt_and_which_of_them_are_overdue(opened: House) -> None:

@@ -95,7 +95,7 @@ def test_5_who_erases_is_told_who_had_received_it(
         await receiving.look(receipt, ids[0], access_id)
 
     asyncio.run(share_and_look())
-    monkeypatch.setattr(erase_command, "run_opened", lambda _, action: asyncio.run(action(ward.wallet)))
+    monkeypatch.setattr(erase_command, "run_with_wallet", lambda _, action: asyncio.run(action(ward.wallet)))
     told = CliRunner().invoke(main.wallet, ["erase", ids[0].hex(), "--yes"])
     assert told.exit_code == 0, told.output
     for part in ("Dr Weber", "looked", "is told", "wallet shares"):

@@ -22,7 +22,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from node.api import create_api
 from node.api.access.authorisation import CALLERS, Caller, refusal_of
-from node.api.access.principals import find_key_standing
+from node.api.access.principals import resolve_principal
 from node.api.access.route_access import Access
 from node.api.access.sessions import SESSION_LIFETIME_MS, SESSIONS_OF_KEY_MAX_COUNT
 from node.api.node_services import WallClock
@@ -168,7 +168,7 @@ async def test_the_table_knows_each_key_as_the_node_does(tried: Tried) -> None:
         for caller in CALLERS:
             if caller.name in tried.keys.keys() - {"expired session"}:
                 key, grant_id = tried.keys[caller.name].public_key, tried.grants.get(caller.name, b"")
-                found = find_key_standing(snapshot, key, grant_id)
+                found = resolve_principal(snapshot, key, grant_id)
                 assert found == caller.standing, caller.name
 
 

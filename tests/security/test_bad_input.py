@@ -97,15 +97,15 @@ async def test_signatures_that_are_not_the_senders_are_refused(network: NetworkU
             b"\xff" * 32 + bytes(32) + b"\x00",
             good.signature[:64] + b"\x09",
         ):
-            await intruder.rejected("SENDER_WITHOUT_STANDING", _with_signature(good, signature))
+            await intruder.rejected("SENDER_NOT_ADMITTED", _with_signature(good, signature))
         await intruder.rejected("ENCODING_INVALID", _with_signature(good, good.signature[:64]))
-        await intruder.rejected("SENDER_WITHOUT_STANDING", _with_signature(good, _high_s(good.signature)))
+        await intruder.rejected("SENDER_NOT_ADMITTED", _with_signature(good, _high_s(good.signature)))
 
 
 async def test_a_bad_copy_does_not_keep_the_good_one_out(network: NetworkUnderTest, intruder: Intruder) -> None:
     """A stranger who saw the body first and sends it with a wrong signature gains nothing."""
     good = network.transaction()
-    await intruder.rejected("SENDER_WITHOUT_STANDING", _with_signature(good, network.transaction().signature))
+    await intruder.rejected("SENDER_NOT_ADMITTED", _with_signature(good, network.transaction().signature))
     await network.finalize(intruder.node, good)
 
 
@@ -131,7 +131,7 @@ async def test_a_stranger_has_no_transaction_waiting(network: NetworkUnderTest, 
             ("identity", "leave"),
             ("no", "such"),
         ):
-            await intruder.rejected("SENDER_WITHOUT_STANDING", intruder.call(stranger, contract, entry, b"").wire)
+            await intruder.rejected("SENDER_NOT_ADMITTED", intruder.call(stranger, contract, entry, b"").wire)
 
 
 async def test_calls_that_no_version_takes_are_refused_at_the_door(

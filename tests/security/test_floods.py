@@ -54,7 +54,7 @@ async def test_no_signature_of_a_stranger_is_checked_at_all(network: NetworkUnde
     strangers = [network.sign(new_key(), "records", "record", [bytes(32)]).wire for _ in range(256)]
     before = await _checked(network)
     codes = await _flood(network, strangers, 4)
-    assert set(codes) <= {"SENDER_WITHOUT_STANDING", "RATE_LIMITED"}
+    assert set(codes) <= {"SENDER_NOT_ADMITTED", "RATE_LIMITED"}
     assert await _checked(network) - before < 256, "only what others do meanwhile"
     await network.finalize("node-1", network.transaction())
 
@@ -64,7 +64,7 @@ async def test_false_signatures_in_a_members_name_end_with_their_addresss_budget
 ) -> None:
     wires = [_false(network) for _ in range(256)]
     floods = await asyncio.gather(*(_flood(network, wires, 8) for _ in range(8)))
-    assert {code for codes in floods for code in codes} == {"SENDER_WITHOUT_STANDING", "RATE_LIMITED"}
+    assert {code for codes in floods for code in codes} == {"SENDER_NOT_ADMITTED", "RATE_LIMITED"}
     await network.finalize("node-1", network.transaction())
     status = await network.status("node-1")
     assert f"loopback {STRANGER_ADDRESS}" in {row["peer"] for row in status["over_budget"]}

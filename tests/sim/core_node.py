@@ -20,11 +20,11 @@ from consensus.protocol.effects import (
     ExecuteBlock,
     FetchBlocks,
     Halt,
+    LockoutChanged,
     Message,
     Persist,
     SendTo,
     SetTimer,
-    SilenceChanged,
 )
 from consensus.protocol.events import (
     BlockBuilt,
@@ -195,7 +195,7 @@ class SimNode:
                 self.later(0, self.tell_work)
             case EvidenceFound(evidence=evidence):
                 self.cluster.evidence.append((self.number, evidence))
-            case SilenceChanged():
+            case LockoutChanged():
                 pass
             case Halt(reason=reason):
                 self.cluster.halts.append((self.number, reason))

@@ -8,7 +8,7 @@ import pytest
 
 from consensus.chain.evidence import verify_evidence
 from consensus.chain.journal_records import encode_restored_record
-from consensus.protocol.signing_guard import Returning
+from consensus.protocol.signing_guard import SigningGuard
 from tests.sim.core_cluster import Cluster, Links
 from tests.sim.lying_node import LyingNode
 from tests.sim.named_chain import CHAIN_ID
@@ -78,8 +78,8 @@ SEEDS = range(30)
 
 def test_without_the_rule_a_restored_producer_contradicts_itself(monkeypatch):
     """The schedule is sharp enough: turn the rules off, and some seeds show two words of one round (F6, C1)."""
-    monkeypatch.setattr(Returning, "bars", False)
-    monkeypatch.setattr(Returning, "_first_safe_round", lambda self: 1)
+    monkeypatch.setattr(SigningGuard, "bars", False)
+    monkeypatch.setattr(SigningGuard, "_first_safe_round", lambda self: 1)
     caught = 0
     for seed in SEEDS:
         try:

@@ -70,11 +70,11 @@ class Table:
 def let_votes_follow_timeouts(monkeypatch):
     """Turn R4's second half off: only votes forbid votes."""
 
-    def may_speak(self: Voter, round_number: int) -> bool:
+    def may_sign(self: Voter, round_number: int) -> bool:
         last = 0 if self.last_vote is None else self.last_vote.round
         return self.index is not None and round_number > last
 
-    monkeypatch.setattr(Voter, "may_speak", may_speak)
+    monkeypatch.setattr(Voter, "may_sign", may_sign)
 
 
 def let_gaps_commit(monkeypatch):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from consensus.chain.messages import Proposal, Vote, sign_vote
-from consensus.protocol.message_log import Witness
+from consensus.protocol.message_log import MessageLog
 from tests.sim.core_cluster import Cluster, Links
 from tests.sim.lying_node import LyingNode
 from tests.sim.named_chain import CHAIN_ID
@@ -51,5 +51,5 @@ def test_of_seven_a_leader_that_splits_its_twins_evenly_is_found_out():
 
 
 def test_without_the_rule_it_is_not(monkeypatch):
-    monkeypatch.setattr(Witness, "confront", lambda self, round_number: (b"", []))
+    monkeypatch.setattr(MessageLog, "confront", lambda self, round_number: (b"", []))
     assert evidence_after_a_while() == []

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from consensus.chain.genesis import genesis_to_json
-from contracts.worker.machine import Staff, WorkerMachine
+from contracts.worker.machine import WorkerMachine, WorkerSpec
 from contracts.worker.wire import Begin
 from node.execution.genesis_block import genesis_block
-from node.execution.sandboxed_contracts import WORKER_COMMAND, StoreOfWorkers
+from node.execution.sandboxed_contracts import WORKER_COMMAND, WorkerLedgerSource
 from node.storage.lmdb_store import LmdbStore
 from tests.worker.written_blocks import Chain
 
@@ -41,18 +41,18 @@ def lost() -> list[str]:
 
 
 @pytest.fixture
-def staff(chain: Chain, tmp_path: Path, lost: list[str]) -> Staff:
+def staff(chain: Chain, tmp_path: Path, lost: list[str]) -> WorkerSpec:
     begin = Begin(genesis_to_json(chain.genesis), str(tmp_path / "ledger"), MEMORY_MAX_BYTES)
-    return Staff(WORKER_COMMAND, begin, lost.append)
+    return WorkerSpec(WORKER_COMMAND, begin, lost.append)
 
 
 @pytest.fixture
-def start(chain: Chain, staff: Staff) -> Iterator[Start]:
+def start(chain: Chain, staff: WorkerSpec) -> Iterator[Start]:
     """Start a machine with a worker behind its wall; what is given replaces parts of how it is started."""
     machines: list[WorkerMachine] = []
 
     def start_machine(**changes: Any) -> WorkerMachine:
-        machine = WorkerMachine(replace(staff, **changes), StoreOfWorkers(chain.store))
+        machine = WorkerMachine(replace(staff, **changes), WorkerLedgerSource(chain.store))
         machines.append(machine)
         machine.greet()
         return machine

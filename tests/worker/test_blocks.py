@@ -14,7 +14,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from contracts.vm import InternalFault
-from contracts.worker.machine import Staff, WorkerMachine, WorkerViews
+from contracts.worker.machine import WorkerMachine, WorkerSpec, WorkerViews
 from contracts.worker.wall import PARTS
 from network.ledger_diff.block_replay import base_of_genesis
 from network.provisioning.network_layout import create_network
@@ -152,7 +152,7 @@ async def test_a_refused_block_is_refused_with_its_code(chain: Chain, start: Sta
     assert lost == []
 
 
-async def test_views_answer_on_the_snapshot_that_is_asked_about(chain: Chain, start: Start, staff: Staff) -> None:
+async def test_views_answer_on_the_snapshot_that_is_asked_about(chain: Chain, start: Start, staff: WorkerSpec) -> None:
     machine, views = start(), WorkerViews(staff)
     inside = ContractViews(chain.genesis)
     try:

@@ -15,7 +15,7 @@ from consensus.chain.transaction import Transaction
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import sha256
 from contracts.execution.results import ExecutionFault
-from contracts.worker.machine import Staff, WorkerViews
+from contracts.worker.machine import WorkerSpec, WorkerViews
 from tests.worker.conftest import Start
 from tests.worker.holed_worker import MARK
 from tests.worker.written_blocks import Chain
@@ -26,7 +26,7 @@ Intruder = Callable[[str], str]
 
 
 @pytest.fixture
-async def intrude(chain: Chain, staff: Staff, lost: list[str]) -> AsyncIterator[Intruder]:
+async def intrude(chain: Chain, staff: WorkerSpec, lost: list[str]) -> AsyncIterator[Intruder]:
     """Run Python in a worker; return what it says."""
     views = WorkerViews(replace(staff, command=COMMAND))
     snapshot = chain.store.snapshot()

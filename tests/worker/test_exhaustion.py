@@ -15,7 +15,7 @@ from consensus.chain.transaction import Transaction
 from contracts.execution.results import BlockResult, ExecutionFault
 from contracts.worker import machine as worker_machine
 from contracts.worker.handle import ENDLESS
-from contracts.worker.machine import EFFORT_MAX, Staff
+from contracts.worker.machine import EFFORT_MAX, WorkerSpec
 from contracts.worker.wire import Begin
 from tests.worker.conftest import Start
 from tests.worker.holed_worker import MARK, TAKE
@@ -27,7 +27,7 @@ MEMORY_MIB = 64
 
 
 @pytest.fixture
-def weak(start: Start, staff: Staff) -> worker_machine.WorkerMachine:
+def weak(start: Start, staff: WorkerSpec) -> worker_machine.WorkerMachine:
     """A machine whose worker may take 64 MiB."""
     begin = Begin(staff.begin.genesis_json, staff.begin.ledger_dir, MEMORY_MIB * MIB)
     return start(command=COMMAND, begin=begin)

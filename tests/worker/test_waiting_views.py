@@ -5,20 +5,20 @@ from __future__ import annotations
 import asyncio
 
 from consensus.errors import BlockRobotError
-from contracts.worker.machine import Staff
+from contracts.worker.machine import WorkerSpec
 from node.api.node_services import FinalizedLedger
 from node.budgets.token_buckets import Source
-from node.execution.sandboxed_contracts import WalledContracts
+from node.execution.sandboxed_contracts import SandboxedContracts
 from node.execution.view_slots import VIEWS_OF_SOURCE_MAX_COUNT, VIEWS_WAITING_MAX_COUNT
 from node.ledger.ledger_writer import FinalityFeed
 from tests.worker.written_blocks import Chain
 
 
 async def test_a_source_that_asks_more_than_its_share_at_once_is_refused_and_others_are_answered(
-    chain: Chain, staff: Staff
+    chain: Chain, staff: WorkerSpec
 ) -> None:
     finalized = FinalizedLedger(chain.store, FinalityFeed(0))
-    contracts = WalledContracts("on", staff, chain.store)
+    contracts = SandboxedContracts("on", staff, chain.store)
     member = chain.hospital.registrar.public_key
 
     async def ask(source: Source) -> str:

@@ -46,10 +46,10 @@ from clients.sdk.terminal.safe_output import overwrite_line
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     console,
+    handle_errors,
     home_folder,
     json_option,
     load_genesis,
-    plain_errors,
     print_json,
 )
 from consensus.chain.genesis import Genesis
@@ -86,7 +86,7 @@ def robot(
 @robot.command()
 @json_option
 @click.pass_obj
-@plain_errors
+@handle_errors
 def new(place: RobotPlace, as_json: bool) -> None:
     """Draw a robot's keys. With `robot --passphrase-file FILE` they are sealed under it.
 
@@ -116,7 +116,7 @@ def new(place: RobotPlace, as_json: bool) -> None:
 @click.option("--none", "to_none", is_flag=True, help="Leave the key file open, for a robot that starts by itself.")
 @json_option
 @click.pass_obj
-@plain_errors
+@handle_errors
 def passphrase(place: RobotPlace, new_file: Path | None, to_none: bool, as_json: bool) -> None:
     """Seal the robot's key file under a passphrase, change it, or take it away.
 
@@ -141,7 +141,7 @@ def passphrase(place: RobotPlace, new_file: Path | None, to_none: bool, as_json:
 @click.argument("code")
 @json_option
 @click.pass_obj
-@plain_errors
+@handle_errors
 def register(place: RobotPlace, code: str, as_json: bool) -> None:
     """Register the robot with the CODE that the registrar issued: its letters, or @FILE with them or a picture of the card.
 
@@ -303,7 +303,7 @@ robot.add_command(background)
 @click.option("--fast", is_flag=True, help="Read as fast as possible; times of frames then run ahead of the clock.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any) -> None:
     """Record from a ROS bag (ROS 1 .bag, rosbag2 folder, .mcap or .db3), in real time unless --fast is given.
 
@@ -334,7 +334,7 @@ def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any
 @_common
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def run(ctx: click.Context, /, as_json: bool, **options: Any) -> None:
     """Record live until Ctrl-C: from a robot's own middleware, or from a synthetic corridor with people in it.
 

@@ -13,7 +13,7 @@ from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import Listed, draft_topics, list_topics, next_steps
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 
 
 @click.command()
@@ -28,7 +28,7 @@ from clients.sdk.terminal.terminal import console, json_option, plain_errors, pr
     help="Write a topics file to start from; an existing file is left alone.",
 )
 @json_option
-@plain_errors
+@handle_errors
 def topics(recording: Path | None, draft: Path | None, as_json: bool, **options: Any) -> None:
     """List the topics of a recording or of a running robot: types, counts and rates, and what each could be.
 

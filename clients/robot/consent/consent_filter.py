@@ -26,7 +26,7 @@ CONSENT_COMING = "consent-coming"
 """Counted for a reading whose bearer's consent is on the chain, but has not begun."""
 
 
-class Keeper:
+class ConsentFilter:
     """One sensor's pictures of one run, recorded for one purpose."""
 
     def __init__(

@@ -36,7 +36,7 @@ CLOCK_AHEAD_MAX_MS = 10_000
 SETTLED_AFTER_MS = 5_000
 _PERSON_TAG = b"blockrobot/spooled-person"
 
-_NO_ROBOT = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
+_NO_ROBOT = frozenset({"SESSION_REFUSED", "SENDER_NOT_ADMITTED"})
 """The node does not take the robot for a member: if the others do not either, it was revoked and will not read again."""
 
 _Place = tuple[bytes, str, str, int]
@@ -155,7 +155,7 @@ class Consents:
 
     async def _hear_quorum(self) -> bool:
         try:
-            return await self._majority.hear_quorum()
+            return await self._majority.confirm_with_quorum()
         except BlockRobotError as error:
             _log.warning("quorum_unheard", code=error.code)
             return False
@@ -198,7 +198,7 @@ class Consents:
         except BlockRobotError as error:
             self.figures.failures += 1
             _log.warning("registry_unread", code=error.code)
-            if error.code in _NO_ROBOT and await self._majority.is_turned_away():
+            if error.code in _NO_ROBOT and await self._majority.is_rejected_by_network():
                 self._failure, self._view = error, None
 
     def raise_failure(self) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from clients.sdk.chain.proved_rows import ProvingClient, in_session
-from clients.sdk.quorum import AskingClient, hear_quorum, is_turned_away
+from clients.sdk.quorum import HeaderClient, confirm_with_quorum, is_rejected_by_network
 from consensus.members.roster import RosterRow
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.consents import Choices, read_choices
@@ -31,27 +31,27 @@ class RegistryClient(ProvingClient, Protocol):
 class Majority(Protocol):
     """What several nodes say that one of them cannot vouch for."""
 
-    async def hear_quorum(self) -> bool:
+    async def confirm_with_quorum(self) -> bool:
         """Tell whether a quorum of producers has answered, and nothing is read any more that is older than they say."""
 
-    async def is_turned_away(self) -> bool:
+    async def is_rejected_by_network(self) -> bool:
         """Tell whether no node takes the robot for a member any more."""
 
 
 class NetworkMajority:
     """The majority of a network's nodes, asked in the robot's session."""
 
-    def __init__(self, client: AskingClient, key: PrivateKey) -> None:
+    def __init__(self, client: HeaderClient, key: PrivateKey) -> None:
         self._client = client
         self._key = key
 
-    async def hear_quorum(self) -> bool:
+    async def confirm_with_quorum(self) -> bool:
         """See `Majority`. Raises what reading raises."""
-        return await hear_quorum(self._client, self._key)
+        return await confirm_with_quorum(self._client, self._key)
 
-    async def is_turned_away(self) -> bool:
+    async def is_rejected_by_network(self) -> bool:
         """See `Majority`."""
-        return await is_turned_away(self._client, self._key)
+        return await is_rejected_by_network(self._client, self._key)
 
 
 @dataclass(frozen=True, slots=True)

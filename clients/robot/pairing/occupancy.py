@@ -46,7 +46,7 @@ class Judgement:
     reason: Reason = Reason.NOT_ALONE
 
 
-class Aloneness:
+class OccupancyMonitor:
     """Remembers the last half minute of frames and strangers. Times are on the camera's timeline, in milliseconds."""
 
     def __init__(self, window_ms: int = WINDOW_DEFAULT_MS) -> None:

@@ -19,11 +19,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.consent.consent_filter import Keeper
+from clients.robot.consent.consent_filter import ConsentFilter
 from clients.robot.consent.consent_view import Consents
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import Kept, Withheld
-from clients.robot.pairing.occupancy import Aloneness
+from clients.robot.pairing.occupancy import OccupancyMonitor
 from clients.robot.recording.batching import Batcher, ReadyClip
 from clients.robot.recording.sealing import ClipContent, seal_clip
 from clients.robot.recording.spool import SpooledClip
@@ -31,7 +31,7 @@ from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
 from clients.robot.run.event_log import IMAGE_WITHHELD, SENSE_WITHHELD, EventLog
 from clients.robot.run.run_statistics import RunStatistics
-from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Label, Sense
+from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Label, SensorSample
 from consensus.errors import BlockRobotError
 from consensus.members.roster import RosterRow
 from consensus.primitives.hashing import HASH_SIZE_BYTES
@@ -64,7 +64,7 @@ _PNG_LEVEL = 1
 
 
 @dataclass(frozen=True, slots=True)
-class SenseKept(Kept):
+class SampleKept(Kept):
     """Something of one sense that is kept for one person; the cut's bytes are in `encoding`."""
 
     encoding: str = ""
@@ -141,7 +141,7 @@ class _SenseLog(EventLog):
         self._log.write(time_ms, own, f"{self._sensor}-{case.rpartition('-')[2]}", alias=alias, **detail)
 
 
-class SenseDesk:
+class SensorTracks:
     """The other senses of one run, beside its depth frames. Each has its own consent, batches and figures."""
 
     def __init__(
@@ -157,7 +157,7 @@ class SenseDesk:
         people: dict[str, RosterRow],
         now_ms: Callable[[], int],
     ) -> None:
-        self.alone = Aloneness(statistics.window_ms)
+        self.alone = OccupancyMonitor(statistics.window_ms)
         self._visits, self._open_visits = visits, open_visits
         self._statistics = statistics
         self._now_ms = now_ms
@@ -165,7 +165,7 @@ class SenseDesk:
         self._keepers = {}
         for sensor, batcher in self._batchers.items():
             statistics.senses[sensor] = RunStatistics(window_ms=statistics.window_ms)
-            self._keepers[sensor] = Keeper(
+            self._keepers[sensor] = ConsentFilter(
                 consents,
                 batcher,
                 visits,
@@ -179,7 +179,7 @@ class SenseDesk:
         self._waiting = {sensor: _Queue() for sensor in SENSORS.values()}
         self._sealed: list[SpooledClip] = []
 
-    async def take(self, sense: Sense, *, camera_offset_ms: int = 0) -> None:
+    async def take(self, sense: SensorSample, *, camera_offset_ms: int = 0) -> None:
         """Take something of a sense; `camera_offset_ms` is the host's clock minus the camera's."""
         sensor = SENSORS[type(sense)]
         self._statistics.senses[sensor].frame_arrived(sense.sequence, self._now_ms())
@@ -280,7 +280,7 @@ class SenseDesk:
         return spooled
 
 
-def _pack(sense: Sense, camera_offset_ms: int) -> _Waiting:
+def _pack(sense: SensorSample, camera_offset_ms: int) -> _Waiting:
     """Return something of a sense as bytes in the form in which it is kept, on the camera's timeline."""
     sensor = SENSORS[type(sense)]
     if isinstance(sense, ColourFrame):
@@ -334,18 +334,18 @@ def cut_colour(colour: npt.NDArray[np.uint8], cut: Cut) -> npt.NDArray[np.uint8]
     return own
 
 
-def _cut_out(kept: Kept, waiting: _Waiting) -> SenseKept:
+def _cut_out(kept: Kept, waiting: _Waiting) -> SampleKept:
     """Return what is kept for one person: of registered colour the pixels of her silhouette, else all of it."""
     cut, width, height = kept.cut, waiting.width, waiting.height
     if waiting.encoding == ENCODING_PNG_RGBA:
         colour = np.asarray(cv2.imdecode(np.frombuffer(waiting.data, np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
         cut = Cut(cut.x, cut.y, cut.width, cut.height, _encode(cut_colour(colour, cut), exact=True))
     same = (kept.sequence, kept.captured_at_ms, kept.alias, cut, kept.alone)
-    return SenseKept(*same, encoding=waiting.encoding, width=width, height=height)
+    return SampleKept(*same, encoding=waiting.encoding, width=width, height=height)
 
 
 def _rendition(frame: Kept) -> Rendition:
-    assert isinstance(frame, SenseKept)
+    assert isinstance(frame, SampleKept)
     is_picture = frame.encoding in (ENCODING_JPEG, ENCODING_PNG_RGBA)
     return Rendition(
         version=RENDITION_VERSION,

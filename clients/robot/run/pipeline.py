@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from clients.robot.consent.consent_filter import Keeper
+from clients.robot.consent.consent_filter import ConsentFilter
 from clients.robot.consent.consent_view import Consents
 from clients.robot.delivery.delivery import Delivered, Delivery
 from clients.robot.hiding.background import EmptyFrame
@@ -24,7 +24,7 @@ from clients.robot.pairing.tag_pairing import REFUSED_AND_COUNTED, Decision
 from clients.robot.pairing.unknown_tags import UnknownTags
 from clients.robot.recording.batching import Batcher, ReadyClip
 from clients.robot.recording.sealing import ClipContent, seal_clip
-from clients.robot.recording.sensor_tracks import SenseDesk
+from clients.robot.recording.sensor_tracks import SensorTracks
 from clients.robot.recording.spool import Spool, SpooledClip
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
@@ -40,8 +40,8 @@ from clients.robot.run.event_log import (
     EventLog,
 )
 from clients.robot.run.run_statistics import RunStatistics
-from clients.robot.sensing.input_throttle import Admission
-from clients.robot.sensing.sensor_events import Event, Frame, Sense, Sighting
+from clients.robot.sensing.input_throttle import InputThrottle
+from clients.robot.sensing.sensor_events import Event, Frame, SensorSample, Sighting
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
@@ -95,7 +95,7 @@ class Pipeline:
         self._batcher = Batcher(clip_ms)
         self._now_ms = now_ms
         self._aliases = AliasBook()
-        self._keeper = Keeper(
+        self._keeper = ConsentFilter(
             consents,
             self._batcher,
             visits,
@@ -105,7 +105,7 @@ class Pipeline:
             sensor=camera.sensor,
             now_ms=now_ms,
         )
-        self._senses = SenseDesk(
+        self._senses = SensorTracks(
             consents,
             visits,
             open_visits,
@@ -117,7 +117,7 @@ class Pipeline:
             now_ms=now_ms,
         )
         consents.on_change = self._drop_refused
-        self.admission = Admission()
+        self.admission = InputThrottle()
         self._unknown_tags = UnknownTags()
         self._busy = asyncio.Lock()
         self._taken_count = 0
@@ -130,7 +130,7 @@ class Pipeline:
         self._keeper.drop_refused()
         self._senses.drop_refused()
 
-    async def run(self, events: AsyncIterator[Event | Sense], *, live: bool = False) -> None:
+    async def run(self, events: AsyncIterator[Event | SensorSample], *, live: bool = False) -> None:
         """Work through a stream to its end and return when every record is final and every visit closed.
 
         That includes what a robot that was killed left behind: its clips are delivered, then its visits closed. In a
@@ -170,12 +170,12 @@ class Pipeline:
         """Return what was found of the clocks, how much was turned away, late or thinned, and tags nobody knows."""
         return {**self.admission.as_json(self._hider.pairing), "unknown_tags": self._unknown_tags.as_json()}
 
-    def _find_arrival(self, arrived: Event | Sense) -> int:
+    def _find_arrival(self, arrived: Event | SensorSample) -> int:
         """Return when an event came: by the host's stamp in a live stream, else when it is taken up."""
         now = self._now_ms()
         return min(now, arrived.received_at_ms or now) if self._live else now
 
-    async def _take(self, arrived: Event | Sense) -> None:
+    async def _take(self, arrived: Event | SensorSample) -> None:
         if not isinstance(arrived, Frame | Sighting):
             await self._senses.take(arrived, camera_offset_ms=self.admission.clocks.camera_offset_ms)
             return
@@ -370,12 +370,12 @@ class Pipeline:
 
 
 async def _while_running(
-    beside: asyncio.Task[None], events: AsyncIterator[Event | Sense]
-) -> AsyncIterator[Event | Sense]:
+    beside: asyncio.Task[None], events: AsyncIterator[Event | SensorSample]
+) -> AsyncIterator[Event | SensorSample]:
     """Yield the events; raise as soon as the task beside them fails, though no event comes any more."""
-    coming: asyncio.Task[Event | Sense | None] | None = None
+    coming: asyncio.Task[Event | SensorSample | None] | None = None
 
-    async def next_one() -> Event | Sense | None:
+    async def next_one() -> Event | SensorSample | None:
         return await anext(events, None)
 
     try:

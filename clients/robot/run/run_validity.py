@@ -25,13 +25,13 @@ ENDS = frozenset(
         "BACKGROUND_EXPIRED",
     }
 )
-"""What `Tenure.check` raises: a run ends at it in good order."""
+"""What `RunValidity.check` raises: a run ends at it in good order."""
 
 
-class Tenure:
+class RunValidity:
     """The time for which a run holds its roster and, if it uses one, its bank of empty frames.
 
-    `look` returns the bank if it is approved now, and raises BACKGROUND_* otherwise; so does making a `Tenure`.
+    `look` returns the bank if it is approved now, and raises BACKGROUND_* otherwise; so does making a `RunValidity`.
     """
 
     def __init__(

@@ -28,8 +28,8 @@ from clients.robot.run.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.run.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.run.robot_lock import only_run
 from clients.robot.run.run_statistics import RunStatistics
-from clients.robot.run.run_validity import Tenure
-from clients.robot.sensing.camera_intrinsics import Lens
+from clients.robot.run.run_validity import RunValidity
+from clients.robot.sensing.camera_intrinsics import CameraIntrinsics
 from clients.robot.sensing.input_checks import Inputs
 from clients.robot.sensing.sensor_events import Refused, SourceEvent
 from clients.robot.sources.live.live_source import LiveSource
@@ -80,7 +80,7 @@ class ProgressListener(Protocol):
 
 
 async def _events(
-    source: Source, stop: asyncio.Event, options: ReplayOptions, tenure: Tenure
+    source: Source, stop: asyncio.Event, options: ReplayOptions, tenure: RunValidity
 ) -> AsyncIterator[SourceEvent]:
     """Yield what the source gives until it ends or `stop` is set. Raises what ends the run before its source does."""
     if options.real_time:
@@ -152,10 +152,10 @@ class _Run:
         finally:
             watch.cancel()
 
-    def _tenure(self) -> Tenure:
+    def _tenure(self) -> RunValidity:
         viewpoint, now_ms = self._options.viewpoint, self._network.now_ms
         look = (lambda: approved_scene(self._folder, viewpoint, now_ms())) if viewpoint else None
-        return Tenure(self._roster, now_ms, look)
+        return RunValidity(self._roster, now_ms, look)
 
     async def _play(self, source: Source) -> RunStatistics:
         viewpoint, now_ms, tenure = self._options.viewpoint, self._network.now_ms(), self._tenure()
@@ -163,7 +163,7 @@ class _Run:
         check_empty(empty)
         bank = tuple(empty_bank(published_frames(empty)))
         hider = Hider(learn_background(empty))
-        lens = Lens(source, hider.use_focal_px, live=isinstance(source, LiveSource))
+        lens = CameraIntrinsics(source, hider.use_focal_px, live=isinstance(source, LiveSource))
         statistics = RunStatistics(window_ms=hider.pairing.window_ms)
         open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
         member = self._identity.identity.public_key

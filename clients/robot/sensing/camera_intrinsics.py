@@ -19,7 +19,7 @@ ASSUMED = "assumed"
 _ASK_EVERY_S = 0.05
 
 
-class Lens:
+class CameraIntrinsics:
     """The focal length that `source` tells. `use` is given it when it comes; before that the Hider has the default."""
 
     def __init__(self, source: Source, use: Callable[[float], None], *, live: bool) -> None:

@@ -18,7 +18,7 @@ from clients.robot.sensing.sensor_events import (
     Frame,
     Label,
     Refused,
-    Sense,
+    SensorSample,
     Sighting,
     SourceEvent,
 )
@@ -52,7 +52,7 @@ class Inputs:
         self._unnoted: dict[tuple[str, str], tuple[Refused, int]] = {}
         self._in_a_row: dict[str, int] = {}
 
-    async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event | Sense]:
+    async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event | SensorSample]:
         """Yield the events that can be used, until the stream ends, breaks off or becomes useless."""
         try:
             async for event in events:

@@ -74,7 +74,7 @@ class _Gate:
 
 
 @dataclass(slots=True)
-class Admission:
+class InputThrottle:
     """What stands between the sources and the pipeline. `only_paired_count` readings went to pairing alone."""
 
     clocks: RunClocks = field(default_factory=RunClocks)

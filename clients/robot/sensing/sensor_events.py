@@ -132,8 +132,8 @@ class Refused:
     detail: str = field(default="", compare=False)
 
 
-Sense = ColourFrame | Label | AudioClip
-SourceEvent = Event | Sense | Refused
+SensorSample = ColourFrame | Label | AudioClip
+SourceEvent = Event | SensorSample | Refused
 
 
 def check_depth(depth: npt.NDArray[np.generic], *, shape: tuple[int, int] | None = None) -> Depth:

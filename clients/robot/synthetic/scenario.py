@@ -167,7 +167,7 @@ class Bed:
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class Environment:
     """What makes the corridor hard: a floor that mirrors, surfaces that return nothing, doors, beds, a moving robot.
 
     `camera_path` holds (t, x, z, yaw in radians to the right); empty: the robot stands still.
@@ -199,7 +199,7 @@ class Scenario:
     reader: Reader
     people: tuple[Person, ...]
     digest: str
-    surroundings: Surroundings = Surroundings()
+    surroundings: Environment = Environment()
     absent: frozenset[str] = frozenset()
 
     @property
@@ -381,8 +381,8 @@ def _person(row: dict[str, Any]) -> Person:
     )
 
 
-def _surroundings(table: dict[str, Any]) -> Surroundings:
-    return Surroundings(
+def _surroundings(table: dict[str, Any]) -> Environment:
+    return Environment(
         mirror_floor=float(table.get("mirror_floor", 0.0)),
         holes=float(table.get("holes", 0.0)),
         doors=tuple(

@@ -14,11 +14,11 @@ from clients.robot.synthetic.scenario import (
     Arms,
     Bed,
     Door,
+    Environment,
     Manner,
     Person,
     Reader,
     Scenario,
-    Surroundings,
     check_scenario,
     joined,
     without,
@@ -282,7 +282,7 @@ def _third(rng: np.random.Generator, people: tuple[Person, ...], duration_s: flo
     return _drawn_person(rng, THIRD, _cut_off(times, points, duration_s))
 
 
-def _surroundings(rng: np.random.Generator, stratum: Stratum, duration_s: float) -> Surroundings:
+def _surroundings(rng: np.random.Generator, stratum: Stratum, duration_s: float) -> Environment:
     """Return a random corridor: doors, a bed along the wall, a floor that mirrors, holes; a robot that moves."""
     doors: tuple[Door, ...] = ()
     if rng.random() < 0.25:
@@ -293,7 +293,7 @@ def _surroundings(rng: np.random.Generator, stratum: Stratum, duration_s: float)
     mirror = float(rng.uniform(0.1, 0.6)) if rng.random() < 0.35 else 0.0
     holes = float(rng.choice(HOLES)) if rng.random() < 0.7 else 0.0
     path = _drive(rng, duration_s) if stratum == "moving-robot" else ()
-    return Surroundings(mirror, holes, doors, beds, path)
+    return Environment(mirror, holes, doors, beds, path)
 
 
 def _drive(rng: np.random.Generator, duration_s: float) -> tuple[tuple[float, float, float, float], ...]:

@@ -15,7 +15,7 @@ from clients.robot.sensing.sensor_events import Mask
 from clients.robot.synthetic.body import Capsules
 from clients.robot.synthetic.corridor import BEYOND_M, HALF_WIDTH_M, NEAR_M, Camera, Image, Labels, directions, draw
 from clients.robot.synthetic.props import bed_rows
-from clients.robot.synthetic.scenario import Door, Surroundings
+from clients.robot.synthetic.scenario import Door, Environment
 
 DOOR_HEIGHT_M = 2.05
 DOOR_SWING_S = 1.4
@@ -33,7 +33,7 @@ def door_angle(door: Door, at_s: float) -> float:
     return DOOR_OPEN_RAD * max(share, 0.0)
 
 
-def furnish(camera: Camera, depth: Image, surroundings: Surroundings, at_s: float) -> None:
+def furnish(camera: Camera, depth: Image, surroundings: Environment, at_s: float) -> None:
     """Draw doors and beds as they are at a time. In place."""
     for door in surroundings.doors:
         angle = door_angle(door, at_s)

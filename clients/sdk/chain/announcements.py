@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import msgspec
 
 from clients.sdk.node_answers import ProofsAnswer
-from clients.sdk.proof_checks import Trust
+from clients.sdk.proof_checks import ProofVerifier
 from consensus.errors import BlockRobotError
 from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 
@@ -38,7 +38,7 @@ class AnnouncementPage:
     next_number: int
 
 
-def read_announcements(trust: Trust, answer: ProofsAnswer, first: int, limit: int) -> AnnouncementPage:
+def read_announcements(trust: ProofVerifier, answer: ProofsAnswer, first: int, limit: int) -> AnnouncementPage:
     """Check a page: the count is proved, and so is every item that the count says is due.
 
     Raises PROOF_INVALID, PROOF_STALE and what a wrong finality proof raises.

@@ -35,4 +35,4 @@ async def read_transaction(client: NetworkClient, key: PrivateKey, height: int, 
                 return transaction
         raise BlockRobotError("PROOF_INVALID", f"Block {height} of the node does not hold the transaction.")
 
-    return await client.ask_any(ask)
+    return await client.with_any_node(ask)

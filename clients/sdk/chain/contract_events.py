@@ -126,4 +126,4 @@ async def read_events(
         return _read_page(content, first)
 
     await client.find_nodes(key)
-    return await client.ask_any(ask)
+    return await client.with_any_node(ask)

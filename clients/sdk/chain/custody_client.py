@@ -18,7 +18,7 @@ from consensus.state.records import EMPTY_FRAME
 TRANSFER_TIMEOUT_MS = 60_000
 
 
-class Asker(Protocol):
+class RequestFn(Protocol):
     """How one request is made (`NetworkClient.ask_node`)."""
 
     async def __call__(
@@ -45,7 +45,7 @@ StateProver = Callable[[Sequence[bytes], PrivateKey], Awaitable[ProvedState]]
 class CustodyClient:
     """The custodians of a network, each asked by itself: an upload goes to all of them, a download to any."""
 
-    def __init__(self, find: Callable[[], tuple[NodeAddress, ...]], ask: Asker, prove: StateProver) -> None:
+    def __init__(self, find: Callable[[], tuple[NodeAddress, ...]], ask: RequestFn, prove: StateProver) -> None:
         """`find` names those who are custodians now."""
         self._find = find
         self._ask = ask

@@ -257,7 +257,7 @@ class Governor:
         try:
             receipt = await self._client.submit_and_wait(transaction)
         except BlockRobotError as error:
-            if error.code == "SENDER_WITHOUT_STANDING":
+            if error.code == "SENDER_NOT_ADMITTED":
                 raise BlockRobotError("GOVERNANCE_NOT_ADMIN") from None
             raise
         if not receipt.ok:

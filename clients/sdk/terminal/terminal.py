@@ -191,7 +191,7 @@ def is_at_terminal() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
-def wipe_screen() -> None:
+def clear_screen() -> None:
     """Take secrets off the screen, and out of what can be scrolled back to; a terminal that cannot gets empty lines."""
     if not console.is_terminal:
         return
@@ -225,7 +225,7 @@ def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
     return exit_codes.exit_code_of(error.entry)
 
 
-def plain_errors(command: F) -> F:
+def handle_errors(command: F) -> F:
     """Turn a refusal, or a file that cannot be used, into a sentence, a code, a next step and an exit code."""
 
     @functools.wraps(command)

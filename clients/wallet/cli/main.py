@@ -13,7 +13,7 @@ import click
 
 from clients.sdk.terminal.lazy_group import CommandPlace
 from clients.wallet.cli.group_options import place_wallet, wallet_options
-from clients.wallet.cli.translated_help import SpokenGroup
+from clients.wallet.cli.translated_help import TranslatedGroup
 
 _COMMANDS = {
     "audit": CommandPlace(
@@ -151,7 +151,7 @@ _COMMANDS = {
 }
 
 
-@click.group(cls=SpokenGroup, places=_COMMANDS)
+@click.group(cls=TranslatedGroup, places=_COMMANDS)
 @wallet_options
 @click.pass_context
 def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: Path | None) -> None:

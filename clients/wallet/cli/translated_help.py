@@ -199,7 +199,7 @@ class SpokenContext(click.Context):
         return _with_placeholders(record[0]), "  ".join(filter(None, (_told(option.help), ending)))
 
 
-class SpokenGroup(LazyGroup):
+class TranslatedGroup(LazyGroup):
     """The group of commands that tell their help in the language of its `--language`, or of the environment."""
 
     context_class = SpokenContext

@@ -26,7 +26,7 @@ from clients.wallet.present.translations import WrongUsage, refusal, text
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.passphrase_sources import read_from_keyring
 from clients.wallet.store.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
-from clients.wallet.store.wallet_lock import claim_or_read, claim_wallet, require_wallet
+from clients.wallet.store.wallet_lock import claim_wallet, lock_or_read_only, require_wallet
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 
@@ -40,7 +40,7 @@ PASSPHRASE_TRIES_MAX_COUNT = 5
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
 
-def reads_only(command: F) -> F:
+def read_only_wallet(command: F) -> F:
     """Mark what a command does, next to its function: it may go on beside another program that has the wallet.
 
     What it notes in the wallet then is dropped; it has to be something that is found again on the chain the next time.
@@ -50,7 +50,7 @@ def reads_only(command: F) -> F:
 
 
 @contextlib.contextmanager
-def tell_if_stopped(ctx: click.Context, say: Callable[[], str]) -> Iterator[None]:
+def on_abort(ctx: click.Context, say: Callable[[], str]) -> Iterator[None]:
     """Let a Ctrl-C, or a no, end the command with a word on what was done and what not; none: as any other ends."""
     try:
         yield
@@ -123,7 +123,7 @@ def require_new(out: Path | None) -> None:
         raise refusal("FILE_EXISTS", "file_kept", path=str(out))
 
 
-def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
+def run_with_wallet(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
     """Open the wallet that the group's options name and do something with it. Raises what that raises.
 
     While another program has the wallet, a command that only reads goes on beside it and notes nothing; any other is told
@@ -134,7 +134,7 @@ def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> 
     genesis = load_genesis(genesis_path)
     passphrase = read_passphrase()
     if getattr(ctx.command.callback, _READS_ONLY_MARK, False):
-        with claim_or_read(path) as busy:
+        with lock_or_read_only(path) as busy:
             store = Keystore.open(path, passphrase)
             if busy is not None:
                 store.read_only()

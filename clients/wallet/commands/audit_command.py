@@ -5,8 +5,8 @@ from __future__ import annotations
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_all, records_of
 from clients.wallet.ledger.wallet import Wallet
@@ -21,8 +21,8 @@ from pages.moments import show_moment
 @click.command()
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def audit(ctx: click.Context, as_json: bool) -> None:
     """Show everything that happened to your records, in order.
 
@@ -32,7 +32,7 @@ def audit(ctx: click.Context, as_json: bool) -> None:
     async def action(opened: Wallet) -> tuple[list[AuditEntry], dict[bytes, str]]:
         return await audit_all(opened), custodian_names(opened, language_in_use())
 
-    entries, names = run_opened(ctx, action)
+    entries, names = run_with_wallet(ctx, action)
     if as_json:
         rows = [
             {
@@ -67,7 +67,7 @@ def audit(ctx: click.Context, as_json: bool) -> None:
 @click.argument("record_id")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
     """Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations).
 
@@ -86,7 +86,7 @@ def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
                     refusals[f"{custodian.name} as {name}"] = "RELEASED"
         return refusals
 
-    refusals = run_opened(ctx, action)
+    refusals = run_with_wallet(ctx, action)
     if as_json:
         print_json({"ok": True, "refusals": refusals})
     else:

@@ -13,9 +13,9 @@ from rich.markup import escape
 
 from clients.bundle.checks.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from clients.wallet.cli.invocation import verify_command
-from clients.wallet.cli.wallet_context import reads_only, require_new, run_opened
+from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet
 from clients.wallet.commands.notice_commands import Receipted, require_said, take_receipt, tell_first
 from clients.wallet.consent.consent_by_mandate import FOR_ONESELF, Represented, find_represented, for_option, handle_of
 from clients.wallet.consent.consent_choices import DEPTH, Choice, Choices, Consenting, Word, choice_json, round_period
@@ -110,7 +110,7 @@ def _named(codes: tuple[str, ...], kind: str, known: Mapping[str, str], none: st
 @for_option
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def give(
     ctx: click.Context,
     purposes: tuple[str, ...],
@@ -166,7 +166,7 @@ def give(
         if person is None:
             notices.note_consented(told)
 
-    run_opened(ctx, action)
+    run_with_wallet(ctx, action)
 
 
 def _given(
@@ -210,7 +210,7 @@ def _say_no(
         next_step = text("consent.after_no") if person is None else ""
         await _tell(opened, word, line, next_step, person=person, as_json=as_json, more=more)
 
-    run_opened(ctx, action)
+    run_with_wallet(ctx, action)
 
 
 @consent.command()
@@ -218,7 +218,7 @@ def _say_no(
 @for_option
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def refuse(
     ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
 ) -> None:
@@ -236,7 +236,7 @@ def refuse(
 @for_option
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def withdraw(
     ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
 ) -> None:
@@ -253,8 +253,8 @@ def withdraw(
 @for_option
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def list_choices(
     ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
 ) -> None:
@@ -269,7 +269,7 @@ def list_choices(
         consenting.require_known(list(purposes), list(sensors))
         return await consenting.choices()
 
-    found = run_opened(ctx, action)
+    found = run_with_wallet(ctx, action)
     rows = [
         row
         for row in found.rows
@@ -319,7 +319,7 @@ def _line(row: Choice, height: int) -> str:
 @click.option("--search", is_flag=True, help="Look through the chain for words that this wallet does not know.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) -> None:
     """Show your consent receipts, signed by your organisation and by you, each checked anew; fetch those that are due.
 
@@ -334,7 +334,7 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
         found = await kept.all(search=search)
         return found, encode_file(opened.genesis, kept.epochs(), found.entries)
 
-    found, content = run_opened(ctx, action)
+    found, content = run_with_wallet(ctx, action)
     if out is not None and not found.entries:
         out = None  # a file without receipts proves nothing, and is refused
     if out is not None:

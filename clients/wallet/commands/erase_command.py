@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 import click
 
-from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json, problem_json
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json, problem_json
 from clients.wallet.cli.shell_completion import complete_records
-from clients.wallet.cli.wallet_context import run_opened
+from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.commands.share_commands import share_json, tell_copies, tell_recipients
 from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
@@ -134,7 +134,7 @@ def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def erase(
     ctx: click.Context,
     record_ids: tuple[str, ...],
@@ -156,7 +156,7 @@ def erase(
     if not yes and not sys.stdin.isatty():
         raise WrongUsage("no_terminal_yes")
     wish = _Wish(() if everything else record_ids, frame_indexes, wait, yes, as_json)
-    done = run_opened(ctx, functools.partial(_erase, wish))
+    done = run_with_wallet(ctx, functools.partial(_erase, wish))
     if as_json:
         _print_json(done)
     else:

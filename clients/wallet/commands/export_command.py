@@ -16,9 +16,9 @@ from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
-from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json
 from clients.wallet.cli.invocation import verify_command
-from clients.wallet.cli.wallet_context import run_opened, tell_if_stopped
+from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
 from clients.wallet.export.export_building import Exporting, Plan, Wanted
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import WrongUsage, describe_error, language_in_use, section, text
@@ -98,7 +98,7 @@ def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def export(
     ctx: click.Context,
     out: Path,
@@ -138,8 +138,8 @@ def export(
         begun = True
         return write_bundle(out, await exporting.collect(plan, now_ms), replace=force, heard=hear)
 
-    with tell_if_stopped(ctx, lambda: text("export.stopped", out=out) if begun else ""):
-        verdict = run_opened(ctx, action)
+    with on_abort(ctx, lambda: text("export.stopped", out=out) if begun else ""):
+        verdict = run_with_wallet(ctx, action)
     if as_json:
         print_json(bundle_json(out, verdict))
     else:

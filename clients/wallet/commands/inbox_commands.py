@@ -14,9 +14,9 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json, status_line
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.commands.account.rotate_commands import unreadable_words
 from clients.wallet.commands.view_commands import missing_rooms_json, tell_missing_rooms
 from clients.wallet.ledger.visit_audit import AuditEntry, Finding, audit_visit, findings_of
@@ -170,14 +170,14 @@ def _print_alarms(alarms: Sequence[VisitReport]) -> None:
 @click.command()
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def inbox(ctx: click.Context, as_json: bool) -> None:
     """Show what was shared with you and what became of it since, and what is wrong with your own visits.
 
     Example: blockrobot wallet inbox
     """
-    found = run_opened(ctx, read_inbox)
+    found = run_with_wallet(ctx, read_inbox)
     if as_json:
         alarms = [
             {
@@ -309,7 +309,7 @@ async def look_at(
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("shared"), show_default=True)
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path, as_json: bool) -> None:
     """Look at what was shared with you (GRANT, by `blockrobot wallet inbox`): all of it, or these records.
 
@@ -323,7 +323,7 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
         with status_line(text("look.asking"), as_json=as_json):
             return await look_at(opened, grant, record_ids, folder)
 
-    views, left_out, earlier, missing = run_opened(ctx, action)
+    views, left_out, earlier, missing = run_with_wallet(ctx, action)
     if as_json:
         rows = [
             {
@@ -368,7 +368,7 @@ def _ask_whether_deleted(places: Sequence[Path], records_count: int, *, yes: boo
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def confirm_deleted(
     ctx: click.Context, grant: str, record_ids: tuple[str, ...], delete: bool, yes: bool, as_json: bool
 ) -> None:
@@ -394,7 +394,7 @@ def confirm_deleted(
         await receiving.confirm_deleted(receipt, chosen)
         return chosen, places, kept
 
-    chosen, places, kept = run_opened(ctx, action)
+    chosen, places, kept = run_with_wallet(ctx, action)
     if as_json:
         deleted = [str(place) for place in places if not place.exists()]
         records = [record_id.hex() for record_id in chosen]

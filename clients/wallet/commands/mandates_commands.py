@@ -6,9 +6,9 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import ACTIVE, APPROVED, OPEN, Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.mandate_json_fields import mandate_json
@@ -71,8 +71,8 @@ def _print_mandate(opened: Wallet, mandate: Mandate, trail: list[ActRow]) -> Non
 @click.option("--all", "everything", is_flag=True, help="Those that are over, too.")
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """Show who acts for you, for whom you act, and everything that was said so, proven against the chain.
 
@@ -98,7 +98,7 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
         for mandate, trail in zip(found, trails, strict=True):
             _print_mandate(opened, mandate, trail)
 
-    run_opened(ctx, action)
+    run_with_wallet(ctx, action)
 
 
 @mandates.command()
@@ -106,7 +106,7 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
     """Accept to act for somebody who cannot. From then on you decide what may be recorded of that person.
 
@@ -121,7 +121,7 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
         await handling.accept(before)
         return await handling.find(before.mandate_id.hex(), own=True)
 
-    after = run_opened(ctx, action)
+    after = run_with_wallet(ctx, action)
     if as_json:
         print_json({"ok": True, **mandate_json(after)})
         return
@@ -133,7 +133,7 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
 @click.argument("mandate")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def end(ctx: click.Context, mandate: str, as_json: bool) -> None:
     """End a mandate, or a proposal of one. What was consented to under it is withdrawn with the same block.
 
@@ -146,7 +146,7 @@ def end(ctx: click.Context, mandate: str, as_json: bool) -> None:
         await handling.end(found)
         return await handling.find(found.mandate_id.hex(), own=True)
 
-    after = run_opened(ctx, action)
+    after = run_with_wallet(ctx, action)
     if as_json:
         print_json({"ok": True, **mandate_json(after)})
         return

@@ -11,8 +11,8 @@ from rich.markup import escape
 
 from clients.bundle.checks.consent_receipts import CheckedReceipt
 from clients.sdk.terminal.qr_codes import read_given
-from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
-from clients.wallet.cli.wallet_context import run_opened
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json
+from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.consent.notice_reading import Notices, Told
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
@@ -97,7 +97,7 @@ async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
 @click.command()
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def notice(ctx: click.Context, as_json: bool) -> None:
     """Show what your organisation tells you about your data, and what changed since you consented.
 
@@ -113,7 +113,7 @@ def notice(ctx: click.Context, as_json: bool) -> None:
             _show_with_changes(told)
         notices.note_shown(told)
 
-    run_opened(ctx, action)
+    run_with_wallet(ctx, action)
 
 
 def _show_with_changes(told: Told) -> None:
@@ -139,7 +139,7 @@ def _ask_of(purposes: tuple[str, ...]) -> str:
 @click.option("--yes", is_flag=True, help="Do not ask: who registers has read the notice, and consents.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool, as_json: bool) -> None:
     """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
 
@@ -178,7 +178,7 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
         else:
             notices.note_consented(told)
 
-    run_opened(ctx, action)
+    run_with_wallet(ctx, action)
 
 
 def _registered_line(purposes: tuple[str, ...]) -> str:

@@ -8,8 +8,8 @@ import click
 from rich.markup import escape
 
 from clients.bundle.checks.chain_proofs import ProvedChain
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import describe_error, language_in_use, text
@@ -65,8 +65,8 @@ def _row(proof: CheckedProof) -> dict[str, Any]:
 @click.command("receipts")
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def receipts(ctx: click.Context, as_json: bool) -> None:
     """Show the receipts whose proofs this wallet keeps, each checked here. No node is asked: it works without a network.
 
@@ -81,7 +81,7 @@ def receipts(ctx: click.Context, as_json: bool) -> None:
         found = list(check_all(content, chain, opened.genesis.chain_id))
         return found, custodian_names(opened, language_in_use()), content.proofs_dropped_count
 
-    found, names, dropped_count = run_opened(ctx, action)
+    found, names, dropped_count = run_with_wallet(ctx, action)
     proofs = [each for each in found if isinstance(each, CheckedProof)]
     problems = [each for each in found if isinstance(each, BlockRobotError)]
     proofs.sort(key=lambda each: (each.height, each.index))

@@ -8,8 +8,8 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json, status_line
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json, status_line
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.commands.account.rotate_commands import print_words, unreadable_words, words_json
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.ledger.mandates import Mandates
@@ -142,8 +142,8 @@ def _filters(command: Any) -> Any:
 )
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def records(
     ctx: click.Context,
     day: str | None,
@@ -176,7 +176,7 @@ def records(
             names = await read_robot_names(opened, (each.visit for each in reports))
             return reports, changed, mandate_id, content, names
 
-    reports, changed, mandate_id, content, names = run_opened(ctx, action)
+    reports, changed, mandate_id, content, names = run_with_wallet(ctx, action)
     page = select(reports, wanted, number, per_page)
     if as_json:
         version = None if changed is None else changed.version

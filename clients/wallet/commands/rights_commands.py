@@ -10,9 +10,9 @@ from typing import Any
 import click
 
 from clients.sdk.new_files import new_file
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import require_new, run_opened
+from clients.wallet.cli.wallet_context import require_new, run_with_wallet
 from clients.wallet.consent.consent_by_mandate import FOR_ONESELF, Represented, find_represented, for_option, handle_of
 from clients.wallet.consent.rights_requests import Chosen, Rights, Said, choose, write_correction
 from clients.wallet.ledger.wallet import Wallet
@@ -80,7 +80,7 @@ def _all_of(spoken: Spoken) -> list[Said]:
 @_now
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def restrict(
     ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], ground: str, now: bool, as_json: bool
 ) -> None:
@@ -98,7 +98,7 @@ def restrict(
         rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
         return await rights.say_each(chosen, lambda one: rights.restrict(one, ground), at_once=now, tell=_tell_progress)
 
-    words = _all_of(run_opened(ctx, action))
+    words = _all_of(run_with_wallet(ctx, action))
     if as_json:
         rows = [said_json(said) | {"kept_until_ms": said.data["until_ms"] or None} for said in words]
         print_json({"ok": True, "ground": ground, "restricted": rows})
@@ -116,7 +116,7 @@ def restrict(
 @_now
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], now: bool, as_json: bool) -> None:
     """Lift a restriction. What has outlived its time under it is erased at once.
 
@@ -128,7 +128,7 @@ def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...
         rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
         return await rights.say_each(chosen, rights.lift, at_once=now, tell=_tell_progress)
 
-    words = _all_of(run_opened(ctx, action))
+    words = _all_of(run_with_wallet(ctx, action))
     if as_json:
         print_json({"ok": True, "lifted": [said_json(said) for said in words]})
     for said in () if as_json else words:
@@ -148,7 +148,7 @@ def _tell_progress(number: int, count: int) -> None:
 @for_option
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def object_to(
     ctx: click.Context, purposes: tuple[str, ...], now: bool, recording_only: bool, whom: str | None, as_json: bool
 ) -> None:
@@ -170,7 +170,7 @@ def object_to(
             return height, [], person
         return height, await rights.object_to_release(list(purposes), at_once=now, tell=_tell_progress), None
 
-    height, words, person = run_opened(ctx, action)
+    height, words, person = run_with_wallet(ctx, action)
     if as_json:
         rows = [said_json(said) for said in words]
         spoken_for = FOR_ONESELF if person is None else person.as_json()
@@ -201,7 +201,7 @@ def _read_text(text_file: Path | None) -> str:
 )
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def correct(
     ctx: click.Context,
     record_ids: tuple[str, ...],
@@ -229,7 +229,7 @@ def correct(
         return await Rights(opened).correct(chosen[0], kind, right)
 
     with nullcontext() if out is None else new_file(out) as file:
-        said, correction = run_opened(ctx, action)
+        said, correction = run_with_wallet(ctx, action)
         if file is not None:
             file.write(write_correction(correction))
     if as_json:
@@ -245,7 +245,7 @@ def correct(
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> None:
     """Say that a visit (the beginning of its name) shows somebody else. Nobody sees it from then on, you neither.
 
@@ -261,7 +261,7 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
         (chosen,) = choose(await opened.records(), (), (visit,))
         return await Rights(opened).deny(chosen.visit)
 
-    said = run_opened(ctx, action)
+    said = run_with_wallet(ctx, action)
     breach_id, due_ms = said.data["breach_id"].hex(), said.data["due_ms"]
     if as_json:
         told = {"breach_id": breach_id, "organisation": said.data["org"], "due_ms": due_ms}

@@ -17,9 +17,9 @@ import click
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     console,
+    handle_errors,
     json_option,
     load_genesis,
-    plain_errors,
     print_json,
     problem_json,
 )
@@ -53,7 +53,7 @@ ENDINGS = (signal.SIGINT, signal.SIGTERM)
 )
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool) -> None:
     """Open your wallet as a page in your browser, for you alone: it is served on this machine, and keys stay here.
 

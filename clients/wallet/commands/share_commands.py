@@ -15,9 +15,9 @@ from typing import Any
 import click
 
 from clients.sdk.terminal.qr_codes import read_given
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json, status_line
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, WrongUsage, code_text, language_in_use, text
@@ -186,7 +186,7 @@ def _print_shared(shared: Shared, grantee: Grantee) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def share(
     ctx: click.Context,
     record_ids: tuple[str, ...],
@@ -222,7 +222,7 @@ def share(
             tell = functools.partial(_show_step, show)
             return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell, language=told)
 
-    grantee, done = run_opened(ctx, action)
+    grantee, done = run_with_wallet(ctx, action)
     if as_json:
         rows, who = [shared_json(shared) for shared in done], grantee.member
         print_json({"ok": True, "handle": who.handle.hex(), "role": who.role, "purpose": purpose, "shared": rows})
@@ -296,8 +296,8 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
 @click.command()
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def shares(ctx: click.Context, as_json: bool) -> None:
     """Show what you share, with whom, until when, who looked and when, and who says that copies are deleted.
 
@@ -307,7 +307,7 @@ def shares(ctx: click.Context, as_json: bool) -> None:
     async def action(opened: Wallet) -> list[Share]:
         return await Sharing(opened).shares()
 
-    found, now_ms = run_opened(ctx, action), time.time_ns() // 1_000_000
+    found, now_ms = run_with_wallet(ctx, action), time.time_ns() // 1_000_000
     if as_json:
         print_json({"ok": True, "shares": [share_json(each, now_ms) for each in found]})
         return
@@ -340,7 +340,7 @@ def tell_copies(found: Sequence[Share]) -> None:
 @click.argument("grant")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
     """End what you shared (GRANT: the beginning of its name, by `blockrobot wallet shares`). At once, and for good.
 
@@ -354,7 +354,7 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
         (one,) = [each for each in found if each.grant.grant_id == chosen]
         return one, None if one.grant.row.status == "revoked" else await sharing.revoke(one)
 
-    ended, txid = run_opened(ctx, action)
+    ended, txid = run_with_wallet(ctx, action)
     if as_json:
         told = {"grant_id": ended.grant.grant_id.hex(), "txid": None if txid is None else txid.hex()}
         print_json({"ok": True, **told, "looks": len(ended.looks), "already_ended": txid is None})
@@ -370,8 +370,8 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
 @click.command()
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def handle(ctx: click.Context, as_json: bool) -> None:
     """Show your own handle. Whoever is to share something with you needs it; it is no secret.
 
@@ -382,7 +382,7 @@ def handle(ctx: click.Context, as_json: bool) -> None:
         await opened.require_registered()
         return opened.store.content.handle, opened.store.content.role
 
-    own, role = run_opened(ctx, action)
+    own, role = run_with_wallet(ctx, action)
     if as_json:
         print_json({"ok": True, "handle": own.hex(), "short": encode_short(own), "role": role})
         return

@@ -10,9 +10,9 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json, status_line
 from clients.wallet.cli.shell_completion import complete_records
-from clients.wallet.cli.wallet_context import reads_only, run_opened, tell_if_stopped
+from clients.wallet.cli.wallet_context import on_abort, read_only_wallet, run_with_wallet
 from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.present.translations import describe_error, text, withheld_text
@@ -115,8 +115,8 @@ def _counts(view: RecordView) -> str:
 @click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def view(
     ctx: click.Context, record_ids: tuple[str, ...], out: Path, sheet: bool, show: bool, purpose: str, as_json: bool
 ) -> None:
@@ -140,8 +140,8 @@ def view(
                 sheets.extend(album.write_visits())
         return views
 
-    with tell_if_stopped(ctx, lambda: text("view.stopped", count=len(album.written), out=out)):
-        views = run_opened(ctx, action)
+    with on_abort(ctx, lambda: text("view.stopped", count=len(album.written), out=out)):
+        views = run_with_wallet(ctx, action)
     earlier = _find_earlier(album, views, of_all=not record_ids)
     if as_json:
         rows = [_view_json(view) for view in views]
@@ -164,8 +164,8 @@ def view(
 @click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_json: bool) -> None:
     """Check records against the chain on this machine, trusting no node, and put the verdict on the chain.
 
@@ -177,7 +177,7 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
         with status_line(text("view.asking"), as_json=as_json) as tell:
             return await _view_all(opened, entries, purpose, verdict=True, tell=tell)
 
-    views = run_opened(ctx, action)
+    views = run_with_wallet(ctx, action)
     if as_json:
         print_json({"ok": True, "records": [_view_json(view) for view in views], "out": None})
         return

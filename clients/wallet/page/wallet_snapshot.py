@@ -15,7 +15,7 @@ from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit, findings_
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.present.translations import refusal
 from clients.wallet.records.erasure import ErasureReport
-from clients.wallet.records.erasure_status import AskedErasure, custodian_names, describe_erasure, read_erasures
+from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, describe_erasure, read_erasures
 from clients.wallet.sharing.outgoing_shares import Share, Sharing
 
 NOTICE_EVERY_MS = 30_000
@@ -92,7 +92,7 @@ class Snapshot:
         """Which notice is in force."""
         return None if self.notice is None else (self.notice.organisation, self.notice.version)
 
-    def erasures(self, wallet: Wallet, now_ms: int) -> list[AskedErasure]:
+    def erasures(self, wallet: Wallet, now_ms: int) -> list[ErasureProgress]:
         """Return everything that was asked to be erased, oldest first, with who is late by now."""
         names = custodian_names(wallet)
         found = [

@@ -14,8 +14,8 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, language_in_use, text
@@ -30,7 +30,7 @@ _REMAINS = {"commitment-leaves": "erasures.leaves"}
 
 
 @dataclass(frozen=True, slots=True)
-class CustodianWord:
+class CustodianStatus:
     """One custodian about one erasure: `confirmed_at_ms` is None as long as it has said nothing."""
 
     key: bytes
@@ -43,23 +43,23 @@ class CustodianWord:
 
 
 @dataclass(frozen=True, slots=True)
-class AskedErasure:
+class ErasureProgress:
     """One request: how many records (or which pictures of one), when, and what each custodian said."""
 
     report: ErasureReport
     asked_at_ms: int
     records_count: int
     frames: tuple[int, ...]
-    custodians: tuple[CustodianWord, ...]
+    custodians: tuple[CustodianStatus, ...]
 
 
-async def find_erasures(wallet: Wallet, now_ms: int) -> list[AskedErasure]:
+async def find_erasures(wallet: Wallet, now_ms: int) -> list[ErasureProgress]:
     """Return every erasure that was asked for in this person's name, the oldest first."""
     found = [each for visit in await wallet.scan() for each in await find_erasures_of(wallet, visit, now_ms)]
     return sorted(found, key=lambda each: each.asked_at_ms)
 
 
-async def find_erasures_of(wallet: Wallet, visit: KnownVisit, now_ms: int) -> list[AskedErasure]:
+async def find_erasures_of(wallet: Wallet, visit: KnownVisit, now_ms: int) -> list[ErasureProgress]:
     """Return every erasure that was asked for of one visit, the oldest first."""
     names = custodian_names(wallet)
     return [describe_erasure(report, asked, names, now_ms) for report, asked in await read_erasures(wallet, visit)]
@@ -83,14 +83,14 @@ async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[tuple[Erasure
     ]
 
 
-def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes, str], now_ms: int) -> AskedErasure:
+def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes, str], now_ms: int) -> ErasureProgress:
     """Put a request and its receipts together. `names` are those of custodians, by key."""
     is_late = now_ms - asked.time_ms > ERASURE_OVERDUE_AFTER_MS
     words = []
     for key in report.state.custodians:
         told = report.state.receipts.get(key)
         words.append(
-            CustodianWord(
+            CustodianStatus(
                 key=key,
                 name=names.get(key) or text("custodian.unnamed", language=DEFAULT_LANGUAGE, key=key.hex()[:12]),
                 confirmed_at_ms=None if told is None else told.time,
@@ -101,10 +101,10 @@ def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes
             )
         )
     records = asked.data.get("records", 0)
-    return AskedErasure(report, asked.time_ms, records, tuple(asked.data.get("frames", ())), tuple(words))
+    return ErasureProgress(report, asked.time_ms, records, tuple(asked.data.get("frames", ())), tuple(words))
 
 
-def erasure_json(erasure: AskedErasure) -> dict[str, Any]:
+def erasure_json(erasure: ErasureProgress) -> dict[str, Any]:
     """Return one erasure by names, for a program."""
     return {
         "erasure_id": erasure.report.erasure_id.hex(),
@@ -128,7 +128,7 @@ def erasure_json(erasure: AskedErasure) -> dict[str, Any]:
 
 
 def erasure_lines(
-    erasure: AskedErasure, names: Mapping[bytes, str] | None = None, language: str | None = None
+    erasure: ErasureProgress, names: Mapping[bytes, str] | None = None, language: str | None = None
 ) -> list[str]:
     """Say one erasure in plain sentences, in a language (None: that of the command that runs).
 
@@ -162,19 +162,19 @@ def erasure_lines(
 @click.command()
 @json_option
 @click.pass_context
-@plain_errors
-@reads_only
+@handle_errors
+@read_only_wallet
 def erasures(ctx: click.Context, as_json: bool) -> None:
     """Show what you asked to erase, which custodians have confirmed it, and which are overdue.
 
     Example: blockrobot wallet erasures
     """
 
-    async def action(opened: Wallet) -> tuple[list[AskedErasure], dict[bytes, str]]:
+    async def action(opened: Wallet) -> tuple[list[ErasureProgress], dict[bytes, str]]:
         found = await find_erasures(opened, time.time_ns() // 1_000_000)
         return found, custodian_names(opened, language_in_use())
 
-    found, names = run_opened(ctx, action)
+    found, names = run_with_wallet(ctx, action)
     if as_json:
         print_json({"ok": True, "erasures": [erasure_json(each) for each in found]})
         return

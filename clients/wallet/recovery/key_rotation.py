@@ -24,7 +24,7 @@ Tell = Callable[[int, int, float], None]
 Sleep = Callable[[float], Awaitable[None]]
 _EPHEMERAL_BYTES = 32
 _MOVED_TOO_OFTEN = "TRANSFERS_TOO_MANY"
-_KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_WITHOUT_STANDING"})
+_KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_NOT_ADMITTED"})
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import ask_for, ask_for_enter, console, wipe_screen
+from clients.sdk.terminal.terminal import ask_for, ask_for_enter, clear_screen, console
 from clients.wallet.present.translations import WrongUsage, text
 from consensus.errors import BlockRobotError
 
@@ -53,12 +53,12 @@ def _wiped_afterwards() -> Iterator[None]:
     try:
         yield
     finally:
-        wipe_screen()
+        clear_screen()
 
 
 def show_alone(told: str, words: str) -> None:
     """Show words on an empty screen until they are written down, and wipe them. Raises Abort at the first Ctrl-C."""
-    wipe_screen()
+    clear_screen()
     with _wiped_afterwards():
         print_words(told, words)
         ask_for_enter(text("new.written"))

@@ -43,7 +43,7 @@ def claim_wallet(
 
 
 @contextlib.contextmanager
-def claim_or_read(
+def lock_or_read_only(
     path: Path, *, wait_s: float = READING_WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[BlockRobotError | None]:
     """Hold a wallet's file while inside, or go on beside who holds it, and then yield WALLET_BUSY, which names him.

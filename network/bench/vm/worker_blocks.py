@@ -23,12 +23,12 @@ from consensus.primitives.keys import PrivateKey
 from consensus.state import identity
 from contracts.execution.results import BlockResult
 from contracts.state.view import Overlay, StateView
-from contracts.worker.machine import Staff, WorkerMachine
+from contracts.worker.machine import WorkerMachine, WorkerSpec
 from contracts.worker.wire import Begin
 from network.sim.plan import NetworkSize
 from network.sim.world.sim_chain import make_chain
 from node.execution.genesis_block import genesis_block
-from node.execution.sandboxed_contracts import WORKER_COMMAND, WORKER_MEMORY_MAX_BYTES, StoreOfWorkers
+from node.execution.sandboxed_contracts import WORKER_COMMAND, WORKER_MEMORY_MAX_BYTES, WorkerLedgerSource
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.lmdb_store import LmdbStore
 
@@ -63,7 +63,7 @@ class BlockBench:
         await self._store.commit([genesis_block(self._genesis)], b"")
         await self._prepare_state()
         begin = Begin(genesis_to_json(self._genesis), str(self._folder), WORKER_MEMORY_MAX_BYTES)
-        machine = WorkerMachine(Staff(WORKER_COMMAND, begin), StoreOfWorkers(self._store))
+        machine = WorkerMachine(WorkerSpec(WORKER_COMMAND, begin), WorkerLedgerSource(self._store))
         try:
             machine.greet()
             await self._block(

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.errors import BlockRobotError
 from network.blocks_kept import kept_lines
 from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
@@ -46,7 +46,7 @@ _TEXT_COLUMNS = frozenset({"node", "state", "leads"})
 @click.option("--console", "with_console", is_flag=True, help="Then show it in the browser: see blockrobot console.")
 @click.option("--no-browser", is_flag=True, help="With --console: open no browser; say which file opens the page.")
 @json_option
-@plain_errors
+@handle_errors
 def up(
     folder: Path | None,
     nodes: int,
@@ -131,7 +131,7 @@ def _first_failure(cluster: Cluster, error: BaseException) -> BaseException:
 @click.command()
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def down(folder: Path | None, as_json: bool) -> None:
     """Stop the local network. Nothing final is lost.
 
@@ -151,7 +151,7 @@ def down(folder: Path | None, as_json: bool) -> None:
 )
 @click.option("--seconds", type=click.FloatRange(0, 86_400), help="With --watch: end after so long.")
 @json_option
-@plain_errors
+@handle_errors
 def status(folder: Path | None, is_watching: bool, seconds: float | None, as_json: bool) -> None:
     """Show each node's height, finalized height, round, peers and custody checkpoint.
 
@@ -190,7 +190,7 @@ def _tell_faults(cluster: Cluster, place: Path) -> None:
 @folder_option
 @click.option("--lines", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many lines of each.")
 @json_option
-@plain_errors
+@handle_errors
 def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> None:
     """Show the last log lines of one node, or of all.
 

@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.terminal.terminal import console as terminal
-from clients.sdk.terminal.terminal import home_folder, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import handle_errors, home_folder, json_option, print_json
 from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
 from network.cluster import Cluster
 from pages.local_page import Opened
@@ -22,7 +22,7 @@ no_browser_option = click.option("--no-browser", is_flag=True, help="Open no bro
 @folder_option
 @no_browser_option
 @json_option
-@plain_errors
+@handle_errors
 def console(folder: Path | None, no_browser: bool, as_json: bool) -> None:
     """Show a local network in the browser: who leads and votes, what flows, buttons for every fault, a time line.
 

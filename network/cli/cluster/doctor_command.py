@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import plain_table
 from network.doctor.examination import Examination, examine_network, examine_node
@@ -20,7 +20,7 @@ from network.doctor.examination import Examination, examine_network, examine_nod
 )
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def doctor(data_dir: Path | None, folder: Path | None, as_json: bool) -> None:
     """Find what is wrong: nodes, clocks, certificates, disks, ports, ledgers, differing states. Exit code 1 if anything is.
 

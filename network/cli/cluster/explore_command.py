@@ -19,7 +19,7 @@ from rich.markup import escape
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.node_answers import ChallengeAnswer, read_answer, read_hex
-from clients.sdk.terminal.terminal import console, home_folder, json_option, plain_errors, print_json, status_line
+from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, print_json, status_line
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
@@ -57,7 +57,7 @@ class Entrance:
 @click.option("--no-browser", is_flag=True, help="Open nothing: print the file to open.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def explore(
     node_name: str | None,
     wallet_profile: str | None,

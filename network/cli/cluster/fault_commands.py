@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from clients.sdk.new_files import read_given_file
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
 from consensus.bounded_text import TOML_MAX_BYTES
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
@@ -56,7 +56,7 @@ def fault() -> None:
 @click.argument("node")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def kill(node: str, folder: Path | None, as_json: bool) -> None:
     """Kill a node as a power cut would: no last word, nothing flushed.
 
@@ -69,7 +69,7 @@ def kill(node: str, folder: Path | None, as_json: bool) -> None:
 @click.argument("node")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def restart(node: str, folder: Path | None, as_json: bool) -> None:
     """Start a node again, as an honest one; one that runs is stopped cleanly first. Its other faults stay on.
 
@@ -83,7 +83,7 @@ def restart(node: str, folder: Path | None, as_json: bool) -> None:
 @click.argument("node")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def pause(node: str, folder: Path | None, as_json: bool) -> None:
     """Stop a node's clockwork: its connections stay open, and it says nothing.
 
@@ -96,7 +96,7 @@ def pause(node: str, folder: Path | None, as_json: bool) -> None:
 @click.argument("node")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def resume(node: str, folder: Path | None, as_json: bool) -> None:
     """Let a paused node go on.
 
@@ -109,7 +109,7 @@ def resume(node: str, folder: Path | None, as_json: bool) -> None:
 @click.argument("groups")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def partition(groups: str, folder: Path | None, as_json: bool) -> None:
     """Cut the network into groups that hear nothing of each other; nodes not named make one more group.
 
@@ -123,7 +123,7 @@ def partition(groups: str, folder: Path | None, as_json: bool) -> None:
 @click.argument("nodes", nargs=-1)
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def heal(nodes: tuple[str, ...], folder: Path | None, as_json: bool) -> None:
     """End the faults of these nodes, or of all: links, clocks, disks, pauses, lies. Who was killed stays down.
 
@@ -144,7 +144,7 @@ def heal(nodes: tuple[str, ...], folder: Path | None, as_json: bool) -> None:
 @click.option("--seed", default=0, show_default=True, help="What the link's chance is drawn from.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def link(link: tuple[str, ...], folder: Path | None, as_json: bool, seed: int, **figures: Any) -> None:
     """Make the link from A to B (one direction) or A<->B (both) slow or lossy; without figures, sound again.
 
@@ -161,7 +161,7 @@ def link(link: tuple[str, ...], folder: Path | None, as_json: bool, seed: int, *
 @click.argument("offset")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def skew(node: str, offset: str, folder: Path | None, as_json: bool) -> None:
     """Set a node's clock wrong by an offset such as +1h or -90s; 0 sets it right, running or not. A change is a jump.
 
@@ -177,7 +177,7 @@ def skew(node: str, offset: str, folder: Path | None, as_json: bool) -> None:
 @click.option("--of", "disk", type=click.Choice(DISKS), default="journal", show_default=True, help="Whose disk.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def disk(node: str, state: str, disk: str, folder: Path | None, as_json: bool) -> None:
     """Let the disk under a node's journal, ledger or custody store be full, or free again (running or not).
 
@@ -193,7 +193,7 @@ def disk(node: str, state: str, disk: str, folder: Path | None, as_json: bool) -
 @click.option("--seed", default=0, show_default=True, help="What the lies are drawn from.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def byzantine(node: str, behaviour: str, seed: int, folder: Path | None, as_json: bool) -> None:
     """Restart a node as one that lies with its genuine key; `fault restart` makes it honest again.
 
@@ -206,7 +206,7 @@ def byzantine(node: str, behaviour: str, seed: int, folder: Path | None, as_json
 @fault.command(name="list")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def list_faults(folder: Path | None, as_json: bool) -> None:
     """Show what is wrong on purpose, node by node.
 
@@ -240,7 +240,7 @@ def list_faults(folder: Path | None, as_json: bool) -> None:
 @click.option("--dry-run", is_flag=True, help="Show the steps, random ones included, and do nothing.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
     """Carry out a plan of timed and random faults (TOML); one wrong line, and nothing of it is done.
 

@@ -16,7 +16,7 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
@@ -36,7 +36,7 @@ _NOISE = 'ignore:The configuration option "asyncio_default_fixture_loop_scope" i
     "--dir", "folder", type=click.Path(path_type=Path, file_okay=False), help="Where to write it (default: ./NAME)."
 )
 @json_option
-@plain_errors
+@handle_errors
 def new(name: str, folder: Path | None, as_json: bool) -> None:
     """Begin a contract: a source that works, its test, and what editors and mypy need to know the language.
 
@@ -58,7 +58,7 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
 @click.option("--lines", is_flag=True, help="Show every source with the runs and the gas of each line.")
 @click.option("-k", "chosen", metavar="WORDS", help="Only tests whose names match, as pytest reads it.")
 @json_option
-@plain_errors
+@handle_errors
 def test(path: Path, lines: bool, chosen: str | None, as_json: bool) -> None:
     """Run the tests of contracts with pytest; show the gas of each entry and what no test has run.
 

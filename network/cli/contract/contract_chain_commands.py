@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import EXIT_REFUSED
 from consensus.primitives.encoding import decode_value
@@ -63,7 +63,7 @@ class TypedCommand(click.Command):
 @source_option
 @signer_options
 @json_option
-@plain_errors
+@handle_errors
 def query(
     contract: str,
     view: str,
@@ -103,7 +103,7 @@ def query(
 @source_option
 @signer_options
 @json_option
-@plain_errors
+@handle_errors
 def call(
     contract: str,
     entry: str,

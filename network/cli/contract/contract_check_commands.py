@@ -12,7 +12,7 @@ from typing import Any
 import click
 from rich.cells import cell_len
 
-from clients.sdk.terminal.terminal import json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import handle_errors, json_option, print_json
 from consensus.visible_text import escape_controls
 from contracts import vectors as golden
 from contracts.execution.chain_refusals import find_refusals
@@ -72,7 +72,7 @@ def _print_problem(path: Path, lines: list[str], problem: Diagnostic) -> None:
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, dir_okay=False))
 @click.option("--name", help="The contract's name, if it is not the file's (for one file).")
 @json_option
-@plain_errors
+@handle_errors
 def check(files: tuple[Path, ...], name: str | None, as_json: bool) -> None:
     """Say whether sources are in the contract language and such as a chain takes, and all that is wrong with them.
 
@@ -131,7 +131,7 @@ VECTORS_FOLDER = Path(golden.__file__).resolve().parents[1] / "tests" / "vectors
     "--write", "target", type=click.Path(path_type=Path, file_okay=False), help="Write down what happens here, there.",
 )  # fmt: skip
 @json_option
-@plain_errors
+@handle_errors
 def vectors(folder: Path, target: Path | None, as_json: bool) -> None:
     """Play the golden vectors: does every call end here as it did everywhere else, to the last unit of gas?
 

@@ -24,7 +24,7 @@ from rich.markup import escape
 from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place, read_events, read_place
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import open_to_append
-from clients.sdk.terminal.terminal import console, json_option, plain_errors
+from clients.sdk.terminal.terminal import console, handle_errors, json_option
 from clients.sdk.trust_pin_file import write_pin_file
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
@@ -241,7 +241,7 @@ def _check_place(_context: click.Context, _parameter: click.Parameter, text: str
 )
 @signer_options
 @json_option
-@plain_errors
+@handle_errors
 def events(
     forever: bool,
     contract: str | None,

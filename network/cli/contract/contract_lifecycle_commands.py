@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from clients.sdk.chain.governance import Decision, Governor, MembershipView
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.errors import BlockRobotError
 from contracts.kit.sources import read_source
 from contracts.lifecycle.registry import compute_source_hash
@@ -21,15 +21,15 @@ from contracts.vm import compile_contract
 from network.cli.contract.contract_room import require_room
 from network.cli.contract.contract_waiting import Arrival, await_change, no_wait_option
 from network.cli.governance.governance_signer import (
-    Seat,
+    GovernanceSigner,
     Told,
     decide_on_proposal,
     governing_options,
     proposal_json,
     propose_once,
     report_decision,
+    resolve_signer,
     summary_of,
-    take_seat,
     with_client,
 )
 from network.contracts.chain_contracts import read_contracts
@@ -57,11 +57,11 @@ def when_options(command: Any) -> Any:
     return command
 
 
-def _propose(seat: Seat, kind: str, arguments: dict[str, Any]) -> Told:
+def _propose(seat: GovernanceSigner, kind: str, arguments: dict[str, Any]) -> Told:
     return propose_once(seat, "lifecycle", kind, arguments, lambda governor: governor.propose_contract(kind, arguments))
 
 
-def _version_in_force(seat: Seat, name: str) -> int:
+def _version_in_force(seat: GovernanceSigner, name: str) -> int:
     """Return the version that is in force, or was when the contract was disabled; 0 of one that is not there."""
 
     async def read(client: NetworkClient) -> int:
@@ -71,7 +71,7 @@ def _version_in_force(seat: Seat, name: str) -> int:
     return with_client(seat, read)
 
 
-def _report(seat: Seat, told: Told, what: str, name: str, *, wait: bool, as_json: bool) -> None:
+def _report(seat: GovernanceSigner, told: Told, what: str, name: str, *, wait: bool, as_json: bool) -> None:
     """Tell what a call came to: proposed, or decided and (if it is waited for) what became of the contract.
 
     Raises CONTRACT_CHANGE_FAILED.
@@ -98,7 +98,7 @@ def _report(seat: Seat, told: Told, what: str, name: str, *, wait: bool, as_json
     console.print(f"Next step: blockrobot contract show {escape(name)}")
 
 
-def _await_arrival(seat: Seat, name: str, decision: Decision) -> Arrival | None:
+def _await_arrival(seat: GovernanceSigner, name: str, decision: Decision) -> Arrival | None:
     def tell(line: str) -> None:
         click.echo(line, err=True)
 
@@ -134,7 +134,7 @@ def _told_json(told: Told, arrival: Arrival | None) -> dict[str, Any]:
 @no_wait_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def propose(
     file: Path,
     name: str | None,
@@ -170,7 +170,7 @@ def propose(
         await governor.check_upload(source_hash)
         return await governor.propose_contract("deploy", arguments)
 
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
 
     async def look(client: NetworkClient, before: MembershipView) -> None:
         await require_room(client, seat, before, source_hash)
@@ -187,7 +187,7 @@ def propose(
 @no_wait_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def approve(
     proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, no_wait: bool, as_json: bool
 ) -> None:
@@ -195,7 +195,7 @@ def approve(
 
     Example: blockrobot contract approve 3fa2c19b07de --as university
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.approve(found))
     _report(seat, told, summary_of(row), row.arguments["name"], wait=not no_wait, as_json=as_json)
 
@@ -204,7 +204,7 @@ def approve(
 @click.argument("proposal")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def withdraw(
     proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -212,7 +212,7 @@ def withdraw(
 
     Example: blockrobot contract withdraw 3fa2c19b07de --as hospital
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.withdraw(found))
     report_decision(told, f"Withdrawal of {summary_of(row)}", "contract", as_json=as_json, needs_others=False)
 
@@ -224,7 +224,7 @@ def withdraw(
 @no_wait_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def activate(
     name: str,
     version: int,
@@ -244,7 +244,7 @@ def activate(
     Example: blockrobot contract activate visitors 1 --as hospital
     """
     arguments = {"name": name, "version": version, "height": height, "delay": delay, "note": note}
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     told = _propose(seat, "activate", arguments)
     _report(seat, told, f"activate {name} version {version}", name, wait=not no_wait, as_json=as_json)
 
@@ -256,7 +256,7 @@ def activate(
 @no_wait_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def disable(
     name: str,
     version: int | None,
@@ -273,7 +273,7 @@ def disable(
 
     Example: blockrobot contract disable visitors --as hospital --note "wrong floors"
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     number = version or _version_in_force(seat, name)
     arguments = {"name": name, "version": number, "height": height, "delay": delay, "note": note}
     told = _propose(seat, "disable", arguments)
@@ -285,7 +285,7 @@ def disable(
 @version_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def keep(
     name: str, version: int | None, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -296,7 +296,7 @@ def keep(
 
     Example: blockrobot contract keep membership --as hospital
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     number = version or _version_in_force(seat, name)
     told = _propose(seat, "keep", {"name": name, "version": number})
     _report(seat, told, f"keep {name} version {number}", name, wait=False, as_json=as_json)

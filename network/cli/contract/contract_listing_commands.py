@@ -13,7 +13,7 @@ from rich.syntax import Syntax
 
 from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProposalRow, find_proposal
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.sources import read_source
@@ -24,7 +24,7 @@ from network.cli.governance.governance_signer import (
     plain_table,
     print_proposals,
     proposal_json,
-    read_with_any,
+    read_as_any,
     shown_id,
     summary_of,
     to_json,
@@ -92,13 +92,13 @@ def _print_proposal(row: ProposalRow, needed: int) -> None:
 @click.command("list")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def list_contracts(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
     """Show the chain's contracts, their versions, what is due and what is proposed, checked against proofs.
 
     Example: blockrobot contract list --json
     """
-    view: ContractsView = read_with_any(folder, organisation, key_file, read_contracts)
+    view: ContractsView = read_as_any(folder, organisation, key_file, read_contracts)
     if as_json:
         print_json(
             {
@@ -167,7 +167,7 @@ def _row_json(row: VersionRow) -> dict[str, Any]:
 @click.option("--abi", "with_abi", is_flag=True, help="Print the entries and nothing else.")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def show(
     name: str,
     version: int | None,
@@ -192,7 +192,7 @@ def show(
             return await read_proposed(client, key, _proposal_about(view, name, proposal)), view
         return await read_edition(client, key, name, version or 0), view
 
-    edition, view = read_with_any(folder, organisation, key_file, read)
+    edition, view = read_as_any(folder, organisation, key_file, read)
     needed = view.membership.majority
     due = [change for change in view.due if change.name == name]
     if as_json:
@@ -250,7 +250,7 @@ def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) ->
 @click.option("--exit-code", "with_exit_code", is_flag=True, help="Exit with 1 if they differ.")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def diff(
     name: str,
     old: str,
@@ -283,7 +283,7 @@ def diff(
             return await read_edition(client, key, name, 0), await find(client, key, old)
         return await find(client, key, old), await find(client, key, new)
 
-    before, after = read_with_any(folder, organisation, key_file, read)
+    before, after = read_as_any(folder, organisation, key_file, read)
     proposals = [edition.proposal for edition in (before, after) if edition.proposal is not None]
     changes = compare_interfaces(before, after)
     lines = diff_lines(before, after)

@@ -10,13 +10,15 @@ from clients.sdk.network_client import NetworkClient
 from consensus.errors import BlockRobotError
 from consensus.state.identity import ADMIN
 from consensus.state.lifecycle import UPLOADS
-from network.cli.governance.governance_signer import Seat, command_group, shown_id, summary_of
+from network.cli.governance.governance_signer import GovernanceSigner, command_group, shown_id, summary_of
 
 OPEN_OF_ONE_MAX_COUNT = 4
 UPLOADS_MAX_COUNT = 4
 
 
-async def require_room(client: NetworkClient, seat: Seat, membership: MembershipView, source_hash: bytes) -> None:
+async def require_room(
+    client: NetworkClient, seat: GovernanceSigner, membership: MembershipView, source_hash: bytes
+) -> None:
     """Refuse an upload whose proposal has no place, or that takes its source from another one.
 
     Raises GOVERNANCE_PROPOSALS_TOO_MANY.

@@ -8,7 +8,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.primitives.keys import PrivateKey
 from network.cli.contract.contract_signers import find_signers, read_with_first, signer_options
 from network.contracts.contract_tracing import TracedTransaction, trace_transaction
@@ -20,7 +20,7 @@ TXID_BYTES = 32
 @click.argument("txid")
 @signer_options
 @json_option
-@plain_errors
+@handle_errors
 def trace(
     txid: str,
     folder: Path | None,

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json, status_line
 from consensus.errors import BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES
 from network.cli.cluster.cluster_options import folder_option, network_folder
@@ -59,7 +59,7 @@ def _read_ids(_context: click.Context, _parameter: click.Parameter, given: tuple
 )
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def hunt(
     records: tuple[bytes, ...],
     trace_file: Path | None,

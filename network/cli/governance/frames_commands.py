@@ -14,7 +14,7 @@ from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import write_new_file
 from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
-from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from consensus.primitives.keys import PrivateKey
@@ -22,9 +22,9 @@ from consensus.state.records import EmptyFrameRow
 from network.cli.governance.governance_signer import (
     governing_options,
     plain_table,
-    read_with_any,
+    read_as_any,
+    resolve_signer,
     shown_id,
-    take_seat,
     with_client,
 )
 from pages.moments import show_moment
@@ -107,7 +107,7 @@ def _report(receipt: FinalReceipt | None, what: str, digests: list[bytes], *, as
 @click.option("--yes", is_flag=True, help="Do not ask: you have looked at the preview.png beside the frames.")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def approve(
     place: Path,
     robot: str | None,
@@ -131,7 +131,7 @@ def approve(
         _require_shown(place, preview)
     else:
         _look_at(place, preview)
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     receipt = with_client(seat, lambda client: approve_frames(client, seat.key, member, digests))
     _report(receipt, f"Approved: {len(digests)} empty frames of robot {shown_id(member)}", digests, as_json=as_json)
 
@@ -140,7 +140,7 @@ def approve(
 @click.argument("robot", metavar="MEMBER_KEY")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def list_frames(
     robot: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -153,7 +153,7 @@ def list_frames(
     async def read(client: NetworkClient, key: PrivateKey) -> list[EmptyFrameRow]:
         return await read_approved(client, member, key)
 
-    rows = read_with_any(folder, organisation, key_file, read)
+    rows = read_as_any(folder, organisation, key_file, read)
     if as_json:
         told = [{"sha256": row.digest.hex(), "approver": row.approver.hex(), "approved_ms": row.time} for row in rows]
         print_json({"ok": True, "frames": told})
@@ -173,7 +173,7 @@ def list_frames(
 @click.option("--all", "takes_all", is_flag=True, help="Withdraw all that are approved for the robot.")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def withdraw(
     robot: str,
     digests: tuple[str, ...],
@@ -192,7 +192,7 @@ def withdraw(
     if takes_all == bool(digests):
         raise click.UsageError("Name the frames by their SHA256, or give --all.")
     named = [_read_hex(text, HASH_SIZE_BYTES, "A SHA256") for text in digests]
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
 
     async def work(client: NetworkClient) -> FinalReceipt | None:
         if takes_all:

@@ -56,7 +56,7 @@ def governing_options(command: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Seat:
+class GovernanceSigner:
     """Who speaks: the network's folder and genesis, the organisation's name, the admin's key."""
 
     folder: Path
@@ -86,7 +86,7 @@ def _open_network(folder: Path | None) -> tuple[Path, Genesis]:
     return place, load_genesis(place / "genesis.json")
 
 
-def take_seat(folder: Path | None, organisation: str | None, key_file: Path | None) -> Seat:
+def resolve_signer(folder: Path | None, organisation: str | None, key_file: Path | None) -> GovernanceSigner:
     """Find who speaks; if several organisations could, it must be said which.
 
     Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID; a usage error if it is not said.
@@ -98,11 +98,11 @@ def take_seat(folder: Path | None, organisation: str | None, key_file: Path | No
     return seats[0]
 
 
-def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | None) -> list[Seat]:
+def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | None) -> list[GovernanceSigner]:
     """Return all who could speak, those of the genesis file first."""
     place, genesis = _open_network(folder)
     if key_file is not None:
-        return [Seat(place, genesis, organisation or "", read_private_key(key_file))]
+        return [GovernanceSigner(place, genesis, organisation or "", read_private_key(key_file))]
     known = admin_keys(place)
     first = [entry.name for entry in genesis.organisations if entry.name in known]
     names = list(dict.fromkeys([*first, *known])) if organisation is None else [organisation]
@@ -111,10 +111,10 @@ def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | 
         raise BlockRobotError(
             "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {wanted} in {place / 'organisations'}."
         )
-    return [Seat(place, genesis, name, read_private_key(known[name])) for name in names]
+    return [GovernanceSigner(place, genesis, name, read_private_key(known[name])) for name in names]
 
 
-def with_client(seat: Seat, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
+def with_client(seat: GovernanceSigner, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
     """Run work with a client of the seat's network. Raises GOVERNANCE_NOT_ADMIN if its key may not even ask."""
 
     async def run() -> T:
@@ -135,7 +135,7 @@ async def _work_as(
     return await work(client, key)
 
 
-def read_with_any(
+def read_as_any(
     folder: Path | None,
     organisation: str | None,
     key_file: Path | None,
@@ -162,7 +162,7 @@ class Told:
 
 
 def decide(
-    seat: Seat,
+    seat: GovernanceSigner,
     work: Callable[[Governor], Awaitable[Decision]],
     check: Callable[[NetworkClient], Awaitable[None]] | None = None,
 ) -> Told:
@@ -180,7 +180,7 @@ def decide(
 
 
 def propose_once(
-    seat: Seat,
+    seat: GovernanceSigner,
     contract: str,
     kind: str,
     arguments: Mapping[str, Any],
@@ -202,7 +202,7 @@ def propose_once(
 
 
 def _refuse_twice(
-    seat: Seat, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
+    seat: GovernanceSigner, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
 ) -> None:
     """Refuse what is open already: two proposals of one change would share its voices out. Raises as above.
 
@@ -233,7 +233,7 @@ async def _tell_closed(client: NetworkClient, key: PrivateKey, text: str) -> Non
 
 
 def decide_on_proposal(
-    seat: Seat,
+    seat: GovernanceSigner,
     contract: str,
     text: str,
     work: Callable[[Governor, ProposalRow], Awaitable[Decision]],

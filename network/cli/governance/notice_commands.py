@@ -12,7 +12,7 @@ from clients.sdk.chain.governance import read_membership
 from clients.sdk.chain.notices import read_notice, read_version
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import read_given_file, write_new_file
-from clients.sdk.terminal.terminal import ask, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json
 from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 from consensus.rights.notices import (
@@ -28,11 +28,11 @@ from consensus.state import identity
 from consensus.visible_text import split_lines
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.governance.governance_signer import (
-    Seat,
+    GovernanceSigner,
     governing_options,
-    read_with_any,
+    read_as_any,
+    resolve_signer,
     shown_id,
-    take_seat,
     with_client,
 )
 from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice_text
@@ -76,7 +76,7 @@ def read_notice_file(path: Path) -> Notice:
 @notice.command()
 @click.argument("file", type=_new_file)
 @json_option
-@plain_errors
+@handle_errors
 def new(file: Path, as_json: bool) -> None:
     """Write the demonstration hospital's notice to FILE, to be changed into your own.
 
@@ -95,7 +95,7 @@ def new(file: Path, as_json: bool) -> None:
 @notice.command()
 @click.argument("file", type=_file)
 @json_option
-@plain_errors
+@handle_errors
 def check(file: Path, as_json: bool) -> None:
     """Check that a notice says all that has to be said, and show it as people will read it.
 
@@ -114,7 +114,7 @@ def check(file: Path, as_json: bool) -> None:
     )
 
 
-async def _own_organisation(client: NetworkClient, seat: Seat) -> str:
+async def _own_organisation(client: NetworkClient, seat: GovernanceSigner) -> str:
     name = await client.state_value(identity.ADMIN.key(seat.key.public_key), seat.key)
     if not isinstance(name, str):
         raise BlockRobotError("GOVERNANCE_NOT_ADMIN")
@@ -138,7 +138,7 @@ def _ask_to_publish(organisation: str, before: PublishedNotice | None, found: No
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def publish(
     file: Path, yes: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -153,7 +153,7 @@ def publish(
     encode_notice(found)
     if not yes and not is_at_terminal():
         raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
 
     async def work(client: NetworkClient) -> tuple[PublishedNotice, bool]:
         name = seat.organisation or await _own_organisation(client, seat)
@@ -178,7 +178,7 @@ def publish(
 @click.option("--version", type=click.IntRange(min=1), help="An earlier version.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def show(organisation: str, version: int | None, folder: Path | None, as_json: bool) -> None:
     """Show what an organisation tells people, proved against the chain.
 
@@ -192,7 +192,7 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
             else await read_version(client, organisation, version)
         )
 
-    found = read_with_any(folder, None, None, read)
+    found = read_as_any(folder, None, None, read)
     if found is None:
         raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} has published none.")
     row = found.row
@@ -211,7 +211,7 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
 @click.option("--out", type=_new_file, help="Write it to this new file, as Markdown.")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def activities(
     out: Path | None, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -221,7 +221,7 @@ def activities(
 
     Example: blockrobot notice activities --as hospital --out register.md
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
 
     async def read(client: NetworkClient) -> Activities:
         name = seat.organisation or await _own_organisation(client, seat)

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.chain.proof_of_possession import prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import is_public_key
@@ -23,12 +23,12 @@ from network.cli.governance.governance_signer import (
     print_proposals,
     proposal_json,
     propose_once,
+    read_as_any,
     read_private_key,
-    read_with_any,
     report_decision,
+    resolve_signer,
     shown_id,
     summary_of,
-    take_seat,
 )
 from network.cli.governance.quorum_check import anyway_option, check_membership_change
 from network.provisioning.authority_check import check_authority_change
@@ -73,13 +73,13 @@ def _node_json(row: NodeRow) -> dict[str, Any]:
 @org.command("list")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def list_organisations(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
     """Show organisations, nodes and open proposals, checked against proofs.
 
     Example: blockrobot org list --json
     """
-    view = read_with_any(folder, organisation, key_file, read_membership)
+    view = read_as_any(folder, organisation, key_file, read_membership)
     proposals = [row for row in view.proposals if row.contract == "membership"]
     if as_json:
         document = {
@@ -111,7 +111,7 @@ def list_organisations(folder: Path | None, organisation: str | None, key_file: 
 @click.argument("name")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def new(name: str, folder: Path | None, as_json: bool) -> None:
     """Make an organisation's folder on this machine: its certificate authority, an admin's and a registrar's key.
 
@@ -141,7 +141,7 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
 @anyway_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def approve(
     proposal: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -152,7 +152,7 @@ def approve(
 
     Example: blockrobot org approve 3fa2c19b07de --as university
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
 
     async def look(client: NetworkClient, before: MembershipView, found: ProposalRow) -> None:
         check_authority_change(found.kind, found.arguments, before.organisations)
@@ -167,7 +167,7 @@ def approve(
 @click.argument("proposal")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def withdraw(
     proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -175,7 +175,7 @@ def withdraw(
 
     Example: blockrobot org withdraw 3fa2c19b07de --as hospital
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.withdraw(found))
     report_decision(told, f"Withdrawal of {summary_of(row)}", "org", as_json=as_json, needs_others=False)
 
@@ -191,7 +191,7 @@ def _propose(
     anyway: bool = True,
 ) -> None:
     """Propose a change; unless `anyway`, look first whether the producers left over can go on."""
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
 
     async def look(client: NetworkClient, before: MembershipView) -> None:
         check_authority_change(kind, arguments, before.organisations)
@@ -223,7 +223,7 @@ def propose() -> None:
 )
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def add_org(
     name: str | None,
     source: Path | None,
@@ -250,7 +250,7 @@ def add_org(
 @anyway_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def remove_org(
     name: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -266,7 +266,7 @@ def remove_org(
 @click.option("--certificate", required=True, type=_file, help="The new CA certificate (PEM).")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def replace_ca(
     name: str,
     certificate: Path,
@@ -293,7 +293,7 @@ def replace_ca(
 @click.option("--registrar", "registrars", multiple=True, help="A registrar's public key (hexadecimal); repeatable.")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def replace_keys(
     name: str,
     admins: tuple[str, ...],
@@ -319,7 +319,7 @@ def replace_keys(
 @click.option("--from", "source", required=True, type=_file, help="The node's entry: JSON, as `node init` writes it.")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def add_node(source: Path, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
     """Propose a new node. It produces nothing before it is voted in (producer propose).
 
@@ -335,7 +335,7 @@ def add_node(source: Path, folder: Path | None, organisation: str | None, key_fi
 @anyway_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def remove_node(
     name: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -352,7 +352,7 @@ def remove_node(
 @anyway_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def rekey_producer(
     node: str,
     secret: Path,

@@ -19,16 +19,16 @@ from clients.sdk.chain.governance import (
     read_producers,
 )
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES, PrivateKey
 from network.cli.governance.governance_signer import (
-    Seat,
+    GovernanceSigner,
     governing_options,
     plain_table,
-    read_with_any,
+    read_as_any,
+    resolve_signer,
     shown_id,
-    take_seat,
     to_json,
     with_client,
 )
@@ -92,13 +92,13 @@ def _print_evidence(row: CandidateRow) -> None:
 @producer.command("list")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def list_producers(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
     """Show seats, votes, who is ready and who is suspended with the evidence, checked against proofs.
 
     Example: blockrobot producer list
     """
-    view, membership = read_with_any(folder, organisation, key_file, _read)
+    view, membership = read_as_any(folder, organisation, key_file, _read)
     needed = membership.majority
     if as_json:
         document = {
@@ -154,7 +154,7 @@ def _find_key(text: str, view: ProducersView, membership: MembershipView) -> byt
 
 def _vote(
     node: str,
-    seat: Seat,
+    seat: GovernanceSigner,
     what: str,
     work: Callable[[Governor, bytes], Awaitable[Decision]],
     *,
@@ -221,13 +221,13 @@ def _next_step(node: str, row: CandidateRow | None, membership: MembershipView) 
 @click.argument("node")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def propose(node: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
     """Make a node a candidate, with your organisation's vote. The node must be in the network (org propose add-node).
 
     Example: blockrobot producer propose node-5 --as hospital
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     _vote(node, seat, "Proposed", lambda governor, key: governor.propose_producer(key), as_json=as_json)
 
 
@@ -235,13 +235,13 @@ def propose(node: str, folder: Path | None, organisation: str | None, key_file: 
 @click.argument("node")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def approve(node: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
     """Vote for a candidate, or for a suspended producer's return.
 
     Example: blockrobot producer approve node-5 --as university
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     _vote(node, seat, "Voted for", lambda governor, key: governor.approve_producer(key), as_json=as_json)
 
 
@@ -250,7 +250,7 @@ def approve(node: str, folder: Path | None, organisation: str | None, key_file: 
 @anyway_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def withdraw(
     node: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -258,7 +258,7 @@ def withdraw(
 
     Example: blockrobot producer withdraw node-5 --as university
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     _vote(
         node,
         seat,
@@ -274,7 +274,7 @@ def withdraw(
 @anyway_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def remove(
     node: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -284,7 +284,7 @@ def remove(
 
     Example: blockrobot producer remove node-5 --as hospital
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     _vote(
         node,
         seat,

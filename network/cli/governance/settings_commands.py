@@ -21,7 +21,7 @@ from clients.sdk.chain.governance import (
     settings_in_force,
 )
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.primitives.keys import PrivateKey
 from network.cli.governance.governance_signer import (
     decide_on_proposal,
@@ -30,10 +30,10 @@ from network.cli.governance.governance_signer import (
     print_proposals,
     proposal_json,
     propose_once,
-    read_with_any,
+    read_as_any,
     report_decision,
+    resolve_signer,
     summary_of,
-    take_seat,
 )
 from network.cli.governance.quorum_check import anyway_option, check_setting
 
@@ -67,7 +67,7 @@ def settings() -> None:
 @settings.command("list")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def list_settings(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
     """Show the settings in force and the open proposals, checked against proofs.
 
@@ -77,7 +77,7 @@ def list_settings(folder: Path | None, organisation: str | None, key_file: Path 
     async def read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, MembershipView]:
         return await read_producers(client, key), await read_membership(client, key)
 
-    producers, membership = read_with_any(folder, organisation, key_file, read)
+    producers, membership = read_as_any(folder, organisation, key_file, read)
     values = settings_in_force(producers)
     proposals = [row for row in membership.proposals if row.contract == "settings"]
     if as_json:
@@ -109,7 +109,7 @@ def _read_value(text: str) -> int | str:
 @anyway_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def propose(
     name: str,
     value: str,
@@ -125,7 +125,7 @@ def propose(
 
     Example: blockrobot settings propose base_timeout_ms 800 --as hospital
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     wanted = _read_value(value.strip())
 
     async def look(client: NetworkClient, _: MembershipView) -> None:
@@ -144,7 +144,7 @@ def propose(
 @anyway_option
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def approve(
     proposal: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -154,7 +154,7 @@ def approve(
 
     Example: blockrobot settings approve 3fa2c19b07de --as university
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
 
     async def look(client: NetworkClient, _: MembershipView, found: ProposalRow) -> None:
         if not anyway:
@@ -168,7 +168,7 @@ def approve(
 @click.argument("proposal")
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def withdraw(
     proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
 ) -> None:
@@ -176,6 +176,6 @@ def withdraw(
 
     Example: blockrobot settings withdraw 3fa2c19b07de --as hospital
     """
-    seat = take_seat(folder, organisation, key_file)
+    seat = resolve_signer(folder, organisation, key_file)
     told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.withdraw(found))
     report_decision(told, f"Withdrawal of {summary_of(row)}", "settings", as_json=as_json, needs_others=False)

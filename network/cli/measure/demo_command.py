@@ -14,7 +14,7 @@ import click
 from rich.markup import escape
 from rich.status import Status
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, home_folder, json_option, print_json
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.demo.checks import Check, CheckList
@@ -49,7 +49,7 @@ def _clear(out: Path) -> None:
 @click.option("--base-port", default=DEFAULT_DEMO_BASE_PORT, show_default=True, help="The first of ten ports a node.")
 @click.option("--keep", is_flag=True, help="Leave the network up and say how to use it.")
 @json_option
-@plain_errors
+@handle_errors
 def demo(out: Path, store: str, base_port: int, keep: bool, as_json: bool) -> None:
     """Run the whole story: four nodes, a robot, two patients, a visitor; check every step.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, home_folder, json_option, print_json
 from consensus.errors import BlockRobotError
 
 DEFAULT_EXPERIMENT_BASE_PORT = 7572
@@ -34,7 +34,7 @@ def experiment() -> None:
     "--base-port", default=DEFAULT_EXPERIMENT_BASE_PORT, show_default=True, help="The first of ten ports a node."
 )
 @json_option
-@plain_errors
+@handle_errors
 def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
     """Run experiment NUMBER, or all four, each on a network of its own; exits 0 only if every check held.
 
@@ -80,7 +80,7 @@ def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
     help="Write tables, events and process maps into this folder, which must be new or empty.",
 )
 @json_option
-@plain_errors
+@handle_errors
 def compare(log: Path, second: Path | None, out: Path | None, as_json: bool) -> None:
     """Make figures, statistics tables and the process map from LOG, and beside it from a SECOND one.
 

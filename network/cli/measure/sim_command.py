@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
 
 if TYPE_CHECKING:
     from network.sim.history import Observation
@@ -46,7 +46,7 @@ def _parse_seeds(_context: click.Context, _parameter: click.Parameter, text: str
 
 @sim.command("calibrate")
 @json_option
-@plain_errors
+@handle_errors
 def calibrate_command(as_json: bool) -> None:
     """Measure here what the cost model of `sim run --profile flood` charges, in microseconds of CPU.
 
@@ -97,7 +97,7 @@ def calibrate_command(as_json: bool) -> None:
 @click.option("--workers", default=0, type=click.IntRange(0, 64), help="Processes (0: one a core).")
 @click.option("--trace", is_flag=True, help="Print every observation of a single seed or plan, on standard error.")
 @json_option
-@plain_errors
+@handle_errors
 def run_command(
     seeds: range,
     profile: str,

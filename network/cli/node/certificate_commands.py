@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
@@ -19,7 +19,7 @@ from network.cli.governance.governance_signer import (
     plain_table,
     propose_once,
     report_decision,
-    take_seat,
+    resolve_signer,
 )
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster
@@ -59,7 +59,7 @@ def certificate() -> None:
 @certificate.command("list")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def list_certificates(folder: Path | None, as_json: bool) -> None:
     """Show each node's certificate: its serial number, until when it counts, whether it was revoked.
 
@@ -90,7 +90,7 @@ def list_certificates(folder: Path | None, as_json: bool) -> None:
 @authority_option
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def issue(
     name: str,
     organisation: str,
@@ -123,7 +123,7 @@ def issue(
 @authority_option
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def renew_certificate(
     node: str, new_key: bool, days: int, authority: Path | None, folder: Path | None, as_json: bool
 ) -> None:
@@ -151,7 +151,7 @@ def renew_certificate(
 )
 @governing_options
 @json_option
-@plain_errors
+@handle_errors
 def revoke(
     node: str | None,
     serial: str | None,
@@ -176,7 +176,7 @@ def revoke(
         number, owner = facts.serial, owner or _organisation(config, folder)
     else:
         number = parse_serial(str(serial) if file is None else f"{read_certificate(file).serial_number:x}")
-    seat = take_seat(folder, organisation or (owner if key_file is None else None), key_file)
+    seat = resolve_signer(folder, organisation or (owner if key_file is None else None), key_file)
     owner = owner or seat.organisation
     if not owner:
         raise click.UsageError("Say whose authority issued it: --of ORG.")

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.node.node_commands import find_node
@@ -38,7 +38,7 @@ _POLL_S = 0.1
 )
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def prune(node: str, keep: int, folder: Path | None, as_json: bool) -> None:
     """Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.
 
@@ -93,7 +93,7 @@ def _prune_running(config: NodeConfig, keep: int) -> dict[str, Any]:
 )
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def diff(first: str, second: str, base: Path | None, full: bool, folder: Path | None, as_json: bool) -> None:
     """Name the first block and state key on which nodes A and B differ, and the transaction that wrote it.
 

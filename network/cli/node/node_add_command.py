@@ -13,7 +13,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.chain.governance import MembershipView
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import NodeEntry
 from consensus.errors import BlockRobotError
@@ -36,7 +36,7 @@ from node.directory.node_directory import DirectoryContent
 @click.option("--base-port", type=click.IntRange(1, 65_533), help="The first of its three ports; else the next free.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def add(
     name: str | None,
     organisation: str | None,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import network_folder
 from network.cli.node.node_commands import find_node
@@ -30,7 +30,7 @@ from node.service import Node
 )
 @click.option("--detach", is_flag=True, help="Leave it running behind this terminal; `blockrobot down` stops it.")
 @json_option
-@plain_errors
+@handle_errors
 def run(
     node: str | None, data_dir: Path | None, folder: Path | None, restored: bool, detach: bool, as_json: bool
 ) -> None:

@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_json
 from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder
@@ -61,7 +61,7 @@ from node.directory.directory_file import DIRECTORY_FILE, decode_directory, enco
 )
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def init(
     name: str,
     organisation: str,
@@ -155,7 +155,7 @@ def next_steps(name: str, speaker: str, place: Path, network: Path | None, folde
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write it to this new file.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def directory(node: str, out: Path | None, folder: Path | None, as_json: bool) -> None:
     """Show who the nodes are by a node's chain; with --out, write it for `node init --directory` elsewhere.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
 
-from clients.sdk.terminal.terminal import console, json_option, load_genesis, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_json
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.node.node_commands import find_node
 from node.config import load_genesis as load_own_genesis
@@ -55,7 +55,7 @@ def snapshot() -> None:
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="The folder to make.")
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def create(node: str, out: Path, folder: Path | None, as_json: bool) -> None:
     """Make a snapshot of a node's newest finalized state, while it runs or not.
 
@@ -78,7 +78,7 @@ def create(node: str, out: Path, folder: Path | None, as_json: bool) -> None:
 @click.argument("path", type=click.Path(path_type=Path))
 @folder_option
 @json_option
-@plain_errors
+@handle_errors
 def restore(node: str, path: Path, folder: Path | None, as_json: bool) -> None:
     """Put a snapshot in the place of a stopped node's ledger; keys, journal and custody stay.
 
@@ -105,7 +105,7 @@ def restore(node: str, path: Path, folder: Path | None, as_json: bool) -> None:
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option("--genesis", type=click.Path(path_type=Path), help="Verify it all against this genesis file.")
 @json_option
-@plain_errors
+@handle_errors
 def show(path: Path, genesis: Path | None, as_json: bool) -> None:
     """Say what a snapshot holds; with --genesis, check every byte, the proofs and the state's root as well.
 

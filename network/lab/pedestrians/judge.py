@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from clients.robot.hiding.hider import Kept
-from clients.robot.pairing.occupancy import Aloneness
+from clients.robot.pairing.occupancy import OccupancyMonitor
 from clients.robot.recording.sensor_tracks import cut_colour
 from clients.robot.sensing.sensor_events import Mask
 from consensus.errors import BlockRobotError
@@ -121,7 +121,7 @@ def _person(played: Played, one: Followed, alias: str, first: int) -> dict[str, 
 
 def keep_without_depth(film: Film) -> int:
     """Return how many of the frames the robot would keep for anybody, had it the colour alone, as the film has."""
-    alone = Aloneness()
+    alone = OccupancyMonitor()
     kept = 0
     for index in range(len(film.frames)):
         at_ms = index * FRAME_MS

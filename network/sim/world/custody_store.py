@@ -29,7 +29,7 @@ from node.custody.stores.custody_store import (
     OutboxStatus,
     RecordFacts,
     StoreCounts,
-    VisitStanding,
+    VisitRestrictions,
 )
 
 Pause = Callable[[], Awaitable[None]]
@@ -50,7 +50,7 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
         self._frames: dict[bytes, dict[int, FrameRow]] = {}
         self._missing: dict[bytes, RecordFacts] = {}
         self._grants: dict[bytes, Grant] = {}
-        self._standings: dict[bytes, VisitStanding] = {}
+        self._standings: dict[bytes, VisitRestrictions] = {}
         self._outbox: dict[tuple[str, bytes, int], OutboxRow] = {}
         self._backgrounds: dict[bytes, bytes] = {}
         self._day_uses: dict[tuple[int, bytes], int] = {}
@@ -226,7 +226,7 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
         found = [grant for grant in self._grants.values() if grant.owner == owner]
         return sorted(found, key=lambda grant: grant.access_id)
 
-    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         """See `CustodyStore.standings`."""
         self._require_open()
         asked = self._standings if owners is None else owners

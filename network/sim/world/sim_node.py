@@ -34,7 +34,7 @@ from network.sim.world.sim_disk import SimDisk
 from network.sim.world.sim_ledger import SimLedger
 from network.sim.world.sim_world import SimWorld
 from network.sim.world.virtual_time import Owner, PowerCutError
-from node.components import Assembly, Surroundings
+from node.components import Environment, NodeComponents
 from node.consensus.engine import Outbox
 from node.consensus.epoch_change import EpochStart
 from node.consensus.journal import IDENTITY_SIZE_BYTES, Journal
@@ -100,9 +100,9 @@ class SimNode:
         self.behaviour = ""
         self.owner = Owner(f"{self.name} before its first life")
         self.owner.alive = False
-        self.parts: Assembly | None = None
+        self.parts: NodeComponents | None = None
         self.network: SimNetwork | None = None
-        self.starting: Assembly
+        self.starting: NodeComponents
         self.lives_count = 0
         self.is_refusing = False
         self.handed_height = 0
@@ -155,7 +155,7 @@ class SimNode:
     async def _live(self) -> None:
         cluster = self.cluster
         try:
-            parts = Assembly(self._surroundings(Journal.open(JOURNAL_PATH, disk=self.disk)))
+            parts = NodeComponents(self._surroundings(Journal.open(JOURNAL_PATH, disk=self.disk)))
             self.starting = parts
             parts.engine.add_epoch_listener(self._note_epoch)
         except BlockRobotError as error:
@@ -174,14 +174,14 @@ class SimNode:
         await parts.start()
         self.parts = parts
 
-    def _surroundings(self, journal: Journal) -> Surroundings:
+    def _surroundings(self, journal: Journal) -> Environment:
         cluster, key = self.cluster, self.custody_key
         chain, loop, owner = cluster.chain, cluster.loop, self.owner
         has_cpu = cluster.plan.cpu
         clock = self.now_ms
         if self.behaviour:
             clock = byzantine_clock(self.behaviour, clock, chain.genesis.settings.max_clock_drift_ms)
-        return Surroundings(
+        return Environment(
             genesis=chain.genesis,
             name=self.name,
             ledger=self.ledger,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from consensus.errors import BlockRobotError
 from contracts.execution.callers import ROLES, CallerRule, entry_rules
-from node.api.access.principals import ROLE_ADMIN, ROLE_CUSTODIAN, ROLE_REGISTRAR, Standing
+from node.api.access.principals import ROLE_ADMIN, ROLE_CUSTODIAN, ROLE_REGISTRAR, Principal
 from node.api.access.route_access import Access
 from node.api.access.sessions import Session
 from node.api.openapi.markdown_tables import write_table
@@ -57,12 +57,12 @@ class Caller:
     """A caller of the HTTP interface: what the node knows of his key, or else the code that every session rule gives."""
 
     name: str
-    standing: Standing | None
+    standing: Principal | None
     refused_with: str = ""
 
 
 def _member(name: str, role: str = "") -> Caller:
-    return Caller(name, Standing("member", frozenset({role or name})))
+    return Caller(name, Principal("member", frozenset({role or name})))
 
 
 CALLERS = (
@@ -78,9 +78,9 @@ CALLERS = (
     _member("registrar", ROLE_REGISTRAR),
     _member("admin", ROLE_ADMIN),
     _member("custodian", ROLE_CUSTODIAN),
-    Caller("owner key", Standing("owner", frozenset())),
-    Caller("grantee's key", Standing("grantee", frozenset())),
-    Caller("key of an ended grant", Standing("former-grantee", frozenset())),
+    Caller("owner key", Principal("owner", frozenset())),
+    Caller("grantee's key", Principal("grantee", frozenset())),
+    Caller("key of an ended grant", Principal("former-grantee", frozenset())),
 )
 
 

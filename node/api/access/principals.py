@@ -29,7 +29,7 @@ _OPEN_TO_GRANTEES = (*_OPEN_ALWAYS, CUSTODIANS.flat, CUSTODIAN.flat, EMPTY_FRAME
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class Principal:
     """What a key may be: its kind, and the roles of a member. Sessions are counted by `account`, which no new key changes.
 
     All grantees of a visit are one account: whoever has a visit makes as many of their keys as she likes.
@@ -40,7 +40,7 @@ class Standing:
     account: bytes = field(default=b"", compare=False)
 
 
-def find_key_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"") -> Standing | None:
+def resolve_principal(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"") -> Principal | None:
     """Return what this 33-byte key stands for, or None. A key is a member or an owner, never both by design.
 
     With a grant's id: as the grantee of that grant, and as nothing else. What else the key stands for does not matter:
@@ -61,19 +61,19 @@ def find_key_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"
     if not roles and ADMIN.has(snapshot, key):
         roles.add(ROLE_ADMIN)
     if roles:
-        return Standing(kind="member", roles=frozenset(roles), account=name_key(snapshot, key))
+        return Principal(kind="member", roles=frozenset(roles), account=name_key(snapshot, key))
     if decided_root(snapshot, key) is not None:
-        return Standing(kind="owner", roles=frozenset(), account=name_key(snapshot, key))
+        return Principal(kind="owner", roles=frozenset(), account=name_key(snapshot, key))
     return None
 
 
-def _find_grantee_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes) -> Standing | None:
+def _find_grantee_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes) -> Principal | None:
     now_ms = snapshot.header.timestamp_ms
     grant = grant_of(snapshot, grant_id, key, now_ms)
     if grant is None:
         return None
     kind: SessionKind = "grantee" if now_ms < grant.ended_ms else "former-grantee"
-    return Standing(kind=kind, roles=frozenset(), account=name_grantees(grant.owner))
+    return Principal(kind=kind, roles=frozenset(), account=name_grantees(grant.owner))
 
 
 def require_readable(

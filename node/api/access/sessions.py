@@ -17,7 +17,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import is_public_key
 from node.api.access.challenges import ChallengeBook
-from node.api.access.principals import SessionKind, Standing, find_key_standing
+from node.api.access.principals import Principal, SessionKind, resolve_principal
 from node.api.services import Clock, LedgerReader
 
 SESSION_LIFETIME_MS = 10 * 60_000
@@ -141,10 +141,10 @@ class SessionTable:
         """Forget a session; an unknown token is no error."""
         self._forget(sha256(token))
 
-    def _standing(self, public_key: bytes, grant_id: bytes) -> Standing | None:
+    def _standing(self, public_key: bytes, grant_id: bytes) -> Principal | None:
         with self._ledger.snapshot() as snapshot:
-            return find_key_standing(snapshot, public_key, grant_id)
+            return resolve_principal(snapshot, public_key, grant_id)
 
 
-def _session(kept: _Kept, standing: Standing) -> Session:
+def _session(kept: _Kept, standing: Principal) -> Session:
     return Session(kept.public_key, standing.kind, standing.roles, kept.expires_at_ms, kept.grant_id)

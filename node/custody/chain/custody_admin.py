@@ -30,7 +30,7 @@ _LISTED_MAX_COUNT = 1_000
 log = structlog.get_logger(__name__)
 
 
-class Upkeep:
+class CustodyAdmin:
     """The operator's view of one custodian. `find_peers` names the custodians that can be asked for clips now."""
 
     def __init__(

@@ -18,12 +18,12 @@ import structlog
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
-from node.custody.chain.custody_admin import Upkeep
+from node.custody.chain.custody_admin import CustodyAdmin
 from node.custody.repair.scrub import Tell
 
 TELL_EVERY_S = 0.2
 HEARTBEAT_S = 10.0
-_ROUTE_WORK: dict[str, Callable[[Upkeep], Callable[[Tell], Awaitable[dict[str, Any]]]]] = {
+_ROUTE_WORK: dict[str, Callable[[CustodyAdmin], Callable[[Tell], Awaitable[dict[str, Any]]]]] = {
     "/custody/scrub": lambda upkeep: upkeep.scrub,
     "/custody/rebuild": lambda upkeep: upkeep.rebuild,
 }
@@ -37,11 +37,11 @@ def problem_of(error: BlockRobotError) -> dict[str, str]:
 
 
 def add_custody_routes(
-    application: web.Application, upkeep: Upkeep | None, require: Callable[[web.Request], None]
+    application: web.Application, upkeep: CustodyAdmin | None, require: Callable[[web.Request], None]
 ) -> None:
     """Add the routes. `require` raises unless the request is the operator's; a node without clips says so."""
 
-    def permitted(request: web.Request) -> Upkeep:
+    def permitted(request: web.Request) -> CustodyAdmin:
         require(request)
         if upkeep is None:
             raise BlockRobotError("CUSTODY_ELSEWHERE")

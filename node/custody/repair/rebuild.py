@@ -89,7 +89,7 @@ class Rebuild:
             await self._custodian.eraser.finish()
             await self._set_right(facts)
             await self._drop_unclaimed(in_flight)
-            await self._custodian.reconciliation(facts).bring_about()
+            await self._custodian.reconciliation(facts).apply()
             await self._custodian.eraser.erase_expired(facts.point.timestamp_ms, facts.point.height)
             await self._custodian.eraser.finish()
             await self._store.apply(BlockEffects(checkpoint=facts.point))

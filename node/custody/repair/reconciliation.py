@@ -16,13 +16,13 @@ from typing import Any, TypeVar
 from msgspec import structs
 
 from consensus.primitives.encoding import decode_value
-from node.custody.block_effects import RELEASED_KIND, EffectsOfBlock, matches_roots
+from node.custody.block_effects import RELEASED_KIND, BlockApplier, matches_roots
 from node.custody.chain_facts import AccessFacts, ChainFacts, ErasureFacts
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
 from node.custody.restrictions import settle, with_natural
 from node.custody.shares import Shares
-from node.custody.stores.custody_store import BlockEffects, CustodyStore, RecordFacts, VisitStanding
+from node.custody.stores.custody_store import BlockEffects, CustodyStore, RecordFacts, VisitRestrictions
 
 RECORDS_AT_ONCE_COUNT = 256
 
@@ -57,7 +57,7 @@ class Reconciliation:
         self._member = member
         self._facts = facts
 
-    async def bring_about(self) -> None:
+    async def apply(self) -> None:
         """Take records, what was said of visits, access and erasures into the store, as their blocks would have."""
         async for batch in read_in_parts(self._facts.active_records()):
             await self._take_records(batch)
@@ -105,7 +105,7 @@ class Reconciliation:
         """
         standing = {row.owner: row for row in await read_in_thread(lambda: list(self._facts.standings()))}
         for owner, before in (await self._store.standings()).items():
-            now = standing.get(owner, VisitStanding(owner))
+            now = standing.get(owner, VisitRestrictions(owner))
             now = structs.replace(now, narrowed_height=max(before.narrowed_height, now.narrowed_height))
             standing[owner] = with_natural(now, {**dict(before.natural), **dict(now.natural)})
         for row in standing.values():
@@ -164,4 +164,4 @@ class Reconciliation:
         event = FinalizedEvent(txid, contract, name, data)
         point = self._facts.point
         block = FinalizedEvents(height, point.block_id, point.timestamp_ms, (event,))
-        await EffectsOfBlock(self._store, self._eraser, self._shares, self._member, block).bring_about()
+        await BlockApplier(self._store, self._eraser, self._shares, self._member, block).apply()

@@ -93,7 +93,7 @@ class Grant:
     share: bytes = b""
 
 
-class VisitStanding(Wire, frozen=True):
+class VisitRestrictions(Wire, frozen=True):
     """What a visit's owner (33 bytes) said of it last: restricted, kept beyond its expiry, objected to, denied.
 
     Requests up to `narrowed_height` are void. Restricted are the named records, or (`whole`) all those that would expire
@@ -174,7 +174,7 @@ class BlockEffects:
     missing: tuple[RecordFacts, ...] = ()
     grants: tuple[Grant, ...] = ()
     settled: tuple[tuple[str, bytes, int], ...] = ()
-    standings: tuple[VisitStanding, ...] = ()
+    standings: tuple[VisitRestrictions, ...] = ()
     expiries: tuple[tuple[bytes, int], ...] = ()
     checkpoint: Checkpoint | None = None
 
@@ -331,7 +331,7 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         """Return the final access requests of an owner, by access id."""
         ...
 
-    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         """Return what was said of the visits of these owners, or of all; nothing for those of which nothing was."""
         ...
 

@@ -23,7 +23,7 @@ from node.custody.stores.custody_store import (
     Grant,
     OutboxRow,
     RecordFacts,
-    VisitStanding,
+    VisitRestrictions,
 )
 
 Document = dict[str, Any]
@@ -117,14 +117,14 @@ def expiry(record_id: bytes, expires_at_ms: int) -> UpdateOne:
     return UpdateOne({"_id": record_id, "status": "confirmed"}, {"$set": {"expires_at_ms": expires_at_ms}})
 
 
-def standing_document(standing: VisitStanding) -> Document:
+def standing_document(standing: VisitRestrictions) -> Document:
     """Return what was said of a visit as a document."""
     return {"_id": standing.owner, "standing": encode(standing)}
 
 
-def standing_row(found: Document) -> VisitStanding:
+def standing_row(found: Document) -> VisitRestrictions:
     """Return what a document says was said of a visit."""
-    return decode(bytes(found["standing"]), VisitStanding)
+    return decode(bytes(found["standing"]), VisitRestrictions)
 
 
 def frame_document(row: FrameRow) -> Document:

@@ -40,7 +40,7 @@ from node.custody.stores.custody_store import (
     OutboxStatus,
     RecordFacts,
     StoreCounts,
-    VisitStanding,
+    VisitRestrictions,
 )
 from node.custody.stores.mongo_documents import STAGING, STATUSES, Document, is_passing, rows
 from node.custody.stores.mongo_shares import SHARES_INDEXES, MongoShares
@@ -399,7 +399,7 @@ class MongoStore(MongoShares, MongoUploads):
         """See `CustodyStore.grants_of_owner`."""
         return rows(documents.grant_row, await self._many("grants", {"owner": owner}))
 
-    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         """See `CustodyStore.standings`."""
         if owners is not None and not owners:
             return {}

@@ -32,7 +32,7 @@ from node.custody.stores.custody_store import (
     OutboxStatus,
     RecordFacts,
     StoreCounts,
-    VisitStanding,
+    VisitRestrictions,
 )
 from node.custody.stores.sqlite_rows import (
     delete_clip,
@@ -335,16 +335,16 @@ class SqliteStore(SqliteShares, SqliteUploads):
         query = "SELECT access_id, owner, records, height, share FROM grants WHERE owner = ? ORDER BY access_id"
         return [Grant(row[0], row[1], split(row[2], 16), *row[3:]) for row in await self._read(query, owner)]
 
-    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         """See `CustodyStore.standings`."""
 
-        def read() -> dict[bytes, VisitStanding]:
+        def read() -> dict[bytes, VisitRestrictions]:
             database, query = self._opened(), "SELECT owner, standing FROM standings"
             if owners is None:
                 found = database.execute(query).fetchall()
             else:
                 found = [row for owner in owners for row in database.execute(f"{query} WHERE owner = ?", (owner,))]
-            return {owner: decode(standing, VisitStanding) for owner, standing in found}
+            return {owner: decode(standing, VisitRestrictions) for owner, standing in found}
 
         return await self._in_worker(read)
 

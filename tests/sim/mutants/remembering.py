@@ -11,8 +11,8 @@ from consensus.chain.messages import Vote
 from consensus.protocol import core_state
 from consensus.protocol.block_tree import BlockNode
 from consensus.protocol.effects import Effect, Persist
-from consensus.protocol.journal_builder import Journalist
-from consensus.protocol.signing_guard import Returning
+from consensus.protocol.journal_builder import JournalBuilder
+from consensus.protocol.signing_guard import SigningGuard
 from consensus.protocol.voter import Voter
 from node.consensus.engine import Engine
 from node.consensus.journal import Journal, _frame
@@ -52,7 +52,7 @@ def lose_the_tc(patch: pytest.MonkeyPatch) -> None:
 
 def speak_where_it_may_have_spoken(patch: pytest.MonkeyPatch) -> None:
     """Once others have answered a producer speaks in any round, also where only who did not answer heard it before."""
-    patch.setattr(Returning, "_first_safe_round", lambda self: 1)
+    patch.setattr(SigningGuard, "_first_safe_round", lambda self: 1)
 
 
 def propose_unrecorded(patch: pytest.MonkeyPatch) -> None:
@@ -97,16 +97,16 @@ def send_before_the_sync(patch: pytest.MonkeyPatch) -> None:
 def forget_final_blocks_early(patch: pytest.MonkeyPatch) -> None:
     """What is final leaves the journal, though no store has it yet."""
 
-    def note_finalized(self: Journalist, nodes: Iterable[BlockNode]) -> None:
+    def note_finalized(self: JournalBuilder, nodes: Iterable[BlockNode]) -> None:
         for node in nodes:
             self._journalled.discard(node.block_id)
 
-    patch.setattr(Journalist, "note_finalized", note_finalized)
+    patch.setattr(JournalBuilder, "note_finalized", note_finalized)
 
 
 def trust_a_restored_journal(patch: pytest.MonkeyPatch) -> None:
     """A producer speaks at once, whatever others heard of it."""
-    patch.setattr(Returning, "bars", property(lambda self: False))
+    patch.setattr(SigningGuard, "bars", property(lambda self: False))
 
 
 TWO_WORDS = frozenset({"no_double_vote", "no_double_proposal"})

@@ -31,11 +31,11 @@ def vote_for_every_proposal(patch: pytest.MonkeyPatch) -> None:
 def vote_after_a_timeout(patch: pytest.MonkeyPatch) -> None:
     """Only votes forbid votes: a round that was given up may still get one."""
 
-    def may_speak(self: Voter, round_number: int) -> bool:
+    def may_sign(self: Voter, round_number: int) -> bool:
         last = 0 if self.last_vote is None else self.last_vote.round
         return self.index is not None and not self._is_barred and round_number > last
 
-    patch.setattr(Voter, "may_speak", may_speak)
+    patch.setattr(Voter, "may_sign", may_sign)
 
 
 SPEAKING = (

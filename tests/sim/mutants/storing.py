@@ -10,7 +10,7 @@ import pytest
 from consensus.chain.block import FinalityProof
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext
-from node.components import Assembly
+from node.components import NodeComponents
 from node.custody.chain.chain_follower import Custody
 from node.custody.finalized_events import collect_events
 from node.execution import block_executor
@@ -65,9 +65,9 @@ def drop_txids_at_a_snapshot(patch: pytest.MonkeyPatch) -> None:
 
 def apply_reversible_blocks(patch: pytest.MonkeyPatch) -> None:
     """The custodian's store follows certified blocks, final or not."""
-    make = Assembly._make_custody
+    make = NodeComponents._make_custody
 
-    def make_custody(self: Assembly) -> Custody | None:
+    def make_custody(self: NodeComponents) -> Custody | None:
         custody = make(self)
         note = self.engine._note_certified
 
@@ -87,7 +87,7 @@ def apply_reversible_blocks(patch: pytest.MonkeyPatch) -> None:
             await custody._custodian.on_finalized_block(events)
             custody.checkpoint_height = header.height
 
-    patch.setattr(Assembly, "_make_custody", make_custody)
+    patch.setattr(NodeComponents, "_make_custody", make_custody)
 
 
 def tell_too_early(patch: pytest.MonkeyPatch) -> None:

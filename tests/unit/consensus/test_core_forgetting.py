@@ -140,8 +140,8 @@ def test_who_may_have_left_the_epoch_before_it_forgot_gives_the_first_round_of_t
         assert node.core.finalized_id == boundary.block_id
         core = next_core(node, boundary)
         assert core.silence is None
-        assert core._voter.may_speak(1) is is_safe, told_round
-        assert core._voter.may_speak(2)
+        assert core._voter.may_sign(1) is is_safe, told_round
+        assert core._voter.may_sign(2)
         others = (*node.schedule.producers[2:], *Peers(6).schedule.producers[4:])
         changed = next_core(node, boundary, others)
         assert (changed.silence is None) is is_safe

@@ -6,7 +6,7 @@ import pytest
 
 from consensus.chain.journal_records import (
     JournalRecord,
-    SilenceMark,
+    SigningLockout,
     encode_restored_record,
     encode_silence_record,
     read_journal,
@@ -25,7 +25,7 @@ from consensus.chain.messages import (
 from consensus.chain.schedule import Schedule
 from consensus.primitives.encoding import decode
 from consensus.protocol.core import Core
-from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, Persist, SendTo, SetTimer, SilenceChanged
+from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, LockoutChanged, Persist, SendTo, SetTimer
 from consensus.protocol.events import PeerConnected, Started, WordsAnswered, WordsAsked
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import CHECK, GENESIS_QC, NOW_MS, TRANSACTION, OneCore, Peers, of_type, said, told
@@ -181,8 +181,8 @@ def test_a_word_that_is_newer_than_the_journal_silences_its_producer(word):
     node.answer_from(0)
     effects = node.answer_from(1, word=word)
     assert node.core.silence.reason == "outdated"
-    assert read_journal(node.journal, 0).silence == SilenceMark("outdated", 0, None)
-    assert of_type(effects, SilenceChanged)[0].reason == "outdated"
+    assert read_journal(node.journal, 0).silence == SigningLockout("outdated", 0, None)
+    assert of_type(effects, LockoutChanged)[0].reason == "outdated"
     assert said(node.receive(OTHER), Vote) == []
     node.work()
     assert said(node.fire("round"), Timeout) == []
@@ -276,14 +276,14 @@ def test_a_restored_producer_is_silent_until_a_block_above_all_that_it_can_have_
         node.answer_from(peer, signed_round=signed_round, qc=node.qc(chain[0]))
     assert read_journal(node.journal, 0).silence.above_round is None
     node.answer_from(4, signed_round=1, qc=node.qc(chain[0]))
-    assert read_journal(node.journal, 0).silence == SilenceMark("restored", 0, 3)
+    assert read_journal(node.journal, 0).silence == SigningLockout("restored", 0, 3)
     assert "round 3" in node.core.silence.until
     assert said(finalize(node, 1, 4), Vote) == []
     assert node.core.finalized.round == 3
     assert said(node.receive(chain[4]), Vote) == []
     effects = node.notice(node.qc(chain[4]))
     assert node.core.finalized.round == 4
-    assert of_type(effects, SilenceChanged) == [SilenceChanged(reason="", until="")]
+    assert of_type(effects, LockoutChanged) == [LockoutChanged(reason="", until="")]
     assert read_journal(node.journal, 0).silence is None
     assert node.core.last_voted_round == 3
     seven = node.block(7, chain[4], tc=node.tc(6, 5))
@@ -309,7 +309,7 @@ def test_a_silent_producer_stays_silent_over_a_crash_and_asks_again():
     for peer in range(3):
         node.answer_from(peer)
     after = OneCore(journal=node.journal, answered=False)
-    assert read_journal(after.journal, 0).silence == SilenceMark("restored", 0, 1)
+    assert read_journal(after.journal, 0).silence == SigningLockout("restored", 0, 1)
     assert said(after.started, WordsRequest)
 
 
@@ -377,11 +377,11 @@ def test_a_silence_lasts_into_the_next_epoch():
     node = OneCore(journal=[RESTORED], answered=False)
     assert core_of_next_epoch(node, node.core).journal_snapshot()
     unknown = core_of_next_epoch(node, node.core)
-    assert read_journal(unknown.journal_snapshot(), 1).silence == SilenceMark("restored", 1, None)
+    assert read_journal(unknown.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
     for peer in range(3):
         node.answer_from(peer)
     known = core_of_next_epoch(node, node.core)
-    assert read_journal(known.journal_snapshot(), 1).silence == SilenceMark("restored", 1, 1)
+    assert read_journal(known.journal_snapshot(), 1).silence == SigningLockout("restored", 1, 1)
     known.handle(Started(now_ms=NOW_MS))
     assert known.silence.reason == "restored"
 
@@ -394,16 +394,16 @@ def test_other_producers_are_asked_anew_how_far_they_are():
     keys = Peers(8).schedule.producers
     for producers in (keys[3:7], keys[1:5], keys[:7]):
         other = core_of_next_epoch(node, node.core, producers)
-        assert read_journal(other.journal_snapshot(), 1).silence == SilenceMark("restored", 1, None)
+        assert read_journal(other.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
         assert said(other.handle(Started(now_ms=NOW_MS)), WordsRequest)
     again = core_of_next_epoch(node, node.core, tuple(reversed(keys[:4])))
-    assert read_journal(again.journal_snapshot(), 1).silence == SilenceMark("restored", 1, 1)
+    assert read_journal(again.journal_snapshot(), 1).silence == SigningLockout("restored", 1, 1)
 
 
 def test_after_a_restart_nobody_knows_who_the_producers_of_the_mark_were():
-    mark = encode_silence_record(0, 0, SilenceMark("restored", 0, 7))
+    mark = encode_silence_record(0, 0, SigningLockout("restored", 0, 7))
     node = OneCore(journal=[mark], epoch=1, root=ONE)
-    assert read_journal(node.core.journal_snapshot(), 1).silence == SilenceMark("restored", 1, None)
+    assert read_journal(node.core.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
 
 
 # A ledger that is behind the journal
@@ -434,7 +434,7 @@ def test_in_an_epoch_that_its_journal_has_left_a_producer_signs_nothing():
     node.work()
     assert said(node.fire("round"), Timeout) == []
     assert "epoch 1" in node.core.silence.until
-    assert SilenceChanged(*node.core.silence) in node.started
+    assert LockoutChanged(*node.core.silence) in node.started
     request = WordsRequest(epoch=0, asked_at_ms=5)
     (answer,) = told(node.handle(WordsAsked(request=request, sender=1, now_ms=NOW_MS)), 1, WordsAnswer)
     assert answer.speech == SILENT
@@ -443,13 +443,13 @@ def test_in_an_epoch_that_its_journal_has_left_a_producer_signs_nothing():
 def test_a_silence_begun_while_the_ledger_is_behind_outlasts_what_the_later_records_say_of_it():
     journal, _ = words_of_epoch_one()
     node = OneCore(journal=[*journal, RESTORED], answered=False)
-    assert read_journal(node.core.journal_snapshot(), 0).silence == SilenceMark("restored", 0, None)
+    assert read_journal(node.core.journal_snapshot(), 0).silence == SigningLockout("restored", 0, None)
     after = core_of_next_epoch(node, node.core)
-    assert read_journal(after.journal_snapshot(), 1).silence == SilenceMark("restored", 1, None)
+    assert read_journal(after.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
 
 
 def test_the_mark_in_an_old_journal_is_read_in_every_later_epoch():
-    assert read_journal([RESTORED], 5).silence == SilenceMark("restored", 0, None)
+    assert read_journal([RESTORED], 5).silence == SigningLockout("restored", 0, None)
 
 
 def test_what_a_silent_producer_said_before_may_still_be_said_again():

@@ -86,7 +86,7 @@ async def test_waiting_for_a_node_that_died_ends_at_once_with_its_last_words(clu
 
 
 def test_a_node_that_said_nothing_is_reported_so(cluster: Cluster) -> None:
-    assert cluster.last_words("node-3") == "it printed nothing."
+    assert cluster.latest_messages("node-3") == "it printed nothing."
 
 
 def test_no_key_of_the_network_is_readable_by_others(made: Path) -> None:

@@ -174,7 +174,7 @@ def test_a_wallet_signs_with_its_own_key(chain: Consortium, tmp_path: Path, monk
     Keystore.create(tmp_path / "wallets" / "me.wallet", WORDS, "correct horse", PassphraseCost(1, 8192))
     (signer,) = contract_signers.find_signers(None, None, None, "me")
     assert signer.key.public_key == derive_keys(WORDS).identity.public_key
-    assert refusal("call", "settings", "approve", "0x00", "--wallet", "me") == "SENDER_WITHOUT_STANDING"
+    assert refusal("call", "settings", "approve", "0x00", "--wallet", "me") == "SENDER_NOT_ADMITTED"
 
 
 def test_a_source_of_ones_own_says_what_a_contract_takes(chain: Consortium, tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ class ServedChain:
             raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME")
         return self.receipts[txid]
 
-    async def ask_any(self, work: Any) -> Any:
+    async def with_any_node(self, work: Any) -> Any:
         return await work(NODE)
 
     async def ask_node(self, node: NodeAddress, method: str, path: str, *, key: Any) -> bytes:

@@ -17,7 +17,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from contracts.execution.genesis import complete_genesis
 from contracts.lifecycle.registry import contract_entries
-from node.components import Assembly, Surroundings, begin_ledger
+from node.components import Environment, NodeComponents, begin_ledger
 from node.consensus.journal import JournalEntry
 from node.execution.execution_machines import Machine
 from node.mempool.transaction_cache import TransactionCache
@@ -141,7 +141,7 @@ class SmallNodes:
         self.genesis = genesis
         self.links: dict[str, MemoryLinks] = {}
         self.cut_off: set[str] = set()
-        self.nodes: dict[str, Assembly] = {}
+        self.nodes: dict[str, NodeComponents] = {}
         self.ledgers = {node.name: MemoryStore() for node in genesis.nodes}
         self.journals = {node.name: MemoryJournal() for node in genesis.nodes}
         self.machines: dict[str, Machine] = {}
@@ -153,8 +153,8 @@ class SmallNodes:
         """Start these nodes, or all."""
         for name in names or tuple(self.ledgers):
             await begin_ledger(self.ledgers[name], self.genesis)
-            node = Assembly(
-                Surroundings(
+            node = NodeComponents(
+                Environment(
                     genesis=self.genesis,
                     name=name,
                     ledger=self.ledgers[name],

@@ -11,7 +11,7 @@ from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from consensus.state.producers import ACCUSED, CANDIDATE, CandidateRow
-from node.consensus.evidence_submitter import ACCUSE_AGAIN_MS, PENDING_MAX_COUNT, TURN_MS, Accuser
+from node.consensus.evidence_submitter import ACCUSE_AGAIN_MS, PENDING_MAX_COUNT, TURN_MS, EvidenceSubmitter
 from tests.sim.named_chain import CHAIN_ID
 from tests.state_rows import stored
 from tests.unit.consensus.one_core import Peers
@@ -31,7 +31,7 @@ class Stage:
         self.error: BlockRobotError | None = None
         self.schedule = PEERS.schedule
         key = PEERS.keys[index] if index is not None else PEERS.keys[0].__class__(bytes(31) + b"\x07")
-        self.accuser = Accuser(
+        self.accuser = EvidenceSubmitter(
             key=key,
             chain_id=CHAIN_ID,
             pool=self,
@@ -59,7 +59,7 @@ async def test_an_accusation_names_both_words_and_is_signed_with_the_producers_k
     stage = Stage(1)
     stage.accuser.note(EVIDENCE)
     stage.now += TURN_MS
-    assert await stage.accuser.speak_if_due() == 1
+    assert await stage.accuser.submit_if_due() == 1
     (accusation,) = stage.submitted
     body = accusation.body
     assert (body.contract, body.entry, body.sender) == ("producers", "accuse", PEERS.keys[1].public_key)
@@ -71,9 +71,9 @@ async def test_everybody_waits_for_his_turn(index, turn):
     stage = Stage(index)
     stage.accuser.note(EVIDENCE)
     stage.now += turn * TURN_MS - 1
-    assert await stage.accuser.speak_if_due() == 0
+    assert await stage.accuser.submit_if_due() == 0
     stage.now += 1
-    assert await stage.accuser.speak_if_due() == 1
+    assert await stage.accuser.submit_if_due() == 1
 
 
 async def test_who_sees_it_known_before_his_turn_says_nothing():
@@ -81,7 +81,7 @@ async def test_who_sees_it_known_before_his_turn_says_nothing():
     stage.accuser.note(EVIDENCE)
     stage.state[ACCUSED.key(EVIDENCE.producer, 0, 1)] = encode_value(True)
     stage.now += 10 * TURN_MS
-    assert await stage.accuser.speak_if_due() == 0
+    assert await stage.accuser.submit_if_due() == 0
     assert stage.accuser.pending == []
 
 
@@ -90,7 +90,7 @@ async def test_a_removed_producer_is_accused_for_it_might_come_back():
     stage.mark_candidate("removed")
     stage.accuser.note(EVIDENCE)
     stage.now += TURN_MS
-    assert await stage.accuser.speak_if_due() == 1
+    assert await stage.accuser.submit_if_due() == 1
 
 
 async def test_a_producer_that_is_suspended_already_is_not_accused():
@@ -98,7 +98,7 @@ async def test_a_producer_that_is_suspended_already_is_not_accused():
     stage.mark_candidate("suspended")
     stage.accuser.note(EVIDENCE)
     stage.now += TURN_MS
-    assert await stage.accuser.speak_if_due() == 0
+    assert await stage.accuser.submit_if_due() == 0
     assert stage.accuser.pending == []
 
 
@@ -109,10 +109,10 @@ async def test_a_new_key_is_no_way_out_and_an_old_sin_is_forgiven_with_the_reins
     stage.mark_candidate("producing", key=heir)
     stage.accuser.note(EVIDENCE)
     stage.now += TURN_MS
-    assert await stage.accuser.speak_if_due() == 1
+    assert await stage.accuser.submit_if_due() == 1
     stage.mark_candidate("producing", key=heir, reinstated=1)
     stage.now += ACCUSE_AGAIN_MS
-    assert await stage.accuser.speak_if_due() == 0
+    assert await stage.accuser.submit_if_due() == 0
 
 
 async def test_it_is_tried_again_with_another_transaction_until_it_is_known():
@@ -122,12 +122,12 @@ async def test_it_is_tried_again_with_another_transaction_until_it_is_known():
     stage.error = BlockRobotError("MEMPOOL_FULL")
     stage.now += TURN_MS
     for _ in range(3):
-        assert await stage.accuser.speak_if_due() == 1
-        assert await stage.accuser.speak_if_due() == 0
+        assert await stage.accuser.submit_if_due() == 1
+        assert await stage.accuser.submit_if_due() == 0
         stage.now += ACCUSE_AGAIN_MS
     assert len({transaction.txid for transaction in stage.submitted}) == 3
     stage.mark_candidate("suspended")
-    assert await stage.accuser.speak_if_due() == 0
+    assert await stage.accuser.submit_if_due() == 0
     assert stage.accuser.pending == []
 
 

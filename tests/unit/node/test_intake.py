@@ -95,7 +95,7 @@ def _codes(outcomes: list[Outcome]) -> set[str]:
 def test_a_batch_of_foreign_transactions_costs_no_elliptic_curve_operation(counter: _Counter) -> None:
     async def story(intake: TransactionIntake) -> None:
         wires = [transaction(number, by=number).wire for number in range(256)]
-        assert _codes(await _submit(intake, STRANGER, wires)) == {"SENDER_WITHOUT_STANDING"}
+        assert _codes(await _submit(intake, STRANGER, wires)) == {"SENDER_NOT_ADMITTED"}
         assert counter.count == 0
 
     _run(make_pool(has_standing=_stands), story)
@@ -269,7 +269,7 @@ def test_a_peer_pays_for_what_nobody_signed() -> None:
             intake.offer(Source("peer", "loud"), batch, found.extend)
             await asyncio.sleep(0.001)
         await asyncio.sleep(0.1)
-        seen = sum(outcome.error is not None and outcome.error.code == "SENDER_WITHOUT_STANDING" for outcome in found)
+        seen = sum(outcome.error is not None and outcome.error.code == "SENDER_NOT_ADMITTED" for outcome in found)
         assert seen > 0, "what there was budget for was judged"
         assert seen * TRANSACTION_SCREENING_US <= PEER_ALLOWANCE.burst_us + PEER_ALLOWANCE.us_per_s * 0.3
 

@@ -87,7 +87,7 @@ def test_a_sender_without_standing_is_refused_and_asked_about_again_next_time() 
     pool, wanted = make_pool(has_standing=lambda item: item.body.sender in members), transaction(1)
     with pytest.raises(BlockRobotError) as caught:
         pool.admit(wanted.wire, NOW_MS)
-    assert caught.value.code == "SENDER_WITHOUT_STANDING"
+    assert caught.value.code == "SENDER_NOT_ADMITTED"
     members.add(sender(0).public_key)
     assert pool.admit(wanted.wire, NOW_MS)[1]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.mempool.client_pool import OutwardPool
+from node.mempool.client_pool import ClientPool
 from tests.unit.node.api.small_network import FakePool, ManualClock, SmallLedger
 
 
@@ -13,7 +13,7 @@ from tests.unit.node.api.small_network import FakePool, ManualClock, SmallLedger
 async def test_a_node_that_no_peer_hears_takes_nothing_and_still_answers(code: str) -> None:
     problems: list[BlockRobotError] = [BlockRobotError(code)]
     inner = FakePool(await SmallLedger().start(), ManualClock())
-    pool = OutwardPool(inner, lambda: problems[0] if problems else None)
+    pool = ClientPool(inner, lambda: problems[0] if problems else None)
     with pytest.raises(BlockRobotError) as refusal:
         await pool.submit([b"anything"])
     assert refusal.value.code == code

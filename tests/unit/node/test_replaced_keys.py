@@ -16,7 +16,7 @@ from consensus.state.identity import handle_of, organisation_of
 from consensus.upload_quotas import DAY_MS, MIB_BYTES, read_quotas
 from contracts.execution.sender_admission import find_account, has_standing
 from contracts.state.view import MemoryState
-from node.api.access.principals import find_key_standing
+from node.api.access.principals import resolve_principal
 from node.custody.uploads import DayUse, UploadTerms, require_quota
 from node.mempool.byte_budget import VISITS_PART, ByteBudgets
 from node.mempool.mempool import Mempool, Screened
@@ -119,7 +119,7 @@ def test_no_map_of_limits_knows_a_new_key_from_the_one_before(holder: str) -> No
         state, item = story.hospital.state, story.junk(key, contract)
         assert has_standing(state, item, story.hospital.time_ms)
         account = find_account(state, item)
-        standing = find_key_standing(SnapshotOf(story.hospital.state), key.public_key)
+        standing = resolve_principal(SnapshotOf(story.hospital.state), key.public_key)
         assert standing is not None
         payer = payer_of(Screened(item, account, reserved=False, is_verified=False, is_waiting=False))
         return [account, payer, standing.account, handle_of(state, key.public_key)]

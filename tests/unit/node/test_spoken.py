@@ -7,7 +7,7 @@ from typing import Any
 from consensus.chain.block import Block, Header, QuorumCertificate
 from consensus.chain.messages import Proposal, Timeout, Vote
 from consensus.primitives.encoding import encode
-from node.consensus.round_log import GAVE_UP, PROPOSED, ROUNDS_KEPT_COUNT, VOTED, NotingOutbox, SpokenRounds
+from node.consensus.round_log import GAVE_UP, PROPOSED, ROUNDS_KEPT_COUNT, VOTED, LoggingOutbox, RoundLog
 
 QC = QuorumCertificate(epoch=0, round=0, block_id=bytes(32), votes=())
 
@@ -29,8 +29,8 @@ class _Peers:
         self.heard.append("again")
 
 
-def _spoken(now_ms: list[int]) -> SpokenRounds:
-    return SpokenRounds(lambda: now_ms[0], lambda epoch, number: f"node-{number % 4 + 1}" if epoch == 0 else None)
+def _spoken(now_ms: list[int]) -> RoundLog:
+    return RoundLog(lambda: now_ms[0], lambda epoch, number: f"node-{number % 4 + 1}" if epoch == 0 else None)
 
 
 def _vote(number: int, epoch: int = 0) -> Vote:
@@ -65,7 +65,7 @@ def _proposal(number: int) -> Proposal:
 def test_words_are_noted_by_round_and_go_out_unchanged() -> None:
     now_ms, peers = [1_000], _Peers()
     spoken = _spoken(now_ms)
-    outbox = NotingOutbox(peers, spoken)
+    outbox = LoggingOutbox(peers, spoken)
     words = [_proposal(5), _vote(5), _timeout(6)]
     for word in words:
         outbox.broadcast(word)
@@ -79,7 +79,7 @@ def test_words_are_noted_by_round_and_go_out_unchanged() -> None:
 def test_a_word_that_is_said_again_keeps_its_first_time() -> None:
     now_ms = [1_000]
     spoken = _spoken(now_ms)
-    outbox = NotingOutbox(_Peers(), spoken)
+    outbox = LoggingOutbox(_Peers(), spoken)
     outbox.broadcast(_timeout(6))
     now_ms[0] = 2_000
     outbox.broadcast(_timeout(6))
@@ -88,7 +88,7 @@ def test_a_word_that_is_said_again_keeps_its_first_time() -> None:
 
 def test_another_leaders_block_that_is_passed_on_is_no_proposal_of_this_node() -> None:
     spoken, peers = _spoken([0]), _Peers()
-    outbox = NotingOutbox(peers, spoken)
+    outbox = LoggingOutbox(peers, spoken)
     outbox.send_to(2, _proposal(5))
     assert spoken.describe() == []
     outbox.send_to(2, _vote(5, epoch=3))
@@ -106,6 +106,6 @@ def test_only_the_last_rounds_are_kept() -> None:
 
 def test_what_is_not_a_word_of_a_round_passes_too() -> None:
     peers = _Peers()
-    outbox = NotingOutbox(peers, _spoken([0]))
+    outbox = LoggingOutbox(peers, _spoken([0]))
     outbox.gossip_again()
     assert peers.heard == ["again"]

@@ -90,7 +90,7 @@ class LiveSource:
                 if self._focal_px is None:
                     wanted[info] = INFO_TYPE
                 opening.callback(feed.close)
-                feed.open(wanted, _Ear(self, LearntTypes(self._known, ros1=feed.ros1)))
+                feed.open(wanted, _FeedListener(self, LearntTypes(self._known, ros1=feed.ros1)))
                 is_told = is_told or info in advertised
             if is_told and self._focal_px is None:
                 self._focal_known.wait(INFO_WAIT_S)
@@ -289,7 +289,7 @@ class LiveSource:
                 self._tell(self._sentences.popleft())
 
 
-class _Ear:
+class _FeedListener:
     """The listener of one feed. Whatever a strange message does, the feed's thread goes on."""
 
     def __init__(self, source: LiveSource, types: LearntTypes) -> None:

@@ -108,7 +108,7 @@ class Ros1Feed:
         self._subscribers: list[Any] = []
         self._topics: tuple[str, ...] = ()
         self._closing = threading.Event()
-        self._roll_call = threading.Thread(target=self._call_roll, name="ros1-roll-call", daemon=True)
+        self._roll_call = threading.Thread(target=self._reregister_loop, name="ros1-roll-call", daemon=True)
 
     def topics(self) -> dict[str, str]:
         """Return what publishers have registered with the master. Raises FEED_UNREACHABLE."""
@@ -152,7 +152,7 @@ class Ros1Feed:
         type_name, definition = ros_type(str(header.get("type", ""))), str(header.get("message_definition", ""))
         listener.deliver(Message(topic, type_name, at_ns, bytes(message._buff or b"")), definition)
 
-    def _call_roll(self) -> None:
+    def _reregister_loop(self) -> None:
         """Register again with a master that has forgotten this node, which rospy never does: it was started anew.
 
         Who was shut down, as anybody on the graph may ask, is deaf for good: rospy cannot be started twice.

@@ -16,9 +16,9 @@ from rich.markup import escape
 from clients.sdk.terminal.terminal import (
     ask_for_enter,
     console,
+    handle_errors,
     is_at_terminal,
     json_option,
-    plain_errors,
     print_json,
 )
 from clients.wallet.cli.prompts import ask_or_say
@@ -39,7 +39,7 @@ from clients.wallet.recovery.slip39_shares import (
 )
 from clients.wallet.store.guardian_set import GuardianSet, require_names, set_json
 from clients.wallet.store.keystore import Keystore, WalletContent
-from clients.wallet.store.wallet_lock import claim_or_read, claim_wallet, require_wallet
+from clients.wallet.store.wallet_lock import claim_wallet, lock_or_read_only, require_wallet
 from consensus.errors import BlockRobotError
 from pages.moments import show_moment
 
@@ -49,7 +49,7 @@ def _read(ctx: click.Context) -> WalletContent:
     path: Path = ctx.obj[0]
     require_wallet(path)
     passphrase = read_passphrase()
-    with claim_or_read(path):
+    with lock_or_read_only(path):
         return Keystore.open(path, passphrase).content
 
 
@@ -80,7 +80,7 @@ def guardians(ctx: click.Context, as_json: bool) -> None:
 @guardians.command("list")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def list_(ctx: click.Context, as_json: bool) -> None:
     """Show who holds words of this wallet, how many of them are needed, and which sets still work.
 
@@ -141,7 +141,7 @@ def _tell_before(content: WalletContent, one: GuardianSet) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask whether there is to be one more set.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def split(
     ctx: click.Context,
     names: tuple[str, ...],

@@ -22,13 +22,13 @@ from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     ask,
     ask_for,
+    clear_screen,
     console,
+    handle_errors,
     is_at_terminal,
     json_option,
-    plain_errors,
     print_json,
     status_line,
-    wipe_screen,
 )
 from clients.wallet.cli.wallet_context import read_new_passphrase, run_made
 from clients.wallet.commands.account.new_commands import guess_cost
@@ -127,7 +127,7 @@ def _read_file(path: Path, *, as_json: bool) -> Share:
     "file", type=click.Path(path_type=Path, exists=True, dir_okay=False, allow_dash=True), default=str(_STDIN)
 )
 @json_option
-@plain_errors
+@handle_errors
 def check(file: Path, as_json: bool) -> None:
     """For guardians: see that your words are whole. Needs no wallet and no other guardian, and keeps nothing.
 
@@ -142,7 +142,7 @@ def check(file: Path, as_json: bool) -> None:
         try:
             share = type_share()
         finally:
-            wipe_screen()
+            clear_screen()
     else:
         share = _read_file(file, as_json=as_json)
     if as_json:
@@ -178,7 +178,7 @@ def _gather_typed(gathering: Gathering) -> None:
     try:
         share = type_share()
     finally:
-        wipe_screen()
+        clear_screen()
     try:
         _tell_difference(gathering.add(share))
     except BlockRobotError as error:
@@ -327,7 +327,7 @@ def _place(ctx: click.Context, path: Path, words_file: Path | None) -> Iterator[
 @click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def recover(
     ctx: click.Context,
     files: tuple[Path, ...],

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
 from clients.wallet.cli.invocation import called
 from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.present.translations import text
@@ -31,7 +31,7 @@ def keyring() -> None:
 @keyring.command()
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def store(ctx: click.Context, as_json: bool) -> None:
     """Ask for the passphrase, see that it opens the wallet, and keep it in the keyring.
 
@@ -54,7 +54,7 @@ def store(ctx: click.Context, as_json: bool) -> None:
 @keyring.command()
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def forget(ctx: click.Context, as_json: bool) -> None:
     """Take the passphrase out of the keyring.
 

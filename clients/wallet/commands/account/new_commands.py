@@ -11,8 +11,8 @@ import click
 from nacl import pwhash
 
 from clients.sdk.passphrase import PassphraseCost
-from clients.sdk.terminal.terminal import console, is_at_terminal, json_option, plain_errors, print_json
-from clients.wallet.cli.wallet_context import read_new_passphrase, tell_if_stopped
+from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_json
+from clients.wallet.cli.wallet_context import on_abort, read_new_passphrase
 from clients.wallet.present.translations import WrongUsage, say_error, text
 from clients.wallet.recovery.mnemonic_handover import print_words, show_and_check, write_words
 from clients.wallet.recovery.wallet_restore import read_words, require_distinct, restore_wallet
@@ -41,7 +41,7 @@ def _place(ctx: click.Context, path: Path, words_file: Path | None = None) -> It
 
     with claim_place(path):
         try:
-            with tell_if_stopped(ctx, say):
+            with on_abort(ctx, say):
                 yield
         finally:
             if words_file is not None and not was_there and not path.exists():
@@ -69,7 +69,7 @@ def _hand_over(words: str, words_file: Path | None, *, check: bool) -> None:
 @click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphrase: bool, as_json: bool) -> None:
     """Make a new wallet and show its 24 words, this once. Write them down: they are the wallet.
 
@@ -110,7 +110,7 @@ def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphras
 @click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def restore(
     ctx: click.Context, words_file: Path | None, former: tuple[Path, ...], fast_passphrase: bool, as_json: bool
 ) -> None:

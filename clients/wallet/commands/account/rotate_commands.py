@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import console, is_at_terminal, json_option, plain_errors, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_json
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import STOLEN_PAGE, run_opened, tell_if_stopped
+from clients.wallet.cli.wallet_context import STOLEN_PAGE, on_abort, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import VisitReport, Wallet
 from clients.wallet.present.linking_notice import tell_linked_moves
@@ -189,7 +189,7 @@ async def _fetch_receipts(opened: Wallet) -> int:
 @_spread
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def rotate(
     ctx: click.Context,
     words_file: Path | None,
@@ -232,8 +232,8 @@ def rotate(
             rotating, over_minutes, now=now, keep_shares=keep_shares, with_member=True, as_json=as_json
         )
 
-    with tell_if_stopped(ctx, found.say_how_far):
-        done = run_opened(ctx, action)
+    with on_abort(ctx, found.say_how_far):
+        done = run_with_wallet(ctx, action)
     if as_json:
         if done.refusal is not None:
             raise done.refusal
@@ -247,7 +247,7 @@ def rotate(
 @_spread
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool, as_json: bool) -> None:
     """Give visits that came late, under former words, a key of the present ones.
 
@@ -262,7 +262,7 @@ def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool
             rotating, over_minutes, now=now, keep_shares=keep_shares, with_member=False, as_json=as_json
         )
 
-    done = run_opened(ctx, action)
+    done = run_with_wallet(ctx, action)
     if as_json:
         if done.refusal is not None:
             raise done.refusal
@@ -275,7 +275,7 @@ def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
-@plain_errors
+@handle_errors
 def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
     """End your membership. Says what stays and what goes, and asks.
 
@@ -284,7 +284,7 @@ def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
     if not as_json:
         console.print(text("leave.means"))
     ask_or_say(text("leave.ask"), yes=yes, as_json=as_json)
-    height = run_opened(ctx, lambda opened: Rotating(opened).leave())
+    height = run_with_wallet(ctx, lambda opened: Rotating(opened).leave())
     if as_json:
         print_json({"ok": True, "height": height or None})
     elif height:

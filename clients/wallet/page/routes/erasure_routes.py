@@ -16,7 +16,7 @@ from clients.wallet.page.routes.reading_routes import told_erasure, told_share
 from clients.wallet.page.session import PageSession
 from clients.wallet.present.translations import refusal
 from clients.wallet.records.erasure import Erasing, missing_pictures, split_erased
-from clients.wallet.records.erasure_status import AskedErasure, find_erasures_of
+from clients.wallet.records.erasure_status import ErasureProgress, find_erasures_of
 from clients.wallet.records.viewing import name_places
 from clients.wallet.sharing.outgoing_shares import Sharing
 from clients.wallet.store.keystore import KnownVisit
@@ -129,7 +129,7 @@ async def _erase_and_follow(
     }
 
 
-async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[bytes]]]) -> list[AskedErasure]:
+async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[bytes]]]) -> list[ErasureProgress]:
     found = []
     for visit, ids in asked:
         every = await find_erasures_of(session.wallet, visit, session.now_ms())
@@ -137,7 +137,7 @@ async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[b
     return found
 
 
-def _tell_receipts(job: Job, found: list[AskedErasure]) -> None:
+def _tell_receipts(job: Job, found: list[ErasureProgress]) -> None:
     rows = [
         {"erasure_id": each["erasure_id"], **custodian}
         for each in map(told_erasure, found)

@@ -33,7 +33,7 @@ from clients.wallet.page.request_fields import Asked, read_id
 from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
 from clients.wallet.present.translations import LANGUAGES, language_in_use, section
-from clients.wallet.records.erasure_status import AskedErasure, custodian_names, erasure_json, erasure_lines
+from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, erasure_json, erasure_lines
 from clients.wallet.recovery.guardian_lines import guardian_lines
 from clients.wallet.sharing.outgoing_shares import Share
 from consensus.errors import BlockRobotError
@@ -349,7 +349,7 @@ async def _shares(session: PageSession, request: web.Request) -> web.Response:
     )
 
 
-def told_erasure(erasure: AskedErasure) -> dict[str, Any]:
+def told_erasure(erasure: ErasureProgress) -> dict[str, Any]:
     """Return one erasure for the page."""
     return erasure_json(erasure) | {"lines": erasure_lines(erasure)}
 

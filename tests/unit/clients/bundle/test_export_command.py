@@ -26,10 +26,10 @@ NOW_MS = 1_900_000_000_000
 def ward(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ward:
     ward = Ward(tmp_path)
 
-    def run_opened(_: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
+    def run_with_wallet(_: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
         return asyncio.run(action(ward.wallet))  # type: ignore[arg-type]
 
-    monkeypatch.setattr(export_command, "run_opened", run_opened)
+    monkeypatch.setattr(export_command, "run_with_wallet", run_with_wallet)
     return ward
 
 

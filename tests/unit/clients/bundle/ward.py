@@ -23,7 +23,7 @@ from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.connections import NodeAddress
 from clients.sdk.node_answers import EvidenceDocument, FinalityDocument, KeyProofDocument, ProofsAnswer
 from clients.sdk.pictures.rendition_picture import encode_depth_png
-from clients.sdk.proof_checks import ProvedState, Trust
+from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import WalletKeys, draw_words
@@ -184,7 +184,7 @@ class ShortWire:
     def __init__(self, chain: ProvingHospital) -> None:
         self.chain = chain
         self.light_client = LightClient(chain.genesis)
-        self.trust = Trust(chain.genesis, self.light_client)
+        self.trust = ProofVerifier(chain.genesis, self.light_client)
         self.custody = Custodians()
         self.asked: list[tuple[bytes, bytes]] = []
         self.before_proofs: Callable[[], None] | None = None
@@ -238,7 +238,7 @@ class ShortWire:
     async def find_nodes(self, key: PrivateKey) -> None:
         """All are known."""
 
-    async def ask_any(self, work: Callable[[NodeAddress], Awaitable[Any]]) -> Any:
+    async def with_any_node(self, work: Callable[[NodeAddress], Awaitable[Any]]) -> Any:
         return await work(self.nodes[0])
 
     async def ask_node(self, node: NodeAddress, method: str, path: str, **given: Any) -> bytes:

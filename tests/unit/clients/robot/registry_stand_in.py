@@ -57,7 +57,7 @@ class RegistryStandIn:
     async def catch_up(self, key: PrivateKey) -> None:
         self.caught_up += 1
 
-    async def hear_quorum(self) -> bool:
+    async def confirm_with_quorum(self) -> bool:
         """Whether a quorum answers. When the robot's own node is cut off, what the others have is seen by it."""
         self.quorums_asked += 1
         await asyncio.sleep(0.002)
@@ -65,7 +65,7 @@ class RegistryStandIn:
             return False
         return not self.failure
 
-    async def is_turned_away(self) -> bool:
+    async def is_rejected_by_network(self) -> bool:
         return not self.others_serve
 
     def block(self) -> None:

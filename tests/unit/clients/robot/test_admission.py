@@ -12,7 +12,7 @@ from clients.robot.sensing.input_throttle import (
     STRANGERS_MAX_PER_S,
     TAGS_MAX_COUNT,
     TELL_EVERY_MS,
-    Admission,
+    InputThrottle,
 )
 from clients.robot.sensing.sensor_events import Sighting
 
@@ -25,14 +25,14 @@ def reading(at_ms: int, uid: str = "E2", antenna: int = 1) -> Sighting:
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_readings_apart_are_weighed_in_any_order_and_near_ones_only_paired(order: int) -> None:
-    admission = Admission()
+    admission = InputThrottle()
     assert all(admission.weighs(reading(at), known=True) for at in range(0, 1_000, APART_MS)[::order])
     assert not any(admission.weighs(reading(at), known=True) for at in range(1, 950))
     assert admission.only_paired_count == 949
 
 
 def test_another_antenna_or_tag_is_another_matter() -> None:
-    admission = Admission()
+    admission = InputThrottle()
     assert admission.weighs(reading(0), known=True)
     assert admission.weighs(reading(0, antenna=2), known=True)
     assert admission.weighs(reading(0, uid="E3"), known=True)
@@ -40,7 +40,7 @@ def test_another_antenna_or_tag_is_another_matter() -> None:
 
 
 def test_strangers_cannot_crowd_out_whom_the_robot_is_for() -> None:
-    admission = Admission()
+    admission = InputThrottle()
     weighed = sum(admission.weighs(reading(0, f"stranger-{n}"), known=False) for n in range(1_000))
     assert weighed == STRANGERS_MAX_PER_S
     assert admission.weighs(reading(0), known=True)
@@ -52,7 +52,7 @@ def test_strangers_cannot_crowd_out_whom_the_robot_is_for() -> None:
 
 
 def test_what_is_remembered_of_readings_is_bounded_and_forgotten() -> None:
-    admission = Admission()
+    admission = InputThrottle()
     for number in range(2 * TAGS_MAX_COUNT):
         admission.weighs(reading(number * 5, f"known-{number}"), known=True)
     assert 2_000 < len(admission._known._readings) <= TAGS_MAX_COUNT
@@ -63,7 +63,7 @@ def test_what_is_remembered_of_readings_is_bounded_and_forgotten() -> None:
 
 
 def test_there_is_something_to_tell_every_ten_seconds_of_the_stream() -> None:
-    admission = Admission()
+    admission = InputThrottle()
     assert not admission.is_time_to_tell()
     told = 0
     for at in range(0, 3 * TELL_EVERY_MS, 500):
@@ -73,7 +73,7 @@ def test_there_is_something_to_tell_every_ten_seconds_of_the_stream() -> None:
 
 
 def test_what_was_turned_away_is_told_once() -> None:
-    admission, pairing = Admission(), Pairing()
+    admission, pairing = InputThrottle(), Pairing()
     assert admission.newly_turned_away(pairing) == []
     admission.clocks.admit(Sighting(5, 1, "E2"))
     assert admission.newly_turned_away(pairing) == [("sighting-time", 1)]
@@ -81,7 +81,7 @@ def test_what_was_turned_away_is_told_once() -> None:
 
 
 def test_the_summary_counts_every_refusal_once() -> None:
-    admission, pairing = Admission(), Pairing()
+    admission, pairing = InputThrottle(), Pairing()
     pairing.add_frame(0, START_MS)
     pairing.add_sighting("a", 0, 0)
     admission.clocks.admit(Sighting(5, 1, "E2"))

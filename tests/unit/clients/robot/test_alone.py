@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import Kept, Reason, Withheld
-from clients.robot.pairing.occupancy import Aloneness
+from clients.robot.pairing.occupancy import OccupancyMonitor
 from clients.robot.pairing.tag_pairing import Decision
 
 CUT = Cut(0, 0, 1, 1, b"")
 
 
-def scene(verdicts: dict[int, str], *, owners: tuple[str, ...] = ("ann",), settled: bool = True) -> Aloneness:
+def scene(verdicts: dict[int, str], *, owners: tuple[str, ...] = ("ann",), settled: bool = True) -> OccupancyMonitor:
     """Return frames at the given times: `alone`, `together` (kept, with somebody beside) or `lost` (withheld)."""
-    alone = Aloneness()
+    alone = OccupancyMonitor()
     for sequence, (at_ms, verdict) in enumerate(verdicts.items()):
         alone.see(sequence, at_ms)
         if not settled:

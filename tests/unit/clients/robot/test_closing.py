@@ -156,7 +156,7 @@ def test_a_visit_that_is_refused_keeps_no_other_from_being_closed(tmp_path: Path
     run.going_on.clear()
 
     async def main() -> None:
-        await run.close_while(lambda: run.network.close_refusals.append("SENDER_WITHOUT_STANDING"), cut_ms=1)
+        await run.close_while(lambda: run.network.close_refusals.append("SENDER_NOT_ADMITTED"), cut_ms=1)
         assert run.network.closed == {run.SECOND: 1}
         await run.under_way.close_over(run.visits, run.going_on.__contains__)
 

@@ -263,7 +263,7 @@ def test_what_the_contract_refuses_stops_the_run_and_keeps_the_clip(tmp_path: Pa
     assert run.done == []
 
 
-@pytest.mark.parametrize("code", ["SENDER_WITHOUT_STANDING", "SIGNATURE_INVALID", "UPLOAD_INVALID"])
+@pytest.mark.parametrize("code", ["SENDER_NOT_ADMITTED", "SIGNATURE_INVALID", "UPLOAD_INVALID"])
 def test_what_can_never_pass_is_not_tried_again(tmp_path: Path, code: str) -> None:
     run = Run(tmp_path)
     run.network.upload_refusals = [code]

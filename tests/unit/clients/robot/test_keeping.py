@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from clients.robot.consent.consent_filter import Keeper, note_dropped
+from clients.robot.consent.consent_filter import ConsentFilter, note_dropped
 from clients.robot.consent.consent_view import STALE_AFTER_MS
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import Kept, Reason, Withheld
@@ -50,7 +50,7 @@ class Desk:
         self.log = EventLog(self.log_path)
         self.batcher = Batcher(CLIP_MS)
         self.visits = VisitBook(bytes(32), ROBOT.public_key, "demo")
-        self.keeper = Keeper(
+        self.keeper = ConsentFilter(
             self.consents,
             self.batcher,
             self.visits,
@@ -201,7 +201,7 @@ def test_a_no_to_one_sensor_leaves_the_visit_of_another_alone(tmp_path: Path) ->
     """A keeper that never kept anything of her ends nothing."""
 
     async def story(desk: Desk) -> None:
-        rgb = Keeper(
+        rgb = ConsentFilter(
             desk.consents,
             Batcher(CLIP_MS),
             desk.visits,

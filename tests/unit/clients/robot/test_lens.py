@@ -13,7 +13,7 @@ import pytest
 from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding import hider
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
-from clients.robot.sensing.camera_intrinsics import FOCAL_WAIT_MAX_S, Lens
+from clients.robot.sensing.camera_intrinsics import FOCAL_WAIT_MAX_S, CameraIntrinsics
 from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source
@@ -42,12 +42,12 @@ class Camera(BagSource):
 
 async def story(
     bag: Path, known_after_s: float, frames: int, *, live: bool = True
-) -> tuple[list[float], list[int], Lens]:
+) -> tuple[list[float], list[int], CameraIntrinsics]:
     """Return what was used, when each event went on (ms), and the lens; a reading comes first, frames every second."""
     used: list[float] = []
     camera = Camera(bag)
     camera.began_ms, camera.known_after_ms = virtual_now_ms(), round(known_after_s * 1000)
-    lens = Lens(camera, used.append, live=live)
+    lens = CameraIntrinsics(camera, used.append, live=live)
 
     async def events() -> AsyncIterator[SourceEvent]:
         yield Sighting(1, 2, "E1")

@@ -238,8 +238,8 @@ def test_whoever_did_not_consent_to_the_purpose_is_not_recorded(tmp_path: Path, 
 
 def test_clips_that_waited_from_the_run_before_are_delivered_first(tmp_path: Path, small_bag: Path) -> None:
     first = Robot(tmp_path, small_bag, roster())
-    first.network.refusals = ["SENDER_WITHOUT_STANDING"] * 100
-    with pytest.raises(Exception, match="SENDER_WITHOUT_STANDING"):
+    first.network.refusals = ["SENDER_NOT_ADMITTED"] * 100
+    with pytest.raises(Exception, match="SENDER_NOT_ADMITTED"):
         run_virtual(first.run())
     waiting = len(first.spool.names())
     assert waiting > 0

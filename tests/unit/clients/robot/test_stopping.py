@@ -19,7 +19,7 @@ from clients.robot.consent.consent_view import ConsentFigures
 from clients.robot.identity.robot_keys import create_identity
 from clients.robot.pairing.rosters import RosterBook
 from clients.robot.pairing.unknown_tags import UnknownTags
-from clients.robot.run.run_validity import Tenure
+from clients.robot.run.run_validity import RunValidity
 from clients.robot.run.runner import ReplayOptions, _events
 from clients.robot.sensing.sensor_events import Label, SourceEvent
 from clients.robot.sources.live.synthetic_source import SyntheticSource
@@ -53,7 +53,7 @@ async def listen(stop: asyncio.Event, options: ReplayOptions, stop_after: int = 
     """Return how many events came until the end."""
     count = 0
     source: Any = Estimates()
-    tenure = Tenure(RosterBook(roster()), SystemClock().now_ms)
+    tenure = RunValidity(RosterBook(roster()), SystemClock().now_ms)
     async for _ in _events(source, stop, options, tenure):
         count += 1
         if count == stop_after:

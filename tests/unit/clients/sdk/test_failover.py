@@ -40,7 +40,7 @@ def test_after_all_refused_the_most_telling_refusal_is_raised_and_clocks_are_bel
 def test_another_node_is_asked_for_what_it_may_do_and_for_nothing_else() -> None:
     asked = ["NODE_UNREACHABLE", "MEMPOOL_FULL", "PROOF_INVALID", "NODE_REMOVED", "TRANSACTION_EXPIRED", "BLOCK_PRUNED"]
     assert all(may_ask_another(BlockRobotError(code)) for code in asked)
-    assert not any(may_ask_another(BlockRobotError(code)) for code in ("SENDER_WITHOUT_STANDING", "CALL_REFUSED"))
+    assert not any(may_ask_another(BlockRobotError(code)) for code in ("SENDER_NOT_ADMITTED", "CALL_REFUSED"))
 
 
 @pytest.mark.parametrize("code", ["TRANSACTION_EXPIRED", "TRANSACTION_TOO_FAR_AHEAD"])
@@ -79,9 +79,9 @@ async def test_what_more_nodes_refuse_than_may_be_faulty_is_refused(
 ) -> None:
     monkeypatch.setattr(Schedule, "faults_tolerated", property(lambda _: 1))
     for name in ("n0", "n1"):
-        nodes[name].node.pool.refuse_with = "SENDER_WITHOUT_STANDING"
+        nodes[name].node.pool.refuse_with = "SENDER_NOT_ADMITTED"
     client = nodes.client()
-    assert await refusal_of(client.submit_and_wait(make_transaction(client))) == "SENDER_WITHOUT_STANDING"
+    assert await refusal_of(client.submit_and_wait(make_transaction(client))) == "SENDER_NOT_ADMITTED"
     assert client.troubles == {}, "no trouble of the nodes"
 
 
@@ -107,9 +107,9 @@ async def test_one_node_that_opens_no_session_does_not_speak_for_the_others(node
             raise BlockRobotError("SESSION_REFUSED")
         return str(node.name)
 
-    assert await client.ask_any(ask) == "n1"
+    assert await client.with_any_node(ask) == "n1"
     refusing.add("n1")
-    assert await refusal_of(client.ask_any(ask)) == "SESSION_REFUSED"
+    assert await refusal_of(client.with_any_node(ask)) == "SESSION_REFUSED"
 
 
 async def test_without_any_node_the_network_is_unreachable(nodes: Any) -> None:

@@ -99,8 +99,8 @@ async def test_sending_a_final_transaction_again_is_no_error(nodes: Any) -> None
 async def test_why_a_transaction_was_rejected_is_raised(nodes: Any) -> None:
     client = nodes.client()
     for name in ("n0", "n1"):
-        nodes[name].node.pool.refuse_with = "SENDER_WITHOUT_STANDING"
-    assert await refusal_of(client.submit_and_wait(make_transaction(client))) == "SENDER_WITHOUT_STANDING"
+        nodes[name].node.pool.refuse_with = "SENDER_NOT_ADMITTED"
+    assert await refusal_of(client.submit_and_wait(make_transaction(client))) == "SENDER_NOT_ADMITTED"
 
 
 @pytest.mark.parametrize("code", ["CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"])

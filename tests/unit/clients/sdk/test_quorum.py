@@ -9,7 +9,7 @@ import pytest
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.proof_checks import ProvedState
-from clients.sdk.quorum import hear_quorum, is_turned_away
+from clients.sdk.quorum import confirm_with_quorum, is_rejected_by_network
 from consensus.chain.epoch_settings import ChainSettings, Epoch
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -60,7 +60,7 @@ AWAY, BEHIND, REFUSED = "NODE_UNREACHABLE", "PROOF_STALE", "SESSION_REFUSED"
     ],
 )
 async def test_three_of_four_producers_are_a_quorum(codes: tuple[str, ...], expected: bool) -> None:
-    assert await hear_quorum(Nodes(*codes), SUBJECT) is expected  # type: ignore[arg-type]
+    assert await confirm_with_quorum(Nodes(*codes), SUBJECT) is expected  # type: ignore[arg-type]
 
 
 def put_node(nodes: Nodes, number: int, key: bytes, status: Literal["active", "removed"]) -> None:
@@ -73,9 +73,9 @@ async def test_who_produces_is_told_by_the_state_and_counts_once() -> None:
     nodes.state[NODES.flat] = ["n0", "n1", "n2", "n3"]
     for number, seat in enumerate((0, 0, 1, 2)):
         put_node(nodes, number, KEYS[seat], "active" if number < 3 else "removed")
-    assert await hear_quorum(nodes, SUBJECT) is False  # type: ignore[arg-type]
+    assert await confirm_with_quorum(nodes, SUBJECT) is False  # type: ignore[arg-type]
     put_node(nodes, 3, KEYS[2], "active")
-    assert await hear_quorum(nodes, SUBJECT) is True  # type: ignore[arg-type]
+    assert await confirm_with_quorum(nodes, SUBJECT) is True  # type: ignore[arg-type]
 
 
 async def test_an_epoch_that_begins_meanwhile_makes_the_answers_worthless() -> None:
@@ -85,7 +85,7 @@ async def test_an_epoch_that_begins_meanwhile_makes_the_answers_worthless() -> N
         nodes.light_client.epoch = Epoch(1, tuple(KEYS[1:]), (), ChainSettings())
 
     nodes.on_ask = enter
-    assert await hear_quorum(nodes, SUBJECT) is False  # type: ignore[arg-type]
+    assert await confirm_with_quorum(nodes, SUBJECT) is False  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -100,16 +100,16 @@ async def test_an_epoch_that_begins_meanwhile_makes_the_answers_worthless() -> N
     ],
 )
 async def test_a_key_is_turned_away_when_nobody_serves_it(codes: tuple[str, ...], expected: bool) -> None:
-    assert await is_turned_away(Nodes(*codes), SUBJECT) is expected  # type: ignore[arg-type]
+    assert await is_rejected_by_network(Nodes(*codes), SUBJECT) is expected  # type: ignore[arg-type]
 
 
 async def test_over_real_nodes(nodes: Any) -> None:
     """Of a network of four producers two are a pair that may be cut off; with a third they are a quorum."""
     client = nodes.client()
     assert await client.newest_header(SUBJECT)
-    assert await hear_quorum(client, SUBJECT) is False
+    assert await confirm_with_quorum(client, SUBJECT) is False
     await nodes.add("n2", nodes["n0"].node.ledger)
     client = nodes.client()
-    assert await hear_quorum(client, SUBJECT) is True
-    assert await is_turned_away(client, SUBJECT) is False
-    assert await is_turned_away(client, PrivateKey(bytes([77]) * 32)) is True
+    assert await confirm_with_quorum(client, SUBJECT) is True
+    assert await is_rejected_by_network(client, SUBJECT) is False
+    assert await is_rejected_by_network(client, PrivateKey(bytes([77]) * 32)) is True

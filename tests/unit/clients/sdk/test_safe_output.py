@@ -159,7 +159,7 @@ def commands(text: str) -> RootGroup:
     command("plain-json", lambda **_: click.echo(json.dumps({"text": text, text: [text]}, ensure_ascii=False)))
     command("ask", lambda **_: terminal.ask_for(text or "?"))
     command("log", lambda **_: structlog.get_logger("x").warning(text or "x", text=text, more=[text]))
-    command("refused", terminal.plain_errors(refused))
+    command("refused", terminal.handle_errors(refused))
     command("wrong", wrong)
     # As a group finds it: by its table first.
     root.get_command = lambda _ctx, name: root.commands.get(name)  # type: ignore[method-assign]

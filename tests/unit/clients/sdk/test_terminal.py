@@ -7,10 +7,10 @@ import sys
 
 _SPEAKS = """
 import click
-from clients.sdk.terminal.terminal import plain_errors
+from clients.sdk.terminal.terminal import handle_errors
 
 @click.command()
-@plain_errors
+@handle_errors
 def speak():
     for _ in range(100_000):
         click.echo("a line that somebody may read")

@@ -36,7 +36,7 @@ from consensus.records.sharing import (
 )
 from consensus.state.identity import active_role
 from contracts.state.view import MemoryState
-from node.api.access.principals import find_key_standing, require_readable
+from node.api.access.principals import require_readable, resolve_principal
 from tests.unit.clients.bundle.ward import Custodians, Patient, ProvingHospital, ShortWire, Ward
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import key_of
@@ -139,7 +139,7 @@ class SharingWire(ShortWire):
         if isinstance(key, GrantKey):
             state = self.chain.state
             snapshot: Any = SimpleNamespace(header=self.chain.head, get=state.get)
-            standing = find_key_standing(snapshot, key.public_key, key.grant_id)
+            standing = resolve_principal(snapshot, key.public_key, key.grant_id)
             if standing is None:
                 raise BlockRobotError("SESSION_REFUSED")
             require_readable(snapshot, standing.kind, key.public_key, key.grant_id, keys)

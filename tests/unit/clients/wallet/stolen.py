@@ -133,7 +133,7 @@ class Chain:
     async def submit_and_wait(self, transaction: Transaction) -> Final:
         self.power.moment()
         if not has_standing(self.hospital.state, transaction, self.hospital.time_ms):
-            raise BlockRobotError("SENDER_WITHOUT_STANDING")
+            raise BlockRobotError("SENDER_NOT_ADMITTED")
         self.calls.append((transaction.body.sender, transaction.body.entry))
         (receipt,) = self.hospital.block([transaction])
         final = Final(receipt.txid, self.hospital.height, receipt.ok, receipt.code)

@@ -190,7 +190,7 @@ def run(world: World, clock: list[int], saying: Saying, monkeypatch: pytest.Monk
         return asyncio.run(action(world.wallet))
 
     for module in (rights_commands, breach_commands, records_command, view_commands, audit_command):
-        monkeypatch.setattr(module, "run_opened", opened)
+        monkeypatch.setattr(module, "run_with_wallet", opened)
 
     def call(*arguments: str) -> Result:
         group = breach_commands.officer if arguments[0] == "officer" else wallet_cli.wallet

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import pytest
 
-from clients.wallet.store.wallet_lock import claim_or_read, claim_place, claim_wallet
+from clients.wallet.store.wallet_lock import claim_place, claim_wallet, lock_or_read_only
 from consensus.errors import BlockRobotError
 
 
@@ -131,11 +131,11 @@ def test_a_note_that_nobody_understands_only_costs_the_name(file: Path, note: by
 
 def test_who_only_reads_goes_on_beside_and_is_told(file: Path) -> None:
     waited: list[float] = []
-    with claim_wallet(file), claim_or_read(file, sleep=waited.append) as busy:
+    with claim_wallet(file), lock_or_read_only(file, sleep=waited.append) as busy:
         assert busy is not None
         assert busy.code == "WALLET_BUSY"
     assert sum(waited) <= 0.5
-    with claim_or_read(file) as free:
+    with lock_or_read_only(file) as free:
         assert free is None
-        with claim_or_read(file, wait_s=0, sleep=lambda _: None) as second:
+        with lock_or_read_only(file, wait_s=0, sleep=lambda _: None) as second:
             assert second is not None

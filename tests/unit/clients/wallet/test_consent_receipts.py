@@ -374,7 +374,7 @@ async def test_a_file_without_receipts_or_with_one_twice_is_refused(ward: Notice
 
 
 def test_no_file_is_written_of_no_receipt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (wallet_receipts.Receipts((), (), ()), b"{}"))
+    monkeypatch.setattr(consent_commands, "run_with_wallet", lambda *_: (wallet_receipts.Receipts((), (), ()), b"{}"))
     path = tmp_path / "receipts.json"
     for more in ((), ("--json",)):
         result = CliRunner().invoke(consent_commands.receipts, ["--out", str(path), *more])
@@ -391,7 +391,7 @@ async def test_a_file_of_receipts_is_for_its_owner_alone_and_not_where_a_link_le
     await kept.obtain(await say(ward))
     found = await kept.all()
     content = file.encode_file(ward.genesis, kept.epochs(), found.entries)
-    monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (found, content))
+    monkeypatch.setattr(consent_commands, "run_with_wallet", lambda *_: (found, content))
     path, link, target = tmp_path / "receipts.json", tmp_path / "link.json", tmp_path / "target"
     link.symlink_to(target)
     assert CliRunner().invoke(consent_commands.receipts, ["--out", str(path)]).exit_code == 0

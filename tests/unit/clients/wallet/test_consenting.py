@@ -115,7 +115,7 @@ def house(tmp_path: Path) -> House:
 def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Run `wallet consent ...` on that wallet."""
 
-    def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
+    def run_with_wallet(ctx: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
         coroutine = action(house.wallet)
         assert inspect.iscoroutine(coroutine)
         try:
@@ -124,7 +124,7 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
             return done.value
         raise AssertionError("the hospital's chain never makes anybody wait")
 
-    monkeypatch.setattr(consent_commands, "run_opened", run_opened)
+    monkeypatch.setattr(consent_commands, "run_with_wallet", run_with_wallet)
     monkeypatch.setattr(consent_commands.time, "time", lambda: house.hospital.time_ms / 1000)
     return lambda *arguments: CliRunner().invoke(consent, list(arguments), obj=(Path(), Path()))
 

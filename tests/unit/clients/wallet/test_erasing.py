@@ -19,7 +19,7 @@ from clients.wallet.present.translations import LANGUAGE_VARIABLE
 from clients.wallet.records import erasure_status
 from clients.wallet.records.erasure import Erasing
 from clients.wallet.records.erasure_status import (
-    AskedErasure,
+    ErasureProgress,
     custodian_names,
     describe_erasure,
     erasure_json,
@@ -145,7 +145,7 @@ def _asked(visit: KnownVisit, frames: list[int]) -> AuditEntry:
     return AuditEntry(visit.owner, 3, b"", "erasure_requested", ASKED_MS, 9, data)
 
 
-async def _described(world: World, receipts: Receipts, *, age_ms: int, frames: list[int]) -> AskedErasure:
+async def _described(world: World, receipts: Receipts, *, age_ms: int, frames: list[int]) -> ErasureProgress:
     visit = await own_visit(world)
     put_erasure(world, b"e" * 32, "complete" if len(receipts) == 2 else "requested", receipts)
     report = await Erasing(world.wallet).report(visit, b"e" * 32)
@@ -211,14 +211,14 @@ def test_the_command_speaks_portuguese_and_its_json_stays_as_it_is(
     custodian = SimpleNamespace(custodian_key=b"a" * 33, name="node-1", organisation="ward")
     wallet = SimpleNamespace(genesis=SimpleNamespace(custodians=[custodian]))
 
-    async def find(_wallet: Wallet, _now_ms: int) -> list[AskedErasure]:
+    async def find(_wallet: Wallet, _now_ms: int) -> list[ErasureProgress]:
         return list(told)
 
-    def run_opened(_: click.Context, action: Callable[[Any], Awaitable[Any]]) -> Any:
+    def run_with_wallet(_: click.Context, action: Callable[[Any], Awaitable[Any]]) -> Any:
         return asyncio.run(action(wallet))  # type: ignore[arg-type]
 
     monkeypatch.setattr(erasure_status, "find_erasures", find)
-    monkeypatch.setattr(erasure_status, "run_opened", run_opened)
+    monkeypatch.setattr(erasure_status, "run_with_wallet", run_with_wallet)
     english = json.loads(CliRunner().invoke(erasures, ["--json"]).output)
     monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
     assert "Não pediu para apagar nada." in CliRunner().invoke(erasures, []).output

@@ -21,7 +21,7 @@ from tests.unit.clients.wallet.test_sharing_commands import NAMES, People
 @pytest.fixture
 def people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> People:
     made = People(tmp_path, monkeypatch)
-    monkeypatch.setattr(view_commands, "run_opened", made._run_opened)
+    monkeypatch.setattr(view_commands, "run_with_wallet", made._run_opened)
     monkeypatch.setitem(NAMES, "view", view_commands.view)
     return made
 

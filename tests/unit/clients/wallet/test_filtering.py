@@ -146,9 +146,9 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
         async def changed_since_consent(self) -> None:
             return None
 
-    monkeypatch.setattr(records_command, "run_opened", opened)
-    monkeypatch.setattr(view_commands, "run_opened", opened)
-    monkeypatch.setattr(erase_command, "run_opened", opened)
+    monkeypatch.setattr(records_command, "run_with_wallet", opened)
+    monkeypatch.setattr(view_commands, "run_with_wallet", opened)
+    monkeypatch.setattr(erase_command, "run_with_wallet", opened)
     monkeypatch.setattr(records_command, "Notices", NoNotices)
     return lambda *arguments: CliRunner().invoke(wallet, list(arguments))
 

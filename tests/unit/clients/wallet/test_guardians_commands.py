@@ -103,7 +103,7 @@ def test_the_wallet_remembers_who_and_when_and_no_word(home: Home) -> None:
 
 
 def test_beside_an_open_page_it_lists_and_hands_out_nothing(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("claim_wallet", "claim_or_read"):
+    for name in ("claim_wallet", "lock_or_read_only"):
         at_once = functools.partial(getattr(wallet_lock, name), wait_s=0, sleep=lambda _: None)
         monkeypatch.setattr(f"clients.wallet.commands.account.guardians_commands.{name}", at_once)
     with wallet_lock.claim_wallet(home.folder / "default.wallet"):

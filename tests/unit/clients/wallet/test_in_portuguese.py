@@ -59,7 +59,7 @@ def saying(world: World, monkeypatch: pytest.MonkeyPatch) -> Saying:
 def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Run `wallet ...` in Portuguese, on this wallet and network."""
     for module in (audit_command, erase_command, records_command, rights_commands):
-        monkeypatch.setattr(module, "run_opened", lambda _, action: asyncio.run(action(world.wallet)))
+        monkeypatch.setattr(module, "run_with_wallet", lambda _, action: asyncio.run(action(world.wallet)))
 
     def call(*arguments: str, language: str = "pt") -> Result:
         return CliRunner().invoke(cli.wallet, ["--language", language, *arguments])
@@ -279,7 +279,7 @@ def test_receipts_of_consent_are_told_in_portuguese(monkeypatch: pytest.MonkeyPa
     entry = SimpleNamespace(document="{}")
     missing = ((b"\xab" * 32, BlockRobotError("NODE_UNREACHABLE")),)
     found = Receipts((receipt,), (entry,), missing)  # type: ignore[arg-type]
-    monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (found, b"{}"))
+    monkeypatch.setattr(consent_commands, "run_with_wallet", lambda *_: (found, b"{}"))
     out = tmp_path / "recibos.json"
     words = ["--language", "pt", "consent", "receipts"]
     told = " ".join(CliRunner().invoke(cli.wallet, [*words, "--out", str(out)]).output.split())
@@ -289,7 +289,7 @@ def test_receipts_of_consent_are_told_in_portuguese(monkeypatch: pytest.MonkeyPa
     )
     assert "Falta, da transação abababababab: Nenhum nó da rede respondeu." in told
     assert f"Estão em {out}." in told
-    monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (Receipts((), (), ()), b""))
+    monkeypatch.setattr(consent_commands, "run_with_wallet", lambda *_: (Receipts((), (), ()), b""))
     assert "Não há nenhum recibo nesta carteira" in CliRunner().invoke(cli.wallet, words).output
 
 

@@ -273,7 +273,7 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Any:
         return asyncio.run(action(who[0]))
 
     for module in (lost_keys_commands, records_command, view_commands, audit_command):
-        monkeypatch.setattr(module, "run_opened", opened)
+        monkeypatch.setattr(module, "run_with_wallet", opened)
 
     def call(name: str, *arguments: str, typed: str | None = None) -> Result:
         who[0] = wallets[name]

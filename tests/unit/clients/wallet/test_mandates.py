@@ -92,7 +92,7 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Call a command as one of the four: officers `officer mandates ...`, the others `wallet ...`."""
     who = ["child"]
     for module in (consent_commands, mandates_commands, officer_mandates_commands, records_command, rights_commands):
-        monkeypatch.setattr(module, "run_opened", lambda _, action: asyncio.run(action(house.wallets[who[0]])))
+        monkeypatch.setattr(module, "run_with_wallet", lambda _, action: asyncio.run(action(house.wallets[who[0]])))
 
     def call(name: str, *arguments: str) -> Result:
         who[0] = name

@@ -17,7 +17,7 @@ def test_the_picture_that_is_erased_is_the_one_that_has_this_number_wherever_she
     """Numbers count from 1: in what `verify` says, in both commands' JSON, and in what `erase --frames` takes."""
     people = People(tmp_path, monkeypatch)
     for module, command in ((view_commands, view_commands.verify), (records_command, records_command.records)):
-        monkeypatch.setattr(module, "run_opened", people._run_opened)
+        monkeypatch.setattr(module, "run_with_wallet", people._run_opened)
         monkeypatch.setitem(NAMES, str(command.name), command)
     _, (record_id,) = people.ward.record_visit(1)
     wallet = people.ward.wallet

@@ -13,10 +13,10 @@ import pytest
 from click.testing import CliRunner
 
 from clients.officer.breach_commands import officer
-from clients.sdk.terminal.terminal import plain_errors
+from clients.sdk.terminal.terminal import handle_errors
 from clients.wallet.cli import wallet_context
 from clients.wallet.cli.main import wallet
-from clients.wallet.cli.wallet_context import reads_only, run_opened
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.store import wallet_lock
 from tests.unit.clients.wallet.test_rotating_commands import Desk
 
@@ -31,7 +31,7 @@ READING = {
 
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
-    for name in ("claim_wallet", "claim_or_read"):
+    for name in ("claim_wallet", "lock_or_read_only"):
         at_once = functools.partial(getattr(wallet_lock, name), wait_s=0, sleep=lambda _: None)
         monkeypatch.setattr(wallet_context, name, at_once)
     return Desk(tmp_path, monkeypatch)
@@ -66,9 +66,9 @@ def test_a_command_is_let_through_for_its_mark_and_not_for_its_name(desk: Desk, 
     async def nothing(_: Any) -> None: ...
 
     def act(ctx: click.Context) -> None:
-        run_opened(ctx, nothing)
+        run_with_wallet(ctx, nothing)
 
-    action = plain_errors(reads_only(act) if is_marked else act)
+    action = handle_errors(read_only_wallet(act) if is_marked else act)
     command = click.Command("list", callback=click.pass_context(action))
     with wallet_lock.claim_wallet(desk.story.path):
         done = CliRunner().invoke(command, obj=(desk.story.path, desk.folder / "genesis.json"))

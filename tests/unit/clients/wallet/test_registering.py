@@ -67,14 +67,14 @@ class Desk:
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     opened = Desk(tmp_path)
 
-    def run_opened(_: Any, work: Callable[[Wallet], Awaitable[Any]]) -> Any:
+    def run_with_wallet(_: Any, work: Callable[[Wallet], Awaitable[Any]]) -> Any:
         async def main() -> Any:
             return await work(opened.wallet)
 
         return asyncio.run(main())
 
     for module in MODULES:
-        monkeypatch.setattr(module, "run_opened", run_opened)
+        monkeypatch.setattr(module, "run_with_wallet", run_with_wallet)
     return opened
 
 

@@ -31,10 +31,10 @@ def name_robot(ward: SharedWard) -> None:
 def ward(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SharedWard:
     ward = SharedWard(tmp_path)
 
-    def run_opened(_: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
+    def run_with_wallet(_: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
         return asyncio.run(action(ward.wallet))  # type: ignore[arg-type]
 
-    monkeypatch.setattr(records_command, "run_opened", run_opened)
+    monkeypatch.setattr(records_command, "run_with_wallet", run_with_wallet)
     return ward
 
 

@@ -107,8 +107,8 @@ async def test_a_thief_with_the_old_words_is_refused_everywhere(story: Story) ->
             ("rights", "restrict", [[], "accuracy"]),
             ("rights", "wrong_person", []),
         ):
-            assert await refusal(thief.sign_and_wait(visit, contract, entry, arguments)) == "SENDER_WITHOUT_STANDING"
-        assert await refusal(Rotating(thief).transfer(visit)) == "SENDER_WITHOUT_STANDING"
+            assert await refusal(thief.sign_and_wait(visit, contract, entry, arguments)) == "SENDER_NOT_ADMITTED"
+        assert await refusal(Rotating(thief).transfer(visit)) == "SENDER_NOT_ADMITTED"
     rotating = Rotating(thief)
     rotating.prepare()
     rotating.confirm_shown()

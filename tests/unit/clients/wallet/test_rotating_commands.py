@@ -20,7 +20,7 @@ from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.recovery.key_rotation import Rotating
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys
-from clients.wallet.store.wallet_lock import claim_or_read, claim_wallet
+from clients.wallet.store.wallet_lock import claim_wallet, lock_or_read_only
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.stolen import Holder, Story
 from tests.unit.clients.wallet.test_rotating import give_grant
@@ -333,7 +333,7 @@ def test_reading_goes_on_beside_a_command_that_has_the_wallet_and_writes_nothing
 ) -> None:
     """Such as one that waits for a minute until all custodians have erased."""
     monkeypatch.setattr(
-        wallet_context, "claim_or_read", functools.partial(claim_or_read, wait_s=0, sleep=lambda _: None)
+        wallet_context, "lock_or_read_only", functools.partial(lock_or_read_only, wait_s=0, sleep=lambda _: None)
     )
     monkeypatch.setattr(wallet_context, "claim_wallet", functools.partial(claim_wallet, wait_s=0, sleep=lambda _: None))
     late, before = desk.story.visit(2), desk.story.path.read_bytes()

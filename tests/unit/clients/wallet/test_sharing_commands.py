@@ -36,7 +36,7 @@ class People:
         self.doctor = self.ward.come_in("doctor", "staff")
         self.opened = self.ward.wallet
         for module in (share_commands, inbox_commands, erase_command):
-            monkeypatch.setattr(module, "run_opened", self._run_opened)
+            monkeypatch.setattr(module, "run_with_wallet", self._run_opened)
         monkeypatch.setattr(share_commands.time, "time_ns", lambda: self.ward.chain.time_ms * 1_000_000)
 
     def _run_opened(self, _: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:

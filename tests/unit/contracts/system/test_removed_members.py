@@ -8,7 +8,7 @@ from consensus.members.vouchers import issue_card, sign_card
 from consensus.primitives.hashing import sha256
 from consensus.state.identity import active_role
 from contracts.execution.sender_admission import has_standing
-from node.api.access.principals import find_key_standing
+from node.api.access.principals import resolve_principal
 from tests.unit.contracts.system.consortium import (
     DAY_MS,
     Consortium,
@@ -67,7 +67,7 @@ def test_the_pool_and_the_api_know_the_same_roles_as_the_contracts(consortium: C
     def agree_on(expected: str) -> None:
         assert consortium.view("identity", "role_of", member) == expected
         assert active_role(consortium.state, member) == expected
-        standing = find_key_standing(consortium.state, member)
+        standing = resolve_principal(consortium.state, member)
         assert (set() if standing is None else standing.roles) == ({expected} if expected else set())
         assert has_standing(consortium.state, transaction, consortium.time_ms) == bool(expected)
 

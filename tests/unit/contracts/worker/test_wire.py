@@ -11,7 +11,7 @@ import pytest
 
 from consensus.chain.block import ContractEvent, Receipt
 from contracts.worker.system_calls import build_filter
-from contracts.worker.wire import FROM_NODE, FROM_WORKER, Executed, Get, Hello, Pipe, Rows, Value, WallPart, pack
+from contracts.worker.wire import FROM_NODE, FROM_WORKER, Executed, Get, Hello, Pipe, Rows, SandboxFeature, Value, pack
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def pipe() -> Iterator[tuple[Pipe, int]]:
 def test_every_message_comes_out_as_it_went_in(pipe: tuple[Pipe, int]) -> None:
     receipt = Receipt(b"t" * 32, True, "OK", "", None, 7, (ContractEvent("records", "made", b"\x80"),))
     executed = Executed((receipt,), {b"k": b"v", b"gone": None}, {b"": b"page"}, b"r" * 32, b"q" * 32, 7, (b"l",), 4, 2)
-    for message in (executed, Get(b"key"), Hello((WallPart("limits", False, "why"),))):
+    for message in (executed, Get(b"key"), Hello((SandboxFeature("limits", False, "why"),))):
         pipe[0].send(message)
         assert pipe[0].receive(FROM_WORKER) == message
     for message in (Value(None), Value(b""), Rows([(b"a", b"b")])):

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 import pytest
 
 from network.console.looking import METRICS_MAX_BYTES, _read_whole, _Span, parse_counts
-from network.console.moments import Moment, MomentMaker, link_state
+from network.console.moments import FrameBuilder, Moment, link_state
 from node.p2p.shaping import SOUND, LinkFault
 from tests.unit.network.console.sights import sight, sights, stopped
 
@@ -20,7 +20,7 @@ def _link(moment: Moment, source: str, target: str) -> dict[str, object] | None:
 
 
 def test_a_quiet_network_has_no_links_to_tell_of() -> None:
-    moment = MomentMaker(0.0).take(sights(), 1.0, WALL_MS)
+    moment = FrameBuilder(0.0).take(sights(), 1.0, WALL_MS)
     assert moment["links"] == []
     assert (moment["final"], moment["stuck_since_ms"]) == (10, None)
     assert moment["nodes"][0] == {
@@ -38,7 +38,7 @@ def test_a_quiet_network_has_no_links_to_tell_of() -> None:
 
 
 def test_rates_are_counts_by_the_seconds_between_two_looks() -> None:
-    maker = MomentMaker(0.0)
+    maker = FrameBuilder(0.0)
     first: Counts = {("node-2", "sent", "vote"): (10, 1_000)}
     heard: Counts = {("node-1", "received", "vote"): (10, 1_000)}
     maker.take(sights(node_1={"counts": first}, node_2={"counts": heard}), 1.0, WALL_MS)
@@ -58,7 +58,7 @@ def test_rates_are_counts_by_the_seconds_between_two_looks() -> None:
 
 
 def test_a_node_that_was_started_anew_counts_from_nothing() -> None:
-    maker = MomentMaker(0.0)
+    maker = FrameBuilder(0.0)
     maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (500, 1)}}), 1.0, WALL_MS)
     moment = maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (4, 1)}}), 3.0, WALL_MS)
     link = _link(moment, "node-1", "node-2")
@@ -67,7 +67,7 @@ def test_a_node_that_was_started_anew_counts_from_nothing() -> None:
 
 
 def test_what_is_sent_into_a_cut_does_not_arrive() -> None:
-    maker = MomentMaker(0.0)
+    maker = FrameBuilder(0.0)
     cut = {"links": {"node-2": {"cut": True}}}
     maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (0, 0)}, "switched": cut}), 1.0, WALL_MS)
     moment = maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (8, 1)}, "switched": cut}), 2.0, WALL_MS)
@@ -77,7 +77,7 @@ def test_what_is_sent_into_a_cut_does_not_arrive() -> None:
 
 
 def test_a_node_that_is_down_says_nothing_and_its_links_are_down_both_ways() -> None:
-    moment = MomentMaker(0.0).take(sights(node_2=stopped()), 1.0, WALL_MS)
+    moment = FrameBuilder(0.0).take(sights(node_2=stopped()), 1.0, WALL_MS)
     assert moment["nodes"][1] == {"name": "node-2", "state": "stopped"}
     for other in ("node-1", "node-3", "node-4"):
         for link in (_link(moment, "node-2", other), _link(moment, other, "node-2")):
@@ -114,14 +114,14 @@ def test_clocks_disks_lies_lag_and_suspension_stand_at_the_node() -> None:
         "faults": ("byzantine: equivocate", "clock +1h", "journal disk full"),
         "status": {"finalized_height": 7, "suspended_height": 5},
     }
-    node = MomentMaker(0.0).take(sights(node_4=changes), 1.0, WALL_MS)["nodes"][3]
+    node = FrameBuilder(0.0).take(sights(node_4=changes), 1.0, WALL_MS)["nodes"][3]
     assert (node["clock_set_ms"], node["clock_off_ms"], node["disks"]) == (3_600_000, 3_600_000, ["journal"])
     assert (node["behaviour"], node["lag"], node["suspended"]) == ("equivocate", 3, 5)
     assert node["faults"] == ["byzantine: equivocate", "clock +1h", "journal disk full"]
 
 
 def test_work_that_waits_while_nothing_becomes_final_makes_it_stuck() -> None:
-    maker = MomentMaker(0.0)
+    maker = FrameBuilder(0.0)
     waiting = {"node_1": {"status": {"mempool": 3}}}
     assert maker.take(sights(**waiting), 1.0, WALL_MS)["stuck_since_ms"] is None
     assert maker.take(sights(**waiting), 2.5, WALL_MS + 1_500)["stuck_since_ms"] is None

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from network.console.chronicle import GAVE_UP_AWAITED_MS, REPEATED_AFTER_MS, Chronicle, Event, leader_of
-from network.console.moments import MomentMaker
+from network.console.chronicle import GAVE_UP_AWAITED_MS, REPEATED_AFTER_MS, Event, Timeline, leader_of
+from network.console.moments import FrameBuilder
 from network.console.rounds import RoundBook
 from tests.unit.network.console.sights import said, sights, stopped
 
@@ -17,7 +17,7 @@ class _Watcher:
     """A chronicle fed as the console feeds it, a second a look."""
 
     def __init__(self) -> None:
-        self.maker, self.book, self.chronicle = MomentMaker(0.0), RoundBook(QUORUM), Chronicle()
+        self.maker, self.book, self.chronicle = FrameBuilder(0.0), RoundBook(QUORUM), Timeline()
         self.seconds = 0
 
     def look(self, after_s: int = 1, **changes: Any) -> list[Event]:
@@ -210,6 +210,6 @@ def test_where_nobody_answers_any_more_no_work_is_said_to_be_done() -> None:
 
 def test_who_leads_is_what_the_node_in_the_highest_round_says() -> None:
     seen = sights(node_2={"status": {"leader": "node-4", "round": 20}}, node_3=stopped())
-    assert leader_of(MomentMaker(0.0).take(seen, 1.0, WALL_MS)) == ("node-4", 20)
+    assert leader_of(FrameBuilder(0.0).take(seen, 1.0, WALL_MS)) == ("node-4", 20)
     none = sights(node_1=stopped(), node_2=stopped(), node_3=stopped(), node_4=stopped())
-    assert leader_of(MomentMaker(0.0).take(none, 1.0, WALL_MS)) == (None, -1)
+    assert leader_of(FrameBuilder(0.0).take(none, 1.0, WALL_MS)) == (None, -1)

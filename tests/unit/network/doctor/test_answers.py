@@ -59,7 +59,7 @@ def test_a_wall_around_contracts_with_a_gap_is_named_but_not_a_missing_network_n
     gap = {"wall": "on", "blocks": {"missing": {"system_calls": "the kernel refused", "network": "no"}}}
     answers = [answer("a", contracts=whole), answer("b", contracts=gap), answer("c", contracts={"wall": "off"})]
     found = check_words(answers)
-    assert codes(found) == [("CONTRACT_WALL_INCOMPLETE", "b"), ("CONTRACT_WALL_INCOMPLETE", "c")]
+    assert codes(found) == [("CONTRACT_SANDBOX_INCOMPLETE", "b"), ("CONTRACT_SANDBOX_INCOMPLETE", "c")]
     assert "system_calls (the kernel refused)." in found[0].detail
 
 

@@ -13,7 +13,7 @@ from node.p2p.wire import RequestKind, SnapshotRequest
 from node.snapshot import fetching
 from node.snapshot.form import read_manifest, write_manifest
 from node.snapshot.joining import Joiner
-from node.snapshot.shelf import MANIFEST_INDEX, SnapshotShelf
+from node.snapshot.shelf import MANIFEST_INDEX, SnapshotStore
 from node.storage.ledger_store import Position
 from node.storage.memory_store import MemoryStore
 from tests.unit.node.written_chain import WrittenChain
@@ -27,7 +27,7 @@ class Peers:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.chain = WrittenChain()
-        self.shelves: dict[str, SnapshotShelf] = {}
+        self.shelves: dict[str, SnapshotStore] = {}
         self.twisted: dict[str, Answer] = {}
         self.asked: list[tuple[str, int]] = []
         self.stores: dict[str, MemoryStore] = {}
@@ -38,7 +38,7 @@ class Peers:
         for name in names:
             store = self.stores[name] = MemoryStore()
             await self.chain.fill(store)
-            self.shelves[name] = SnapshotShelf(store, self.folder / name)
+            self.shelves[name] = SnapshotStore(store, self.folder / name)
             await self.shelves[name].open()
 
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:

@@ -6,7 +6,7 @@ from consensus.primitives.encoding import encode
 from node.p2p.wire import SnapshotRequest
 from node.snapshot.form import read_manifest
 from node.snapshot.making import header_of_block
-from node.snapshot.shelf import MANIFEST_INDEX, REQUESTED_INTERVAL_MIN_MS, SnapshotShelf
+from node.snapshot.shelf import MANIFEST_INDEX, REQUESTED_INTERVAL_MIN_MS, SnapshotStore
 from tests.unit.node.snapshot.snapshot_peers import Peers
 
 
@@ -30,7 +30,7 @@ async def test_a_shelf_makes_what_is_asked_for_and_keeps_the_newest(peers: Peers
         await shelf.stop()
     assert await offered(0) == 25
     assert sorted(path.name for path in (peers.folder / "b").iterdir()) == ["000000000020", "000000000025"]
-    again = SnapshotShelf(store, peers.folder / "b")
+    again = SnapshotStore(store, peers.folder / "b")
     (peers.folder / "b" / "half").mkdir()
     await again.open()
     assert sorted(again._known) == [20, 25]
@@ -76,7 +76,7 @@ async def test_peers_cannot_keep_a_node_busy_making_snapshots(peers: Peers) -> N
     await peers.start("b", blocks=10)
     now_ms = 0
     store = peers.stores["b"]
-    shelf = SnapshotShelf(store, peers.folder / "limited", now_ms=lambda: now_ms)
+    shelf = SnapshotStore(store, peers.folder / "limited", now_ms=lambda: now_ms)
     made: list[int] = []
     for _ in range(20):
         peers.chain.extend()
@@ -99,7 +99,7 @@ async def test_the_longer_a_snapshot_takes_the_longer_the_next_one_has_to_wait(p
         now_ms += REQUESTED_INTERVAL_MIN_MS
         return now_ms
 
-    shelf = SnapshotShelf(store, peers.folder / "limited", now_ms=slow)
+    shelf = SnapshotStore(store, peers.folder / "limited", now_ms=slow)
     await shelf.serve(encode(SnapshotRequest(b"", MANIFEST_INDEX, 0)))
     await shelf.stop()
     peers.chain.extend()
