@@ -327,11 +327,19 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.KEY_FILES,
-        "clients/wallet/records/picture_files.py",
+        "clients/sdk/new_files.py",
         "a picture over an open file stays open to others",
-        "        os.fchmod(descriptor, _PRIVATE_FILE)  # one of an earlier look may be open to others\n",
+        "        os.fchmod(descriptor, _PRIVATE)  # one of an earlier time may be open to others\n",
         "",
-        "tests/unit/clients/wallet/test_pictures.py",
+        "tests/unit/clients/sdk/test_new_files.py",
+    ),
+    Replaced(
+        Kind.KEY_FILES,
+        "clients/sdk/new_files.py",
+        "a file that a user names takes the place of a link",
+        "    if path.is_symlink() or (path.exists()",
+        "    if (path.exists()",
+        "tests/unit/clients/sdk/test_new_files.py",
     ),
     Replaced(
         Kind.KEY_FILES,
