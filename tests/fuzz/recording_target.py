@@ -8,10 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from rosbags.highlevel import anyreader
 from rosbags.typesys import get_types_from_msg
 
-from clients.robot.sources.recordings import recording
+from clients.robot.sources.messages import definitions
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.topics import SIGHTING_TOPIC
 from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
@@ -54,8 +53,7 @@ def _remember_definitions() -> Callable[[], None]:
     remembered = functools.lru_cache(maxsize=1024)(get_types_from_msg)
 
     def put(function: object) -> None:
-        for module in (anyreader, recording):
-            module.get_types_from_msg = function  # type: ignore[attr-defined]
+        definitions.get_types_from_msg = function  # type: ignore[assignment, attr-defined]
 
     put(lambda text, name: dict(remembered(text, name)))
     return lambda: put(get_types_from_msg)

@@ -18,9 +18,11 @@ from rosbags.rosbag2 import storage_sqlite3
 STEPS_LEAST_COUNT = 1_000_000
 STEPS_PER_BYTE = 8
 """Steps of SQLite's machine that a connection may take. A row takes some 40 to be counted and read, and 20 bytes."""
-READ_LEAST_BYTES = 1024 * 1024
+READ_LEAST_BYTES = 64 * 1024
 READ_PER_BYTE = 3
 """How often a connection may give out the bytes of the file; each table is read once."""
+ROW_BYTES = 16
+"""What a row counts beside its texts and data; a message takes 20 bytes of a file at least."""
 VALUE_MAX_BYTES = 256 * 1024 * 1024
 HEAP_MAX_BYTES = 512 * 1024 * 1024
 """All that SQLite may take in this process, sorting included: no file for temporary data is made."""
@@ -77,7 +79,7 @@ def _bound(base: apsw.Connection, size: int) -> None:
 
     def count_bytes(_cursor: apsw.Cursor, row: tuple[Any, ...]) -> tuple[Any, ...]:
         nonlocal bytes_left
-        bytes_left -= sum(len(value) for value in row if isinstance(value, str | bytes))
+        bytes_left -= ROW_BYTES + sum(len(value) for value in row if isinstance(value, str | bytes))
         if bytes_left < 0:
             raise ForeignDatabaseError("Its rows hold more than the file.")
         return row
