@@ -43,7 +43,8 @@ class ForeignDatabaseError(apsw.Error):
 def open_database(path: Path, *, cut_off: bool = False) -> apsw.Connection:
     """Open a database for reading, and return it once it is known to hold nothing but the tables of a recording.
 
-    One that is shorter than it says is taken if it may be `cut_off`. Raises `apsw.Error` and `OSError`.
+    One that is shorter than it says is taken if it may be `cut_off`. Raises `apsw.Error`, `OSError`,
+    and ValueError for texts that are no Unicode.
     """
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):

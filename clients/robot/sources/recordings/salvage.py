@@ -225,7 +225,7 @@ def scan_sqlite(path: Path) -> Scan:
     """Scan a rosbag2 database. One that is shorter than it says is read all the same, as far as its pages go."""
     try:
         base = open_database(path, cut_off=True)
-    except (apsw.Error, OSError) as error:
+    except (apsw.Error, OSError, ValueError, MemoryError) as error:  # a text that is no Unicode is a ValueError
         raise BrokenOffError("The database is damaged, or no recorder wrote it.") from error
     try:
         definitions = _sqlite_definitions(base)

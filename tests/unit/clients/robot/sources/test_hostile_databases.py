@@ -89,6 +89,14 @@ def test_a_database_that_computes_what_it_holds_is_not_read(tmp_path: Path, what
         Recording(path)
 
 
+@pytest.mark.parametrize("of", [b"timestamp_idx ON", b"offered_qos_profiles", b"/tags", b"std_msgs/msg"])
+def test_a_database_whose_texts_are_no_unicode_is_damaged(tmp_path: Path, of: bytes) -> None:
+    path = make(tmp_path / "a.db3", TOPICS, TOPIC, MESSAGES, INDEX, MESSAGE)
+    path.write_bytes(path.read_bytes().replace(of, b"\xff" + of[1:]))
+    with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
+        Recording(path)
+
+
 @pytest.mark.parametrize("statements", [(), (INDEX,)], ids=["unindexed", "indexed"])
 def test_what_recorders_write_is_read(tmp_path: Path, statements: tuple[str, ...]) -> None:
     rows = [f"INSERT INTO messages(topic_id,timestamp,data) VALUES(1,{at},x'00')" for at in (1, 2)]
