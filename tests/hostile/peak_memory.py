@@ -19,8 +19,8 @@ from typing import Any
 
 from contracts.lifecycle.opening import MIGRATION_GAS_MAX
 from contracts.vm import ContractSourceError, InternalFault
-from contracts.vm.library.builtins_table import BUILTINS
-from contracts.vm.library.methods import METHODS
+from contracts.vm.builtins.builtins_table import BUILTINS
+from contracts.vm.builtins.methods import METHODS
 from contracts.vm.model.meter import MEMORY_MAX_BYTES
 from network.lab.hostile.corpus import CORPUS
 from network.lab.hostile.micro import HELPERS, MICRO, STATE

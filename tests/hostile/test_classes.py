@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import pytest
 
+from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES, dotted_name
-from contracts.vm.library.methods import METHODS
 from network.lab.hostile.corpus import CORPUS, FAMILIES
 from network.lab.hostile.program import REFUSED, Program
 from network.lab.hostile.running import run_program

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from contracts.vm.library.builtins_table import BUILTINS
-from contracts.vm.library.methods import METHODS
+from contracts.vm.builtins.builtins_table import BUILTINS
+from contracts.vm.builtins.methods import METHODS
 from tests.effort import EFFORT, EFFORT_OF_ALL
 from tests.hostile.peak_memory import FACTOR, programs
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import pytest
 
-from contracts.vm.library.host import HOST_FUNCTIONS
-from contracts.vm.library.methods import METHODS
+from contracts.vm.builtins.host import HOST_FUNCTIONS
+from contracts.vm.builtins.methods import METHODS
 from network.bench.vm.vm_worst import RATIO_MAX
 from network.lab.hostile.measuring import measure_program
 from network.lab.hostile.places import DICT_STEPS, HOST_STEPS, LIST_STEPS, PLACES, STATE_STEPS, TEXT_STEPS, TUPLE_STEPS

@@ -39,7 +39,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/host.py",
+        "contracts/vm/builtins/host.py",
         "a view writes to the state",
         "    if runtime.read_only or runtime.writes_left < 1:\n",
         "    if runtime.writes_left < 1:\n",
@@ -47,7 +47,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/host.py",
+        "contracts/vm/builtins/host.py",
         "a view deletes from the state",
         "    runtime.check_write()\n    runtime.charge(DELETE_GAS)",
         "    runtime.charge(DELETE_GAS)",
@@ -55,7 +55,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/host.py",
+        "contracts/vm/builtins/host.py",
         "a view emits events",
         "    if runtime.read_only or len(runtime.events) >= EVENTS_MAX_COUNT:\n",
         "    if len(runtime.events) >= EVENTS_MAX_COUNT:\n",
@@ -63,7 +63,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/host.py",
+        "contracts/vm/builtins/host.py",
         "a large value costs as much as a small one to read",
         "    runtime.gas -= len(data) >> 8\n",
         "",
@@ -71,7 +71,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/host.py",
+        "contracts/vm/builtins/host.py",
         "a large value costs as much as a small one to store",
         "    runtime.gas -= PUT_GAS + (len(key) + len(data) >> 3)\n",
         "    runtime.gas -= PUT_GAS\n",
@@ -79,7 +79,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/host.py",
+        "contracts/vm/builtins/host.py",
         "a scan does not pay for what the call has written",
         "SCAN_GAS + SCAN_WRITTEN_GAS * (runtime.writes_max - runtime.writes_left)",
         "SCAN_GAS",
@@ -87,7 +87,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/host.py",
+        "contracts/vm/builtins/host.py",
         "what a scan finds takes no memory",
         "        runtime.allocate(2 * HEADER_BYTES + 3 * ITEM_BYTES + len(key))\n",
         "",
@@ -95,7 +95,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/host.py",
+        "contracts/vm/builtins/host.py",
         "recovering a key is free",
         '    runtime.charge(RECOVER_GAS + (len(need_bytes(message, "recover")) >> 6))\n',
         '    need_bytes(message, "recover")\n',
@@ -103,7 +103,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.GAS,
-        "contracts/vm/library/methods.py",
+        "contracts/vm/builtins/methods.py",
         "a replacement takes the memory of the text before",
         "unit * (len(text) + hits * len(new)))",
         "unit * len(text))",

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from contracts.vm.builtins.host import CONTEXT_FIELDS
+from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES, dotted_name
-from contracts.vm.library.host import CONTEXT_FIELDS
-from contracts.vm.library.methods import METHODS
 from tests.effort import EFFORT
 from tests.property.both_ways import arguments_of, compare, digest_of_programs, run
 from tests.property.contract_phrases import SIGNS

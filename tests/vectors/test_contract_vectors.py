@@ -15,9 +15,9 @@ from click.testing import CliRunner
 from contracts import vectors
 from contracts.lifecycle.registry import SHIPPED_CONTRACTS
 from contracts.vm import VM_CODES
+from contracts.vm.builtins.host import CONTEXT_FIELDS
+from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES, KINDS, dotted_name
-from contracts.vm.library.host import CONTEXT_FIELDS
-from contracts.vm.library.methods import METHODS
 from network.cli.main import main
 
 FOLDER = Path(__file__).resolve().parent / "contracts"

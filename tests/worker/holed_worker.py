@@ -18,7 +18,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import contracts.vm.library.host as vm_host
+import contracts.vm.builtins.host as vm_host
 from consensus.chain.transaction import Transaction
 from consensus.primitives import hashing
 from consensus.primitives.encoding import encode_value

@@ -211,7 +211,7 @@ async def test_the_interpreters_own_failure_is_believed_only_from_a_new_worker(
     machine = start(command=COMMAND)
     sound = _put(chain, b"a", b"1")
     expected = machine.verify(chain.view, 1, chain.time_ms(1), [sound])
-    spoil = _put(chain, b"x", MARK + b"exec('import contracts.vm.library.host as host; host.hashing = None')")
+    spoil = _put(chain, b"x", MARK + b"exec('import contracts.vm.builtins.host as host; host.hashing = None')")
     for once_more in (1, 2):
         machine.verify(chain.view, 1, chain.time_ms(1), [spoil])
         assert machine.build(chain.view, 1, chain.time_ms(1), [sound]) == (expected, [])

@@ -11,13 +11,13 @@ from typing import Any, get_args
 
 from consensus.primitives.hashing import sha256
 from consensus.state.keys import flat_prefix
+from contracts.vm.builtins.operations import BINARY, UNARY
 from contracts.vm.compiler.compiler_expressions import FunctionCode
 from contracts.vm.compiler.compiler_statements import compile_function
 from contracts.vm.compiler.line_watch import Watch
 from contracts.vm.frontend.abi import Abi, Accepts, Entry, EntryKind, count_choices, parse_type, plain_types, type_text
 from contracts.vm.frontend.checker import check_source, check_thoroughly
 from contracts.vm.frontend.name_binding import FunctionFacts, SourceFacts
-from contracts.vm.library.operations import BINARY, UNARY
 from contracts.vm.model.faults import ContractSourceError, Diagnostic, Fault
 from contracts.vm.model.meter import CallContext, Runtime
 from contracts.vm.model.values import DICT_ENTRY_BYTES, HEADER_BYTES, ITEM_BYTES, MISSING, check_dict_key

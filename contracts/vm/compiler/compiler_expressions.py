@@ -10,10 +10,9 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-from contracts.vm.frontend.name_binding import CALLABLES, Bound, FunctionFacts, bind, bind_method, dotted_name
-from contracts.vm.library.builtins_table import TYPES, join_texts, text_of
-from contracts.vm.library.host import CONTEXT_FIELDS
-from contracts.vm.library.operations import (
+from contracts.vm.builtins.builtins_table import TYPES, join_texts, text_of
+from contracts.vm.builtins.host import CONTEXT_FIELDS
+from contracts.vm.builtins.operations import (
     ARITHMETIC,
     BINARY,
     COMPARE,
@@ -28,6 +27,7 @@ from contracts.vm.library.operations import (
     not_equal,
     unpack,
 )
+from contracts.vm.frontend.name_binding import CALLABLES, Bound, FunctionFacts, bind, bind_method, dotted_name
 from contracts.vm.model.closures import (
     FIRST_FREE_SLOT,
     RESULT_SLOT,

@@ -10,6 +10,8 @@ import ast
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
+from contracts.vm.builtins.builtins_table import require_fault
+from contracts.vm.builtins.operations import BINARY, delete_item, get_item, iterate, set_item
 from contracts.vm.compiler.compiler_expressions import (
     FUNCTION_GAS,
     SLOTS_SHIFT,
@@ -21,8 +23,6 @@ from contracts.vm.compiler.compiler_expressions import (
 )
 from contracts.vm.compiler.line_watch import Place, Watch, watched
 from contracts.vm.frontend.name_binding import CALLABLES, Bound, FunctionFacts, bind, dotted_name
-from contracts.vm.library.builtins_table import require_fault
-from contracts.vm.library.operations import BINARY, delete_item, get_item, iterate, set_item
 from contracts.vm.model.closures import RESULT_SLOT, Code, Frame, Run
 from contracts.vm.model.faults import OUT_OF_GAS, Fault
 from contracts.vm.model.values import MISSING, Mark

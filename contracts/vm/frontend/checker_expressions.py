@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import ast
 
+from contracts.vm.builtins.builtins_table import TYPES
+from contracts.vm.builtins.host import CONTEXT_FIELDS, WRITING
+from contracts.vm.builtins.methods import METHODS
+from contracts.vm.builtins.operations import BINARY, COMPARE
 from contracts.vm.frontend.lexer_guard import WORDS
 from contracts.vm.frontend.name_binding import (
     CALLABLES,
@@ -15,10 +19,6 @@ from contracts.vm.frontend.name_binding import (
     dotted_name,
     naming_problem,
 )
-from contracts.vm.library.builtins_table import TYPES
-from contracts.vm.library.host import CONTEXT_FIELDS, WRITING
-from contracts.vm.library.methods import METHODS
-from contracts.vm.library.operations import BINARY, COMPARE
 from contracts.vm.model.faults import Diagnostic, is_author_code
 from contracts.vm.model.values import INT_LIMIT
 

@@ -9,9 +9,9 @@ import ast
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from contracts.vm.library.builtins_table import BUILTINS, TYPES, Builtin
-from contracts.vm.library.host import HOST_FUNCTIONS
-from contracts.vm.library.methods import METHODS, Method
+from contracts.vm.builtins.builtins_table import BUILTINS, TYPES, Builtin
+from contracts.vm.builtins.host import HOST_FUNCTIONS
+from contracts.vm.builtins.methods import METHODS, Method
 
 CALLABLES: dict[str, Builtin] = {**BUILTINS, **HOST_FUNCTIONS}
 NAMESPACES = frozenset({"ctx", "state"})

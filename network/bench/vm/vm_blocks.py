@@ -15,6 +15,7 @@ from consensus.primitives.encoding import encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.state import identity
+from consensus.state.keys import flat_prefix
 from contracts.execution.executor import execute_block
 from contracts.execution.results import BlockContext, BlockResult
 from contracts.lifecycle.registry import load_contracts
@@ -36,7 +37,7 @@ Execute = Callable[[StateView, int, int, list[Transaction]], BlockResult]
 def build_state(entries_count: int) -> MemoryState:
     """Return a state in which the robot has an open visit with each owner, among so many other entries."""
     robot = {"handle": bytes(32), "role": "robot", "org": "bench", "status": "active", "since": 0}
-    entries = {b"filler\x00" + sha256(u64(number)): u64(number) for number in range(entries_count)}
+    entries = {flat_prefix("filler") + sha256(u64(number)): u64(number) for number in range(entries_count)}
     entries[identity.MEMBER.key(_ROBOT.public_key)] = encode_value(robot)
     entries[identity.PURPOSE.key(PURPOSE)] = encode_value(True)
     state = MemoryState()

@@ -6,8 +6,8 @@ import random
 import re
 from collections.abc import Sequence
 
+from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES
-from contracts.vm.library.methods import METHODS
 
 _NAMES = ("a", "b", "c", "x", "y", "z", "i")
 _LEAVES = (

@@ -16,8 +16,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES
-from contracts.vm.library.methods import METHODS
 from network.lab.hostile.measuring import Price, measure_program
 from network.lab.hostile.micro import HELPERS, HOST_OTHER, MIXED_CONSTANTS, STATE
 from network.lab.hostile.program import SPENT, Program, body

@@ -9,8 +9,8 @@ import tracemalloc
 
 import pytest
 
-from contracts.vm.library.builtins_table import BUILTINS, join_texts
-from contracts.vm.library.operations import add, close_holes
+from contracts.vm.builtins.builtins_table import BUILTINS, join_texts
+from contracts.vm.builtins.operations import add, close_holes
 from contracts.vm.model.faults import Fault
 from contracts.vm.model.meter import CallContext, Runtime
 

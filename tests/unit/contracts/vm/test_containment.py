@@ -7,8 +7,8 @@ import time
 import pytest
 
 from contracts.vm import VM_CODES, ContractSourceError, compile_contract
+from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES
-from contracts.vm.library.methods import METHODS
 
 ESCAPES = [
     "return ().__class__",

@@ -15,13 +15,13 @@ import pytest
 from consensus.limits import CALL_GAS_MAX
 from contracts.execution.executor import WIRE_BYTES_A_GAS
 from contracts.vm import LANGUAGE_VERSION
-from contracts.vm.frontend.name_binding import CALLABLES, dotted_name
-from contracts.vm.library.source_functions import (
+from contracts.vm.builtins.source_functions import (
     SOURCE_CHECK_BYTE_GAS,
     SOURCE_CHECK_GAS,
     SOURCE_KEPT_GAS,
     SOURCE_PART_BYTE_GAS,
 )
+from contracts.vm.frontend.name_binding import CALLABLES, dotted_name
 from contracts.vm.model.meter import EVENTS_MAX_COUNT, MEMORY_MAX_BYTES, MIGRATE_WRITES_MAX_COUNT, WRITES_MAX_COUNT
 
 REFERENCE = (Path(__file__).resolve().parents[4] / "docs" / "reference" / "contract-language.md").read_text("utf-8")

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from contracts.vm import VM_CODES, find_problems
+from contracts.vm.builtins.builtins_table import BUILTINS, TYPES
+from contracts.vm.builtins.host import CONTEXT_FIELDS
+from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES
-from contracts.vm.library.builtins_table import BUILTINS, TYPES
-from contracts.vm.library.host import CONTEXT_FIELDS
-from contracts.vm.library.methods import METHODS
 
 REFERENCE = (Path(__file__).resolve().parents[4] / "docs" / "reference" / "contract-language.md").read_text("utf-8")
 

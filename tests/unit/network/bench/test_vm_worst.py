@@ -19,9 +19,9 @@ HOARD = body("hoard", "MEMORY_BUDGET", "x = []\nwhile True:\n    x.append(bytes(
 
 
 def test_every_builtin_method_and_host_function_has_a_program():
+    from contracts.vm.builtins.host import HOST_FUNCTIONS
+    from contracts.vm.builtins.methods import METHODS
     from contracts.vm.frontend.name_binding import BUILTINS
-    from contracts.vm.library.host import HOST_FUNCTIONS
-    from contracts.vm.library.methods import METHODS
 
     text = "\n".join(program.source for program in MICRO)
     names = (set(BUILTINS) | set(HOST_FUNCTIONS)) - {"charge_source", "check_source"}
@@ -64,8 +64,8 @@ def test_a_search_is_named_by_its_seed_and_reaches_everything():
     drawn = [breeder.change(breeder.cross(breeder.new(), breeder.new())) for breeder in (one, same, other)]
     assert drawn[0] == drawn[1] != drawn[2]
     steps = "\n".join(one.step() for _ in range(4000))
+    from contracts.vm.builtins.methods import METHODS
     from contracts.vm.frontend.name_binding import CALLABLES
-    from contracts.vm.library.methods import METHODS
 
     assert {name for name in METHODS if f".{name}(" not in steps} == set()
     assert {

@@ -12,8 +12,8 @@ from typing import Any
 from consensus.errors import BlockRobotError
 from consensus.limits import STATE_KEY_MAX_BYTES, STATE_VALUE_MAX_BYTES
 from consensus.primitives import hashing, keys
-from contracts.vm.library.builtins_table import Builtin
-from contracts.vm.library.source_functions import SOURCE_FUNCTIONS
+from contracts.vm.builtins.builtins_table import Builtin
+from contracts.vm.builtins.source_functions import SOURCE_FUNCTIONS
 from contracts.vm.model.closures import CONTEXT_SLOTS, Code, read_slot
 from contracts.vm.model.dict_shapes import encode_by_shape
 from contracts.vm.model.faults import TYPE_ERROR, VALUE_ERROR, Fault

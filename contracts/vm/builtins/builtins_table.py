@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from contracts.vm.library.methods import INT_BYTES_MAX, list_of, sorted_list
-from contracts.vm.library.operations import RANGE_LIMIT
+from contracts.vm.builtins.methods import INT_BYTES_MAX, list_of, sorted_list
+from contracts.vm.builtins.operations import RANGE_LIMIT
 from contracts.vm.model.faults import VALUE_ERROR, Fault, is_author_code
 from contracts.vm.model.meter import Runtime
 from contracts.vm.model.values import (

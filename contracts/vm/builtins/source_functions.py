@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from contracts.vm.library.builtins_table import Builtin
+from contracts.vm.builtins.builtins_table import Builtin
 from contracts.vm.model.faults import LIFECYCLE_ONLY, Fault
 from contracts.vm.model.meter import Runtime
 from contracts.vm.model.values import charge_decoded, need_bytes

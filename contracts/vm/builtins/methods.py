@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from contracts.vm.library.operations import (
+from contracts.vm.builtins.operations import (
     DELETE_GAS,
     SHIFT_SHIFT,
     charge_search,
