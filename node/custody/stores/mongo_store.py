@@ -150,7 +150,7 @@ async def _check_format(database: AsyncDatabase[Document]) -> None:
 
 
 class MongoStore(MongoShares, MongoUploads):
-    """A `CustodyStore` in one database of a MongoDB server. Rules of the interface: `store.py`."""
+    """A `CustodyStore` in one database of a MongoDB server. Rules of the interface: `custody_store.py`."""
 
     def __init__(self, uri: str) -> None:
         """Name the server and the database by a URI: `mongodb://host:port/database`."""

@@ -66,7 +66,7 @@ _PAGE_ROWS_COUNT = 500
 
 
 class SqliteStore(SqliteShares, SqliteUploads):
-    """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `store.py`."""
+    """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `custody_store.py`."""
 
     def __init__(self, directory: Path, require_space: Callable[[], None] = lambda: None) -> None:
         """`require_space` is called before each write; the OSError that it raises is taken for the disk's own."""
