@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 import pytest
 
+from clients.sdk.terminal.json_answers import Answer, AnswerLine
 from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind
-from network.cli.json_page import NOT_LISTED, SECTIONS
+from network.cli.json_page import NOT_LISTED, SECTIONS, typed_answers
 from network.cli.main import main
 
 NOTING_FOLDER = Path(__file__).parent / "noted_answers"
@@ -97,8 +99,24 @@ def is_elsewhere(words: str) -> bool:
     return any(f"{words} ".startswith(f"{group} ") for group in NOT_LISTED)
 
 
+def typed_differences(kind: type[Answer], told: Any) -> list[str]:
+    """Return how an answer differs from its type: a wrong value, a field too few, or one too many."""
+    told = json.loads(json.dumps(told))
+    if not issubclass(kind, AnswerLine) and not isinstance(told.pop("ok", None), bool):
+        return ["it has no ok"]
+    try:
+        read = msgspec.convert(told, kind)
+    except msgspec.ValidationError as error:
+        return [str(error)]
+    again = msgspec.to_builtins(read)
+    return [] if again == told else [f"it has other fields than {kind.__name__}: {told!r}"]
+
+
 def differences(words: str, told: Any) -> list[str]:
     """Return how an answer differs from what is documented of its command; nothing where the page lists no fields."""
+    typed = typed_answers().get(words)
+    if typed is not None:
+        return [f"{words}: {line}" for line in typed_differences(typed, told)]
     answer = documented().get(words)
     if answer is None:
         return [] if is_elsewhere(words) else [f"{words or 'a command without a name'}: it is not documented"]

@@ -7,17 +7,19 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+import msgspec
 
-from clients.officer.breaches import Breach, Breaches, breach_json
+from clients.officer.breaches import Breach, Breaches, breach_answer
 from clients.officer.lost_keys_commands import lost_keys
+from clients.officer.officer_answers import BreachCloseAnswer, BreachesAnswer, CorrectionAnswer, CorrectionFile
 from clients.officer.officer_mandates_commands import mandates
+from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.group_options import place_wallet, wallet_options
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import read_correction, write_correction
-from consensus.bounded_text import read_json_text
 from consensus.rights.right_codes import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
 from pages.moments import show_moment
 
@@ -113,7 +115,7 @@ def breaches(ctx: click.Context, everything: bool, as_json: bool) -> None:
     found: list[Breach] = run_with_wallet(ctx, lambda opened: Breaches(opened).read_all())
     shown = [breach for breach in found if everything or breach.is_open]
     if as_json:
-        print_json({"ok": True, "breaches": [breach_json(breach) for breach in shown]})
+        print_answer(BreachesAnswer(breaches=[breach_answer(breach) for breach in shown]))
         return
     if not shown:
         console.print("There is no open breach.")
@@ -180,7 +182,7 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
     count, after = _run(ctx, breach, lambda handled, found: handled.close(found, outcome, reason, tell))
     going = f" {counted(count, 'record is', 'records are')} being erased." if outcome == "erased" else ""
     line = OUTCOMES[outcome] + going
-    _tell(ctx, after, line, as_json=as_json, more={"erasing": count})
+    _tell(ctx, after, line, as_json=as_json, erasing=count)
 
 
 @officer.command("correction")
@@ -196,8 +198,11 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
     correction = read_correction(file.read_bytes())
     number, row = run_with_wallet(ctx, lambda opened: Breaches(opened).find_correction(correction))
     if as_json:
-        place = {"number": number, "txid": row.txid.hex(), "height": row.height, "time_ms": row.time}
-        print_json({"ok": True, **place, "correction": read_json_text(write_correction(correction))})
+        held = msgspec.json.decode(write_correction(correction), type=CorrectionFile)
+        where = CorrectionAnswer(
+            number=number, txid=row.txid.hex(), height=row.height, time_ms=row.time, correction=held
+        )
+        print_answer(where)
         return
     of = counted(len(correction.record_ids), "record") if correction.record_ids else "all"
     console.print(
@@ -207,9 +212,10 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
     console.print(correction.text, markup=False)
 
 
-def _tell(ctx: click.Context, breach: Breach, line: str, *, as_json: bool, more: dict[str, Any] | None = None) -> None:
+def _tell(ctx: click.Context, breach: Breach, line: str, *, as_json: bool, erasing: int | None = None) -> None:
     if as_json:
-        print_json({"ok": True, **breach_json(breach), **(more or {})})
+        answer = breach_answer(breach)
+        print_answer(answer if erasing is None else extend(BreachCloseAnswer, answer, erasing=erasing))
         return
     console.print(line)
     _show(breach, _profile(ctx))

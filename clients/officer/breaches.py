@@ -11,15 +11,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.officer.lost_keys import active_records
+from clients.officer.officer_answers import BreachAnswer, BreachAssessed, BreachClosed, BreachNotice, BreachNotices
 from clients.sdk.chain.proved_rows import proved_list, proved_row, proved_rows
 from clients.sdk.chain.receipts import FinalReceipt
+from clients.sdk.terminal.json_answers import convert_row
 from clients.wallet.ledger.id_prefix import BREACH, find_named
 from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import Correction, commit_correction
 from consensus.state import rights
-from consensus.state.keys import to_value
-from consensus.state.rights import AssessedRow, BreachRow, ClosedRow, CorrectionRow, NotifiedRow
+from consensus.state.rights import BreachRow, CorrectionRow
 
 RECORDS_A_CALL_MAX_COUNT = 64
 Tell = Callable[[int, int], None]
@@ -129,26 +130,21 @@ def require_told(breach: Breach) -> None:
         raise BlockRobotError("CALL_REFUSED", "BREACH_NOT_NOTIFIED: Where it is high, the subjects are told before.")
 
 
-def breach_json(breach: Breach) -> dict[str, Any]:
-    """Return a breach by names, for a program."""
+def breach_answer(breach: Breach) -> BreachAnswer:
     state = breach.state
-    return {
-        "breach_id": breach.breach_id.hex(),
-        "kind": state.kind,
-        "organisation": state.org,
-        "robot": state.robot.hex(),
-        "visit": state.owner.hex(),
-        "status": state.status,
-        "risk": state.risk or None,
-        "opened_ms": state.opened_ms,
-        "due_ms": state.due_ms,
-        "left_ms": breach.left_ms,
-        "overdue": breach.is_overdue,
-        "assessed": _step(state.assessed),
-        "notified": {recipient: _step(step) for recipient, step in state.notified.items()},
-        "closed": _step(state.closed),
-    }
-
-
-def _step(step: AssessedRow | NotifiedRow | ClosedRow | None) -> dict[str, Any] | None:
-    return None if step is None else {**to_value(step), "officer": step.officer.hex()}
+    return BreachAnswer(
+        breach_id=breach.breach_id.hex(),
+        kind=state.kind,
+        organisation=state.org,
+        robot=state.robot.hex(),
+        visit=state.owner.hex(),
+        status=state.status,
+        risk=state.risk or None,
+        opened_ms=state.opened_ms,
+        due_ms=state.due_ms,
+        left_ms=breach.left_ms,
+        overdue=breach.is_overdue,
+        assessed=None if state.assessed is None else convert_row(state.assessed, BreachAssessed),
+        notified=BreachNotices(**{who: convert_row(step, BreachNotice) for who, step in state.notified.items()}),
+        closed=None if state.closed is None else convert_row(state.closed, BreachClosed),
+    )

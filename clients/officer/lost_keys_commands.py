@@ -7,8 +7,17 @@ from typing import Any
 import click
 
 from clients.officer.lost_keys import LostKeys, Ordered, Preview, Proposal
+from clients.officer.officer_answers import (
+    LostKeysDecisionAnswer,
+    LostKeysEraseAnswer,
+    LostKeysListAnswer,
+    LostKeysPreviewAnswer,
+    LostKeysProposalAnswer,
+    VisitInSpan,
+)
+from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
@@ -67,26 +76,26 @@ def _second(proposal: Proposal) -> str:
     return f"you may agree: {_called()} approve {name}"
 
 
-def _preview_json(preview: Preview) -> dict[str, Any]:
-    return {
-        "robot": preview.span.robot.hex(),
-        "from_ms": preview.span.from_ms,
-        "until_ms": preview.span.until_ms,
-        "visits": len(preview.touched),
-        "records": preview.records_count,
-        "restricted_visits": sum(visit.restricted_count > 0 for visit in preview.visits),
-        "denied_visits": sum(visit.denied for visit in preview.visits),
-        "visits_in_span": [
-            {
-                "visit": visit.owner.hex(),
-                "bucket_ms": visit.bucket_ms,
-                "erasable_records": len(visit.erasable),
-                "restricted_records": visit.restricted_count,
-                "denied": visit.denied,
-            }
+def _preview_answer(preview: Preview) -> LostKeysPreviewAnswer:
+    return LostKeysPreviewAnswer(
+        robot=preview.span.robot.hex(),
+        from_ms=preview.span.from_ms,
+        until_ms=preview.span.until_ms,
+        visits=len(preview.touched),
+        records=preview.records_count,
+        restricted_visits=sum(visit.restricted_count > 0 for visit in preview.visits),
+        denied_visits=sum(visit.denied for visit in preview.visits),
+        visits_in_span=[
+            VisitInSpan(
+                visit=visit.owner.hex(),
+                bucket_ms=visit.bucket_ms,
+                erasable_records=len(visit.erasable),
+                restricted_records=visit.restricted_count,
+                denied=visit.denied,
+            )
             for visit in preview.visits
         ],
-    }
+    )
 
 
 def _print_preview(preview: Preview) -> None:
@@ -112,25 +121,25 @@ def _print_preview(preview: Preview) -> None:
         )
 
 
-def _proposal_json(proposal: Proposal) -> dict[str, Any]:
+def _proposal_answer(proposal: Proposal) -> LostKeysProposalAnswer:
     state = proposal.state
-    return {
-        "proposal_id": proposal.proposal_id.hex(),
-        "status": proposal.status,
-        "organisation": state.org,
-        "robot": state.robot.hex(),
-        "from_ms": state.from_ms,
-        "until_ms": state.until_ms,
-        "reason": state.reason,
-        "visits_max": state.visits_max,
-        "visits": state.visits,
-        "records": state.records,
-        "proposer": state.proposer.hex(),
-        "approver": state.approver.hex() or None,
-        "proposed_ms": state.proposed_ms,
-        "approved_ms": state.approved_ms or None,
-        "ends_ms": state.ends_ms,
-    }
+    return LostKeysProposalAnswer(
+        proposal_id=proposal.proposal_id.hex(),
+        status=proposal.status,
+        organisation=state.org,
+        robot=state.robot.hex(),
+        from_ms=state.from_ms,
+        until_ms=state.until_ms,
+        reason=state.reason,
+        visits_max=state.visits_max,
+        visits=state.visits,
+        records=state.records,
+        proposer=state.proposer.hex(),
+        approver=state.approver.hex() or None,
+        proposed_ms=state.proposed_ms,
+        approved_ms=state.approved_ms or None,
+        ends_ms=state.ends_ms,
+    )
 
 
 def _print_proposal(proposal: Proposal) -> None:
@@ -153,7 +162,7 @@ def _print_proposal(proposal: Proposal) -> None:
 def _tell_decided(found: Preview, proposal: Proposal, line: str, *, as_json: bool) -> None:
     """Tell what stands now of a proposal, and what it would touch."""
     if as_json:
-        print_json({"ok": True, **_proposal_json(proposal), "preview": _preview_json(found)})
+        print_answer(extend(LostKeysDecisionAnswer, _proposal_answer(proposal), preview=_preview_answer(found)))
         return
     console.print(line)
     _print_proposal(proposal)
@@ -185,7 +194,7 @@ def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
     found = run_with_wallet(ctx, lambda opened: LostKeys(opened).read_all())
     shown = [proposal for proposal in found if everything or proposal.is_open]
     if as_json:
-        print_json({"ok": True, "proposals": [_proposal_json(proposal) for proposal in shown]})
+        print_answer(LostKeysListAnswer(proposals=[_proposal_answer(proposal) for proposal in shown]))
         return
     if not shown:
         console.print("There is no open proposal." + ("" if everything else " (--all: those that are over, too.)"))
@@ -206,7 +215,7 @@ def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json
     """
     found = run_with_wallet(ctx, lambda opened: LostKeys(opened).preview(robot, from_ms, until_ms))
     if as_json:
-        print_json({"ok": True, **_preview_json(found)})
+        print_answer(_preview_answer(found))
         return
     _print_preview(found)
     if found.touched:
@@ -313,14 +322,16 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
 
     ordered, after = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
     if as_json:
-        done = {
-            "erasure_ids": [erasure_id.hex() for erasure_id in ordered.erasure_ids],
-            "ordered_visits": ordered.visits,
-            "ordered_records": ordered.records,
-            "kept_visits": ordered.kept_visits,
-            "left_visits": ordered.left_visits,
-        }
-        print_json({"ok": True, **_proposal_json(after), **done})
+        answer = extend(
+            LostKeysEraseAnswer,
+            _proposal_answer(after),
+            erasure_ids=[erasure_id.hex() for erasure_id in ordered.erasure_ids],
+            ordered_visits=ordered.visits,
+            ordered_records=ordered.records,
+            kept_visits=ordered.kept_visits,
+            left_visits=ordered.left_visits,
+        )
+        print_answer(answer)
         return
     if not ordered.records:
         console.print("There is nothing left to erase.")
@@ -356,7 +367,7 @@ def stop(ctx: click.Context, proposal: str, as_json: bool) -> None:
 
     after = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
     if as_json:
-        print_json({"ok": True, **_proposal_json(after)})
+        print_answer(_proposal_answer(after))
         return
     console.print("Stopped: nothing more is erased under it.")
     _print_proposal(after)

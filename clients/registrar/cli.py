@@ -11,9 +11,16 @@ import click
 
 from clients.registrar.card_sheet import SUFFIXES, describe_card, qr_text
 from clients.registrar.desk import Desk
+from clients.registrar.registrar_answers import (
+    CardForgetAnswer,
+    CardIssueAnswer,
+    CardNameAnswer,
+    CardRevokeAnswer,
+    RosterMakeAnswer,
+)
 from clients.sdk.new_files import new_file, write_new_file
 from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
-from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, load_genesis, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, load_genesis, print_answer
 from consensus.members.vouchers import ROLES, decode_card_code
 
 
@@ -85,8 +92,8 @@ def issue(
             card = describe_card(out.suffix, code, role=role, organisation=opened.organisation, until_ms=until_ms)
             file.write(card.encode())
     if as_json:
-        where = {"code": "" if out else code, "out": "" if out is None else str(out)}
-        print_json({"ok": True, "role": role, **where, "replaced": replaced})
+        shown, file_name = ("", str(out)) if out else (code, "")
+        print_answer(CardIssueAnswer(role=role, code=shown, out=file_name, replaced=replaced))
     elif out is not None:
         console.print(
             f"The card is {out}: it registers one member ({role}), once. Destroy the file afterwards.", markup=False
@@ -135,7 +142,7 @@ def revoke(
         click.confirm(f"End the membership of this {role} for good?", abort=True)
     done = asyncio.run(opened.revoke(key))
     if as_json:
-        print_json({"ok": True, "txid": done.txid.hex(), "role": done.role})
+        print_answer(CardRevokeAnswer(txid=done.txid.hex(), role=done.role))
     else:
         console.print(f"The {done.role}'s membership is over, and the card is off the list.")
 
@@ -174,7 +181,7 @@ def name_robot(
     key = asyncio.run(opened.find_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(robot, "--robot")
     txid = asyncio.run(opened.name_robot(key, name, place))
     if as_json:
-        print_json({"ok": True, "txid": txid.hex(), "robot": key.hex(), "name": name, "place": place})
+        print_answer(CardNameAnswer(txid=txid.hex(), robot=key.hex(), name=name, place=place))
     else:
         console.print(f"Everybody can read it now: {name}{', ' if place else ''}{place}.", markup=False)
 
@@ -198,7 +205,7 @@ def forget(desk: Path | None, genesis: Path | None, uid_file: Path | None, as_js
     opened = _open(desk, genesis)
     count = opened.forget(uid_file.read_text("utf-8")) if uid_file else asyncio.run(opened.forget_former())
     if as_json:
-        print_json({"ok": True, "forgotten": count})
+        print_answer(CardForgetAnswer(forgotten=count))
     else:
         console.print(f"{count} {'card is' if count == 1 else 'cards are'} off the list.")
 
@@ -238,7 +245,7 @@ def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json
     sealed, rows = asyncio.run(_open(desk, genesis).make_roster(member))
     write_new_file(out, sealed, replace=True)
     if as_json:
-        print_json({"ok": True, "rows": rows, "out": str(out)})
+        print_answer(RosterMakeAnswer(rows=rows, out=str(out)))
     else:
         people = "1 person" if rows == 1 else f"{rows} people"
         console.print(f"{people}; only this robot can open {out}.")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
+import json
 from collections.abc import Mapping
 
 from clients.bundle.json_fields import ANSWERS as BUNDLE
-from clients.officer.officer_json_fields import ANSWERS as OFFICER
-from clients.registrar.json_fields import ANSWERS as REGISTRAR
+from clients.officer.officer_answers import ANSWERS as OFFICER
+from clients.registrar.registrar_answers import ANSWERS as REGISTRAR
 from clients.robot.cli.json_fields import ANSWERS as ROBOT
+from clients.sdk.terminal.json_answers import AnswersByCommand, write_schema
 from clients.sdk.terminal.json_fields import CommandAnswer, write_section
 from clients.wallet.present.json_fields import ANSWERS as WALLET
 from clients.wallet.present.mandate_json_fields import OFFICER_ANSWERS as OFFICER_MANDATES
@@ -18,13 +21,16 @@ from network.cli.cluster.cluster_json_fields import WATCHED
 from network.cli.governance.governance_json_fields import ANSWERS as GOVERNING
 
 PAGE = "json-output.md"
+SCHEMA = "json-output.schema.json"
+
+TYPED: Mapping[str, AnswersByCommand] = {"Data protection officers": OFFICER, "The registrar": REGISTRAR}
+"""The answers of commands, under the headings of the page."""
 
 SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
     "A network on this machine": (*NETWORK, WATCHED),
     "The wallet": (*WALLET, *SHARING, *WALLET_MANDATES),
-    "Data protection officers": (*OFFICER, *OFFICER_MANDATES),
+    "Data protection officers": OFFICER_MANDATES,
     "Checking a bundle": BUNDLE,
-    "The registrar": REGISTRAR,
     "The robot": ROBOT,
     "Governing and keeping a network": GOVERNING,
 }
@@ -69,9 +75,29 @@ command prints an object on each line instead, its section says so.
   [changelog](../../CHANGELOG.md) then says so."""
 
 
+def typed_answers() -> AnswersByCommand:
+    """Return the answer of every command that is listed."""
+    return {words: kind for answers in TYPED.values() for words, kind in answers.items()}
+
+
+def write_json_schema() -> str:
+    """Return the text of `docs/reference/json-output.schema.json`."""
+    return json.dumps(write_schema(typed_answers()), indent=1, ensure_ascii=False) + "\n"
+
+
+def _table(answers: AnswersByCommand) -> list[str]:
+    rows = [
+        f"| `{words}` | `{kind.__name__}` | {' '.join(str(inspect.getdoc(kind)).split())} |"
+        for words, kind in answers.items()
+    ]
+    return ["| command | answer | |", "|---|---|---|", *rows, ""]
+
+
 def write_json_page() -> str:
     """Return the text of `docs/reference/json-output.md`."""
     lines = [_INTRODUCTION, ""]
+    for heading, typed in TYPED.items():
+        lines += [f"## {heading}", "", *_table(typed)]
     for heading, answers in SECTIONS.items():
         lines += [f"## {heading}", ""]
         for answer in answers:

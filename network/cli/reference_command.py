@@ -26,10 +26,10 @@ def reference(out: Path, check: bool, as_json: bool) -> None:
 
     Example: blockrobot reference --check
     """
-    from network.cli.json_page import PAGE, write_json_page  # noqa: PLC0415 - every client's, only when it is needed
+    from network.cli.json_page import PAGE, SCHEMA, write_json_page, write_json_schema  # noqa: PLC0415 - every client's, only when it is needed
     from node.api.openapi.reference_pages import pages  # noqa: PLC0415 - a node's code, only when it is needed
 
-    texts = {**pages(), PAGE: write_json_page()}
+    texts = {**pages(), PAGE: write_json_page(), SCHEMA: write_json_schema()}
     stale = [name for name, text in texts.items() if _read(out / name) != text]
     if not check:
         out.mkdir(parents=True, exist_ok=True)

@@ -15,22 +15,22 @@ class Outcome(Protocol):
     """What the execution of a block's transactions gave. `left_out` are the txids without a receipt."""
 
     @property
-    def receipts(self) -> tuple[Receipt, ...]: ...  # noqa: D102
+    def receipts(self) -> tuple[Receipt, ...]: ...
 
     @property
-    def writes(self) -> Mapping[bytes, bytes | None]: ...  # noqa: D102
+    def writes(self) -> Mapping[bytes, bytes | None]: ...
 
     @property
-    def page_writes(self) -> Mapping[bytes, bytes | None]: ...  # noqa: D102
+    def page_writes(self) -> Mapping[bytes, bytes | None]: ...
 
     @property
-    def state_root(self) -> bytes: ...  # noqa: D102
+    def state_root(self) -> bytes: ...
 
     @property
-    def gas_used(self) -> int: ...  # noqa: D102
+    def gas_used(self) -> int: ...
 
     @property
-    def left_out(self) -> tuple[bytes, ...]: ...  # noqa: D102
+    def left_out(self) -> tuple[bytes, ...]: ...
 
 
 class Machine(Protocol):

@@ -27,6 +27,7 @@ from consensus import exit_codes
 from consensus.errors import BlockRobotError
 
 if TYPE_CHECKING:
+    from clients.sdk.terminal.json_answers import Answer
     from consensus.chain.genesis import Genesis
 
 EXIT_FAILED = exit_codes.EXIT_FAILED
@@ -93,6 +94,13 @@ def write_json(value: Any) -> str:
 def print_json(value: Any) -> None:
     """Print one JSON object on standard output."""
     click.echo(write_json(value))
+
+
+def print_answer(answer: Answer, *, ok: bool = True) -> None:
+    """Print a typed answer as one JSON object, `ok` first."""
+    import msgspec  # noqa: PLC0415 - help needs none
+
+    print_json({"ok": ok, **msgspec.to_builtins(answer)})
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import pytest
 
 from clients.sdk.terminal import terminal
 from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind, write_section
-from network.cli.json_page import NOT_LISTED, PAGE, SECTIONS, write_json_page
+from network.cli.json_page import NOT_LISTED, PAGE, SCHEMA, SECTIONS, typed_answers, write_json_page, write_json_schema
 from network.cluster_monitor import NodeLook, Observer, changes
 from tests.json_answers import (
     CHECKS,
@@ -32,12 +32,13 @@ WITHDRAWN = {"ok": True, **REFUSED_RECEIPT, **FOR_ONESELF, "receipt": None, "rec
 
 def test_the_page_is_current() -> None:
     assert (FOLDER / PAGE).read_text(encoding="utf-8") == write_json_page(), "run: blockrobot reference"
+    assert (FOLDER / SCHEMA).read_text(encoding="utf-8") == write_json_schema(), "run: blockrobot reference"
 
 
 def test_every_command_that_speaks_json_is_on_the_page() -> None:
     speaking = {words for words, command in leaves() if any("--json" in each.opts for each in command.params)}
     elsewhere = {words for words in speaking if is_elsewhere(words)}
-    listed = {words for words in documented() if " --" not in words}
+    listed = {words for words in {*documented(), *typed_answers()} if " --" not in words}
     assert speaking - elsewhere == listed
     assert not listed & elsewhere
     assert all(any(f"{words} ".startswith(f"{group} ") for words in elsewhere) for group in NOT_LISTED)
@@ -46,7 +47,7 @@ def test_every_command_that_speaks_json_is_on_the_page() -> None:
 def test_every_command_of_a_wallet_and_of_officers_is_listed_field_by_field() -> None:
     people = {words for words, _ in leaves() if words.split()[0] in {"wallet", "officer", "verify", "robot", "fault"}}
     assert len(people) > 60
-    assert people <= set(documented())
+    assert people <= {*documented(), *typed_answers()}
 
 
 def test_no_command_is_listed_twice() -> None:

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.officer import breach_commands
-from clients.officer.breaches import Breaches, breach_json
+from clients.officer.breaches import Breaches, breach_answer
 from clients.wallet.cli import main as wallet_cli
 from clients.wallet.commands import audit_command, records_command, rights_commands, view_commands
 from clients.wallet.consent.rights_requests import Rights, write_correction
@@ -100,9 +100,9 @@ async def test_the_clock_is_the_chains_and_says_who_is_overdue(world: World, clo
     clock[0] += 2000
     first, second = await Breaches(world.wallet).read_all()
     assert (first.left_ms, first.is_overdue, second.is_overdue) == (-1000, True, False), "none has to be told of none"
-    shown = breach_json(second)
-    assert (shown["assessed"]["officer"], shown["risk"]) == (OFFICER.hex(), "none")
-    json.dumps(breach_json(first))
+    shown = breach_answer(second)
+    assert (shown.assessed and shown.assessed.officer, shown.risk) == (OFFICER.hex(), "none")
+    msgspec.json.encode(breach_answer(first))
 
 
 async def test_a_breach_is_named_by_a_beginning_that_is_its_own(world: World, clock: list[int]) -> None:

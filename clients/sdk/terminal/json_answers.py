@@ -1,0 +1,72 @@
+"""What commands answer with `--json`: msgspec Structs that are printed, documented and tested from one definition."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+from msgspec import Meta, Struct
+
+Hex = Annotated[str, Meta(pattern="^([0-9a-f]{2})*$")]
+Count = Annotated[int, Meta(ge=0)]
+Height = Annotated[int, Meta(ge=0, extra_json_schema={"unit": "block height"})]
+Ms = Annotated[int, Meta(extra_json_schema={"unit": "ms"})]
+TimeMs = Annotated[int, Meta(extra_json_schema={"unit": "ms since 1970, UTC"})]
+Seconds = Annotated[float, Meta(extra_json_schema={"unit": "s"})]
+
+
+def doc(text: str) -> Meta:
+    """Return the description of a field, for `Annotated`; it says when the field is null or absent."""
+    return Meta(description=text)
+
+
+class Answer(Struct, frozen=True, kw_only=True):
+    """An answer, or an object in one; `ok` is added when it is printed.
+
+    A field of type `| None` may be null; one of type `| UnsetType` may be absent. The docstring of a whole answer says
+    when `ok` is false although the command was not refused.
+    """
+
+
+class AnswerLine(Answer, frozen=True, kw_only=True):
+    """An answer of which a command prints many, one a line, without `ok`."""
+
+
+A = TypeVar("A", bound=Answer)
+
+
+def extend(kind: type[A], part: Answer, **more: Any) -> A:
+    """Return an answer with all fields of `part`, which is of a class that `kind` extends, and more. Raises TypeError."""
+    return kind(**{name: getattr(part, name) for name in part.__struct_fields__}, **more)
+
+
+def convert_row(row: Struct, kind: type[A]) -> A:
+    """Return a row of the ledger as an answer with the same fields, byte strings in hexadecimal."""
+    fields = msgspec.to_builtins(row, builtin_types=(bytes,))
+    return msgspec.convert({name: _shown(value) for name, value in fields.items()}, kind)
+
+
+def _shown(value: Any) -> Any:
+    return value.hex() if isinstance(value, bytes) else value
+
+
+AnswersByCommand = Mapping[str, type[Answer]]
+"""The answer of each command, by its words behind `blockrobot`."""
+
+_OK = {"type": "object", "properties": {"ok": {"type": "boolean"}}, "required": ["ok"]}
+
+
+def write_schema(answers: AnswersByCommand) -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of these answers: what is under `commands` refers into `$defs`."""
+    kinds = list(dict.fromkeys(answers.values()))
+    schemas, definitions = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
+    of_kind = dict(zip(kinds, schemas, strict=True))
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "commands": {
+            words: of_kind[kind] if issubclass(kind, AnswerLine) else {"allOf": [_OK, of_kind[kind]]}
+            for words, kind in answers.items()
+        },
+        "$defs": dict(sorted(definitions.items())),
+    }
