@@ -1,1 +1,1 @@
-"""Everything all parties must agree on, bit for bit. Pure: no I/O, no clock, no randomness, no asyncio."""
+"""Deterministic consensus rules; pure: no I/O, clock, randomness or asyncio."""

@@ -1,7 +1,6 @@
-"""JSON and TOML that others wrote, read within bounds.
+"""Bounded reading of untrusted JSON and TOML.
 
-The parsers call themselves for what is nested, so a text of brackets ends them with RecursionError, and a TOML key of
-many parts keeps them busy for the square of its length.
+Deep nesting raises RecursionError; long dotted TOML keys take quadratic time.
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ T = TypeVar("T")
 
 
 class TextInvalidError(ValueError):
-    """A text is not what its reader asked for. The words are for people, and may quote the text."""
+    """A text is not of the expected form; the message may quote it."""
 
 
 def read_json_text(
     text: str | bytes, max_bytes: int = JSON_MAX_BYTES, *, parse_float: Callable[[str], Any] | None = None
 ) -> Any:
-    """Return the value of a JSON text. Raises TextInvalidError."""
+    """Parse JSON within bounds. Raises TextInvalidError."""
     _require_size(text, max_bytes)
     try:
         value = json.loads(_decoded(text), parse_float=parse_float)
@@ -41,7 +40,7 @@ def read_json_text(
 
 
 def read_json_as(text: str | bytes, kind: type[T], max_bytes: int = JSON_MAX_BYTES) -> T:
-    """Return what a JSON text says, as msgspec reads it into a type. Raises TextInvalidError."""
+    """Parse JSON into a type with msgspec. Raises TextInvalidError."""
     _require_size(text, max_bytes)
     try:
         return msgspec.json.decode(text, type=kind)
@@ -52,7 +51,7 @@ def read_json_as(text: str | bytes, kind: type[T], max_bytes: int = JSON_MAX_BYT
 
 
 def read_toml_text(text: str | bytes, max_bytes: int = TOML_MAX_BYTES) -> dict[str, Any]:
-    """Return the tables of a TOML text. Raises TextInvalidError."""
+    """Parse TOML within bounds. Raises TextInvalidError."""
     _require_size(text, max_bytes)
     whole = _decoded(text)
     if any(line.count(".") > LINE_DOTS_MAX_COUNT for line in whole.split("\n")):
@@ -80,7 +79,6 @@ def _decoded(text: str | bytes) -> str:
 
 
 def _require_shallow(value: Any) -> None:
-    """Refuse what whoever walks over the value could not: nested deeper than anything of ours."""
     level, depth = [value], 0
     while level := [
         inner

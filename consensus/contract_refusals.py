@@ -1,8 +1,4 @@
-"""What to do when a contract that ships refuses a call: the next step by the contract's own code.
-
-A refused call is `CALL_REFUSED`; which rule refused it stands in front of the contract's sentence. Where a code has no
-next step of its own the sentence has to do.
-"""
+"""Next steps for CALL_REFUSED, by the shipped contracts' own codes."""
 
 from __future__ import annotations
 
@@ -95,11 +91,9 @@ _CODE = re.compile(r"([A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+)(?::|$)")
 
 
 def refusal_code(contract_code: str, detail: str) -> str:
-    """Return the contract's code of a refusal, or the one that its sentence begins with; or nothing."""
     found = _CODE.match(detail)
     return contract_code or (found.group(1) if found else "")
 
 
 def find_next_step(contract_code: str, detail: str) -> str:
-    """Return what to do about a refusal, by the contract's code or the one that its sentence begins with; or nothing."""
     return NEXT_STEPS.get(refusal_code(contract_code, detail), "")

@@ -1,8 +1,4 @@
-"""The one catalogue of errors: code, HTTP status, meaning, next step, and whether trying again can help.
-
-Every refusal anywhere in BlockRobot raises `BlockRobotError` with a code from here, so that a log line, an HTTP
-problem document and a line on a terminal say the same thing.
-"""
+"""The error catalogue: code, HTTP status, meaning, next step and retryability."""
 
 from __future__ import annotations
 
@@ -13,7 +9,7 @@ from consensus.contract_refusals import find_next_step
 
 @dataclass(frozen=True, slots=True)
 class ErrorEntry:
-    """One row of the catalogue. `status` is the HTTP status code (RFC 9110) used when the API reports it."""
+    """One catalogue row; `status` is the HTTP status code (RFC 9110)."""
 
     code: str
     status: int
@@ -292,10 +288,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
 
 
 class BlockRobotError(Exception):
-    """A refusal with a code of the catalogue and a plain sentence of what happened this time.
-
-    `detail` must be fit for users' eyes: no secrets, no stack traces.
-    """
+    """A refusal with a catalogue code; `detail` is user-visible: no secrets, no stack traces."""
 
     def __init__(self, code: str, detail: str = "", **context: str | int) -> None:
         self.entry = CATALOGUE[code]
@@ -306,7 +299,6 @@ class BlockRobotError(Exception):
 
     @property
     def next_step(self) -> str:
-        """What the reader can do about it; of what a contract refused, by the contract's own code where that says more."""
         if self.code != "CALL_REFUSED":
             return self.entry.next_step
         return find_next_step(str(self.context.get("contract_code", "")), self.detail) or self.entry.next_step

@@ -1,4 +1,4 @@
-"""What a command's exit code means, and which one each error of the catalogue ends in."""
+"""Command exit codes and their mapping from catalogue errors."""
 
 from __future__ import annotations
 
@@ -49,10 +49,7 @@ _BY_STATUS: Mapping[int, int] = MappingProxyType(
 
 
 def exit_code_of(entry: ErrorEntry) -> int:
-    """Return the exit code of a command that ends in this error: by its HTTP status, but for refusals and usage.
-
-    A refusal is what is called so (`..._REFUSED`), whichever status tells it to a program.
-    """
+    """Return the exit code by HTTP status, except usage errors and `..._REFUSED`."""
     if entry.code in WRONG_OPTIONS:
         return EXIT_USAGE
     return EXIT_REFUSED if entry.code.endswith("_REFUSED") else _BY_STATUS.get(entry.status, EXIT_FAILED)

@@ -1,4 +1,4 @@
-"""Every limit that all parties must agree on, each with its unit in its name."""
+"""Consensus-wide limits, with units in their names."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Which characters Unicode 14.0 calls controls, formats, separators of lines, surrogates, private or unassigned (Cc, Cf,
-Zl, Zp, Cs, Co, Cn).
-"""
+"""Unicode 14.0 characters of categories Cc, Cf, Zl, Zp, Cs, Co, Cn."""
 
 UNICODE_VERSION = "14.0.0"
 CONTROL_RANGES = """

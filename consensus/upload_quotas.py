@@ -1,9 +1,4 @@
-"""How much a robot, and an organisation's robots together, may bring to a custodian.
-
-The organisations decide these settings in the contract `settings`; until they do, the defaults hold. "Staged" is what was
-uploaded and is not recorded yet, "day" what was uploaded on one day of chain time (UTC), recorded or not. Two people in
-view of one robot for 24 hours make 67 GB.
-"""
+"""Upload quotas per robot and organisation; "staged": not yet recorded, "day": UTC, chain time."""
 
 from __future__ import annotations
 
@@ -32,11 +27,9 @@ QUOTA_NAMES: tuple[str, ...] = UploadQuotas.__struct_fields__
 
 
 def read_quotas(get: Callable[[bytes], bytes | None]) -> UploadQuotas:
-    """Return the quotas of a finalized state, whose values `get` returns by flat key."""
     found = {name: get(QUOTA.key(name)) for name in QUOTA_NAMES}
     return quotas_of({name: decode_value(value) for name, value in found.items() if value is not None})
 
 
 def quotas_of(decided: Mapping[str, Any]) -> UploadQuotas:
-    """Return the quotas with these values, and the defaults of those that nobody has decided yet."""
     return UploadQuotas(**decided)

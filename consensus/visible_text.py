@@ -1,4 +1,4 @@
-"""Text of others, made harmless to show: what cannot be seen is written as an escape, lines end at a line feed alone."""
+"""Makes untrusted text safe to show: escapes and line ends."""
 
 from __future__ import annotations
 
@@ -39,26 +39,21 @@ def _stands_in(ranges: tuple[list[int], list[int]], character: str) -> bool:
 
 
 def is_control(character: str) -> bool:
-    """Tell whether a character may move, reorder or break what is shown: a control, a format, nothing at all."""
+    """Return whether a character is a control, format or unassigned."""
     return _stands_in(_CONTROLS, character)
 
 
 def is_hidden(character: str) -> bool:
-    """Tell whether a character is a control, or invisible, or a space that is not U+0020."""
     return _stands_in(_HIDDEN, character)
 
 
 def find_hidden(text: str, allowed: str = "") -> Iterator[int]:
-    """Return where in a text hidden characters stand, but those that are allowed."""
     wanted = _ASCII_CONTROL if text.isascii() else _NOT_PLAIN
     return (found.start() for found in wanted.finditer(text) if found[0] not in allowed and is_hidden(found[0]))
 
 
 def escape_controls(text: str, allowed: str = "\n") -> str:
-    r"""Return a text with its controls written as `\u001b`, but those that are allowed.
-
-    This is JSON's way of writing them: JSON stays JSON, with the same value.
-    """
+    """Write controls as JSON escapes, except allowed ones; JSON keeps its value."""
     if text.isascii() and text.isprintable():
         return text
     return _NOT_PLAIN.sub(lambda found: found[0] if found[0] in allowed else _escaped(found[0]), text)
@@ -72,11 +67,10 @@ def _escaped(character: str) -> str:
 
 
 def one_entry(text: str) -> str:
-    """Return an entry of a list with its further lines marked, so that none of them looks like another entry."""
     return text.replace("\n", f"\n{FURTHER_LINE}")
 
 
 def split_lines(text: str) -> list[str]:
-    """Return the lines of a text. They end at a line feed and nowhere else; a last one that is empty is none."""
+    """Split at line feeds only, without a last empty line."""
     lines = text.split("\n")
     return lines[:-1] if lines[-1] == "" else lines

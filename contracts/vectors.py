@@ -1,8 +1,7 @@
-"""Golden vectors: what calls came to, to the last unit of gas, checked on any machine.
+"""Golden vectors: exact call outcomes, including gas, checked on any machine.
 
-A file is one JSON object: `contracts` (name -> lines of the source, or null for one that ships), `calls` (each with its
-`outcome`), played one after another on one state that is empty at first, and `refused` (sources with their verdict).
-Values stand as in JSON, but for {"bytes": hex}, {"int": decimal} beyond 53 bits and {"dict": [[key, value], ...]}.
+A JSON object: `contracts` (name -> source lines, null if shipped), `calls` in order on one initially empty state,
+`refused` sources. Special values: {"bytes": hex}, {"int": decimal}, {"dict": pairs}.
 """
 
 from __future__ import annotations
@@ -28,7 +27,6 @@ _EXACT_INT = 1 << 53
 
 
 def to_json(value: Any) -> Any:
-    """Return a contract value in the notation of vectors."""
     if isinstance(value, bytes):
         return {"bytes": value.hex()}
     if type(value) is int and abs(value) >= _EXACT_INT:
@@ -41,7 +39,6 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(value: Any) -> Any:
-    """Return the contract value that a notation means."""
     if isinstance(value, list):
         return [from_json(item) for item in value]
     if isinstance(value, dict):
@@ -53,7 +50,6 @@ def from_json(value: Any) -> Any:
 
 
 def play(document: dict[str, Any]) -> dict[str, Any]:
-    """Return the document with what its calls and sources come to here and now."""
     contracts = {name: _compile(name, lines) for name, lines in document.get("contracts", {}).items()}
     state = MemoryState()
     calls = [{**call, "outcome": _play_call(contracts, state, call)} for call in document.get("calls", [])]
@@ -109,7 +105,7 @@ def _play_refused(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_vectors(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the documents of a folder by file name. Raises VECTORS_MISSING if there are none."""
+    """Return a folder's documents by file name. Raises VECTORS_MISSING."""
     documents = {path.name: read_json_text(path.read_text("utf-8")) for path in sorted(folder.glob("*.json"))}
     if not documents:
         raise BlockRobotError("VECTORS_MISSING", f"There are no vectors in {folder}.")
@@ -117,14 +113,12 @@ def read_vectors(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def write_vectors(documents: dict[str, dict[str, Any]], folder: Path) -> None:
-    """Write documents, one file each, as they would be read again."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, document in documents.items():
         (folder / name).write_text(_render(document), encoding="utf-8")
 
 
 def _render(document: dict[str, Any]) -> str:
-    """Return a document with one call or source a line, so that a change of it is a change of one line."""
     parts = []
     for key, value in document.items():
         if key in ("calls", "refused") and value:
@@ -137,12 +131,10 @@ def _render(document: dict[str, Any]) -> str:
 
 
 def count(document: dict[str, Any]) -> int:
-    """Return how many calls and sources a document holds."""
     return len(document.get("calls", [])) + len(document.get("refused", []))
 
 
 def compare(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Play a document and yield where it differs: what was called, what is expected, what was found."""
     found = play(document)
     if document.get("language") != LANGUAGE_VERSION:
         yield {"call": "language", "expected": document.get("language"), "found": LANGUAGE_VERSION}

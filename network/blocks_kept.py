@@ -1,4 +1,4 @@
-"""How far back nodes keep blocks, by their own words: for `status` and `doctor`."""
+"""How far back nodes keep blocks, for `status` and `doctor`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ _HELD = {
 
 
 def kept_lines(said: Mapping[str, Mapping[str, Any] | None]) -> list[str]:
-    """Return a sentence for each group of nodes that keep the same. `said` are statuses by name."""
     groups: dict[str, list[str]] = {}
     for name, status in said.items():
         if status is None or "blocks_kept" not in status:

@@ -1,8 +1,7 @@
-"""A local cluster: real node processes on loopback, started, watched and stopped.
+"""A local cluster: node processes on loopback, started, watched and stopped.
 
-A network lives in one folder: `genesis.json`, `nodes/<name>/` (each a node's data directory) and `organisations/`.
-What runs is told by the processes themselves: each node's operator listener answers, or it does not. The only state of
-the cluster's own is `cluster.json`: the process ids of the last start, and which nodes were started as Byzantine ones.
+A folder holds `genesis.json`, `nodes/<name>/` and `organisations/`; `cluster.json` keeps only process ids and Byzantine
+starts.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ _STATE_FILE = "cluster.json"
 
 @dataclass(frozen=True, slots=True)
 class NodeStatusReport:
-    """One line of `blockrobot status`: the node's own words, or None if it does not answer."""
+    """One line of `blockrobot status`; None if the node does not answer."""
 
     name: str
     running: bool
@@ -55,7 +54,7 @@ class Cluster:
     """The nodes of one network folder."""
 
     def __init__(self, folder: Path) -> None:
-        """Open a network folder. Raises CLUSTER_NOT_RUNNING if there is no network in it."""
+        """Raises CLUSTER_NOT_RUNNING if the folder has no network."""
         # Whoever named it otherwise before, from another place or by a link, has to find the processes that run.
         self.folder = folder.resolve()
         path = self.folder / "genesis.json"
@@ -69,20 +68,15 @@ class Cluster:
 
     @property
     def names(self) -> list[str]:
-        """The nodes' names: those of the genesis file in its order, then those that joined later."""
         return list(self.configs)
 
     def _find_names(self) -> list[str]:
-        """Return the names of the nodes that have a data directory here; a node may be gone, or run elsewhere."""
         first = [node.name for node in self.genesis.nodes]
         found = {path.parent.name for path in (self.folder / "nodes").glob(f"*/{CONFIG_FILE}")}
         return [name for name in first if name in found] + sorted(found.difference(first))
 
     def start(self, name: str, *, behaviour: str = "", seed: int = 0, restored: bool = False) -> None:
-        """Start one node's process, apart from this one's terminal and life; with a behaviour, a Byzantine one.
-
-        `restored` says that its data directory comes from a backup.
-        """
+        """Start a detached node, Byzantine with `behaviour`; `restored` means from a backup."""
         config = self.config(name)
         command = [sys.executable, "-m", "node.main", "--data-dir", str(config.data_dir)]
         if behaviour:
@@ -109,7 +103,7 @@ class Cluster:
         return self.configs[name]
 
     def start_all(self) -> None:
-        """Start every node, with no fault left on from the last time. Raises CLUSTER_ALREADY_RUNNING if one runs."""
+        """Start all nodes without faults. Raises CLUSTER_ALREADY_RUNNING."""
         running = [name for name in self.names if self.is_running(name)]
         if running:
             raise BlockRobotError("CLUSTER_ALREADY_RUNNING", f"Already running: {', '.join(running)}.")
@@ -118,36 +112,33 @@ class Cluster:
             self.start(name)
 
     def kill(self, name: str) -> None:
-        """Send SIGKILL to a node: no last word, nothing flushed."""
         self._signal(name, signal.SIGKILL)
         self._reap(name, STOP_TIMEOUT_S)
 
     def pause(self, name: str) -> None:
-        """Send SIGSTOP to a node: its connections stay open, and it says nothing."""
+        """Send SIGSTOP to a node: connections stay open."""
         self._signal(name, signal.SIGSTOP)
 
     def resume(self, name: str) -> None:
-        """Send SIGCONT to a node."""
         self._signal(name, signal.SIGCONT)
 
     def is_paused(self, name: str) -> bool:
-        """Tell whether the node's process was stopped by a signal and waits for SIGCONT."""
         pid = self._read_state().pids.get(name)
         return pid is not None and self.is_running(name) and _is_stopped_process(pid)
 
     def behaviour(self, name: str) -> str:
-        """Return the Byzantine behaviour that a running node was started with, or nothing for an honest one."""
+        """Return a running node's Byzantine behaviour, empty if honest."""
         return self._read_state().behaviours.get(name, "") if self.is_running(name) else ""
 
     def stop(self, name: str) -> None:
-        """Stop a node cleanly; after fifteen seconds, not so cleanly."""
+        """Stop a node cleanly, or forcibly after fifteen seconds."""
         self._signal(name, signal.SIGTERM)
         self._signal(name, signal.SIGCONT)
         if not self._reap(name, STOP_TIMEOUT_S):
             self.kill(name)
 
     def stop_all(self) -> list[str]:
-        """Stop every running node cleanly, all at once. Returns the names of those that ran."""
+        """Stop all running nodes cleanly; return their names."""
         running = [name for name in self.names if self.is_running(name)]
         for name in running:
             self._signal(name, signal.SIGTERM)
@@ -161,7 +152,6 @@ class Cluster:
         return running
 
     def is_running(self, name: str) -> bool:
-        """Tell whether the node's process is alive."""
         pid = self._read_state().pids.get(name)
         child = self._children.get(name)
         if child is not None and child.pid == pid:
@@ -200,11 +190,10 @@ class Cluster:
         temporary.replace(path)
 
     async def wait_ready(self, names: list[str] | None = None, timeout_s: float = READY_TIMEOUT_S) -> None:
-        """Wait until these nodes (all unless said) say that they are ready. Raises CLUSTER_START_FAILED with why not.
+        """Wait until these nodes (default all) are ready.
 
-        Its context names the `nodes` that are not, with spaces between.
-        Of a node that says why it cannot take part (it was not added yet or was removed, or its certificate is over)
-        no more is expected, unless it is asked for by name.
+        Raises CLUSTER_START_FAILED; its context lists space-separated `nodes`. Nodes that report they cannot
+        participate are skipped unless named.
         """
         deadline = time.monotonic() + timeout_s
         waiting = list(names or self.names)
@@ -223,7 +212,7 @@ class Cluster:
                     await asyncio.sleep(_POLL_S)
 
     async def wait_answering(self, name: str, timeout_s: float = READY_TIMEOUT_S) -> None:
-        """Wait until a node's operator listener answers, ready or not. Raises CLUSTER_START_FAILED with why not."""
+        """Wait for an operator answer, ready or not. Raises CLUSTER_START_FAILED."""
         deadline = time.monotonic() + timeout_s
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
             while not self._is_own(name, await fetch_status(session, self.configs[name])):
@@ -234,7 +223,6 @@ class Cluster:
                 await asyncio.sleep(_POLL_S)
 
     async def _answers_ready(self, session: aiohttp.ClientSession, name: str, *, is_asked_for: bool) -> bool:
-        """Tell whether this node is ready: it, on this chain, and not some other program on its port."""
         status = await fetch_status(session, self.configs[name])
         if status is None or not self._is_own(name, status):
             return False
@@ -242,18 +230,15 @@ class Cluster:
         return bool(status.get("ready")) or (is_left_out and not is_asked_for)
 
     def _is_own(self, name: str, status: dict[str, Any] | None) -> bool:
-        """Tell whether an answer is this node's on this chain, and not that of some other network on its port."""
         chain_id = self.genesis.chain_id.hex()
         return status is not None and (status.get("name"), status.get("chain_id")) == (name, chain_id)
 
     def latest_messages(self, name: str) -> str:
-        """Return the last line that a node printed outside its log."""
         path = self.config(name).data_dir / "output.log"
         lines = split_lines(path.read_text(encoding="utf-8", errors="replace").strip()) if path.exists() else []
         return lines[-1] if lines else "it printed nothing."
 
     def last_lines(self, name: str, count: int) -> list[str]:
-        """Return the last lines of a node's log and of what it printed outside it, so many of each."""
         config, lines = self.config(name), []
         for path in (config.log_path, config.data_dir / "output.log"):
             if path.exists():
@@ -261,7 +246,6 @@ class Cluster:
         return lines
 
     async def status(self, timeout_s: float = 2.0) -> list[NodeStatusReport]:
-        """Ask every node's operator listener."""
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=timeout_s)) as session:
             answers = await asyncio.gather(*(fetch_status(session, config) for config in self.configs.values()))
         return [
@@ -276,7 +260,7 @@ class Cluster:
 
 
 async def read_metric(config: NodeConfig, name: str) -> float | None:
-    """Return one figure of a node's Prometheus metrics by its full name, or None if the node does not answer."""
+    """Return a Prometheus metric by full name, None without an answer."""
     async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=2)) as session:
         try:
             async with session.get(_operator_url(config, "/metrics"), headers=reading_headers(config)) as response:
@@ -291,7 +275,7 @@ def _operator_url(config: NodeConfig, path: str) -> str:
 
 
 async def fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> dict[str, Any] | None:
-    """Return what a node's operator listener says, or None if nothing that is a status answers there."""
+    """Return a node's status, or None without a valid answer."""
     try:
         async with session.get(_operator_url(config, "/status"), headers=reading_headers(config)) as response:
             status: dict[str, Any] = await response.json()
@@ -301,7 +285,7 @@ async def fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> di
 
 
 def _is_node_process(pid: int, data_dir: Path) -> bool:
-    """Tell whether `pid` is a node on this data directory, not a stranger who got the number later."""
+    """A pid may have been reused by another process."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
@@ -316,7 +300,7 @@ def _is_node_process(pid: int, data_dir: Path) -> bool:
 
 
 def _is_exiting_process(pid: int) -> bool:
-    """Tell whether a process that has no memory any more still holds its files: a killed node's locks are not free yet."""
+    """A killed process without memory may still hold file locks."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
     except OSError:
@@ -326,7 +310,7 @@ def _is_exiting_process(pid: int) -> bool:
 
 
 def _is_stopped_process(pid: int) -> bool:
-    """Tell whether a process is stopped by a signal (state T)."""
+    """Whether the process is in state T."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2]
     except OSError:  # no /proc here (macOS)

@@ -1,8 +1,6 @@
-"""What a watcher of a network sees from one look to the next: states, faults, time without finality.
+"""Network watching over time: states, faults, time without finality. Pure.
 
-Pure: it is handed what the nodes said and when, and keeps only what is needed to tell a change from a repetition. Time
-without finality counts while a transaction waits somewhere and no node's final height grows: an idle network is at rest,
-not stuck.
+Time without finality counts only while a transaction waits and no final height grows.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ STUCK_AFTER_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class NodeLook:
-    """What one look at a node gave: its process, its own words (None if it gave none), the faults that are on."""
+    """One look at a node: process, status (None without answer), active faults."""
 
     name: str
     running: bool
@@ -27,7 +25,7 @@ class NodeLook:
 
 @dataclass(frozen=True, slots=True)
 class NodeRow:
-    """One line of the table. Figures are None where the node said nothing."""
+    """One table line; figures are None where unreported."""
 
     name: str
     state: str
@@ -45,10 +43,7 @@ class NodeRow:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The network at one moment. `finality_age_s`: since a height was last seen to become final.
-
-    `stuck_s`: for how long work has waited without anything becoming final; `longest_stuck_s`: the longest such time.
-    """
+    """The network at one moment; `stuck_s` is waiting work without finality, `finality_age_s` the time since progress."""
 
     at_s: float
     rows: tuple[NodeRow, ...]
@@ -58,7 +53,6 @@ class Picture:
     longest_stuck_s: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return the picture, ready for JSON; times rounded to milliseconds."""
         document = asdict(self)
         for field in ("at_s", "finality_age_s", "stuck_s", "longest_stuck_s"):
             document[field] = round(document[field], 3)
@@ -67,7 +61,7 @@ class Picture:
 
 
 def state_of(look: NodeLook) -> str:
-    """Say in a few words how a node is: stopped, paused, no answer, a fault, silent, waiting, suspended or signing."""
+    """Return a node's state: stopped, paused, no answer, a fault, silent, waiting, suspended or signing."""
     if not look.running:
         return "stopped"
     if look.paused:
@@ -84,7 +78,7 @@ def state_of(look: NodeLook) -> str:
 
 
 def accusers_of(name: str, said: Mapping[str, Mapping[str, Any] | None]) -> tuple[str, ...]:
-    """Return the other nodes by whose own words (`said`, by name) this one contradicted itself."""
+    """Return the other nodes whose status reports that this one contradicted itself."""
     return tuple(
         other
         for other, status in said.items()
@@ -93,7 +87,7 @@ def accusers_of(name: str, said: Mapping[str, Mapping[str, Any] | None]) -> tupl
 
 
 class Observer:
-    """Makes pictures of looks, one after another."""
+    """Makes consecutive pictures from looks."""
 
     def __init__(self, now_s: float) -> None:
         self._started_s = now_s
@@ -103,7 +97,6 @@ class Observer:
         self._longest_s = 0.0
 
     def take(self, looks: Sequence[NodeLook], now_s: float) -> Picture:
-        """Return the picture of one round of looks, taken at `now_s` of a clock that never goes back."""
         said = {look.name: look.status for look in looks}
         rows = tuple(_row(look, accusers_of(look.name, said)) for look in looks)
         height = max(
@@ -145,7 +138,7 @@ def _row(look: NodeLook, accused_by: tuple[str, ...]) -> NodeRow:
 
 
 def changes(before: Picture | None, after: Picture) -> list[str]:
-    """Say what is new in a picture, a line each; heights that grow are no news by themselves."""
+    """Return one line per change; growing heights are none."""
     known = {} if before is None else {row.name: row for row in before.rows}
     lines = [line for row in after.rows for line in _changes_of(known.get(row.name), row)]
     was_stuck = before is not None and before.stuck_s >= STUCK_AFTER_S

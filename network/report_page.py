@@ -1,6 +1,6 @@
-"""A report as one HTML file in the design of all pages: opened from disk, sent by mail, printed.
+"""Reports as one self-contained HTML file in the common design.
 
-Style and pictures are inside, nothing is loaded and nothing runs: the page's own policy forbids both.
+Its content security policy forbids loading and scripts.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _COMMENTS = re.compile(r"<!--.*?-->", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a report: its heading in plain words, and its body as HTML. `new_sheet`: on paper it begins a page."""
+    """A report section: heading and HTML body. `new_sheet`: page break in print."""
 
     heading: str
     body: str
@@ -31,12 +31,12 @@ class Section:
 
 
 def text(value: object) -> str:
-    """Return a text as HTML that shows it."""
+    """Return a text as escaped HTML."""
     return html.escape(str(value))
 
 
 def build_report(title: str, lead: str, sections: Sequence[Section], *, lead_is_good: bool | None = None) -> str:
-    """Return the page. `lead` is HTML: what it comes to; `lead_is_good` sets a seal beside it (None: there is none)."""
+    """Return the page. `lead`: HTML summary; `lead_is_good`: its seal (None: no seal)."""
     style = (PAGES_ASSETS / "design.css").read_text(encoding="utf-8") + _STYLE_FILE.read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     policy = f"default-src 'none'; img-src data:; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
@@ -69,9 +69,9 @@ def table(
     numbers_from: int = 1,
     stacked: bool = False,
 ) -> str:
-    """Return a table whose cells are HTML already; columns from `numbers_from` on are set to the right.
+    """Return a table of HTML cells; columns from `numbers_from` are right-aligned.
 
-    `stacked`: on a narrow screen the last cell of a row stands below the others.
+    `stacked`: on narrow screens a row's last cell is below the others.
     """
     mark = ["" if place < numbers_from else ' class="number"' for place in range(len(headings))]
     head = "".join(
@@ -91,12 +91,10 @@ def _unseen(words: str) -> str:
 
 
 def badge(*, ok: bool) -> str:
-    """Return the mark of a check: that it held, or that it did not."""
     return '<span class="badge good">held</span>' if ok else '<span class="badge bad">FAILED</span>'
 
 
 def tiles(figures: Sequence[tuple[str, str]]) -> str:
-    """Return large figures side by side, each a value and what it counts."""
     cards = "".join(
         f'<div class="card"><p class="figure">{text(v)}</p><p class="quiet">{text(n)}</p></div>' for v, n in figures
     )
@@ -104,12 +102,11 @@ def tiles(figures: Sequence[tuple[str, str]]) -> str:
 
 
 def quiet(words: str) -> str:
-    """Return a remark (HTML already)."""
+    """Return a remark; `words` is HTML."""
     return f'<p class="quiet">{words}</p>'
 
 
 def picture(png: bytes, *, alternative: str, caption: str) -> str:
-    """Return a picture with its words: `alternative` says to who cannot see it what it shows."""
     data = base64.b64encode(png).decode()
     return (
         f'<figure class="card"><img alt="{text(alternative)}" src="data:image/png;base64,{data}">'
@@ -118,12 +115,10 @@ def picture(png: bytes, *, alternative: str, caption: str) -> str:
 
 
 def gallery(figures: Sequence[str]) -> str:
-    """Return pictures side by side."""
     return f'<div class="grid gallery">{"".join(figures)}</div>'
 
 
 def bar(value: float, longest: float, series: int) -> str:
-    """Return a bar as long as a value is beside the longest; the figure itself stands beside it, so it is not read out."""
     width = 100 * value / longest if longest else 0
     return (
         '<svg class="length" viewBox="0 0 100 8" preserveAspectRatio="none" aria-hidden="true">'
@@ -132,10 +127,7 @@ def bar(value: float, longest: float, series: int) -> str:
 
 
 def drawing(svg: str, *, name: str, alternative: str) -> str:
-    """Return a drawing (an SVG document) as part of the page, on white, with words for who cannot see it.
-
-    `name` is what the part of the page is called that holds it and can be scrolled.
-    """
+    """Return an SVG on white with alternative text; `name` labels its scrollable region."""
     plain = _COMMENTS.sub("", _TITLES.sub("", _XML_HEAD.sub("<svg", svg, count=1)))
     plain = re.sub(r'\s(?:role|aria-label)="[^"]*"', "", plain)
     named = plain.replace("<svg", f'<svg role="img" aria-label="{text(alternative)}"', 1)

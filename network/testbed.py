@@ -1,7 +1,4 @@
-"""A network of its own on this machine, with people, their wallets and a robot: what demonstrations and experiments need.
-
-Each acts as a process of its own that knows the genesis file and HTTP.
-"""
+"""A local network with people, wallets and a robot, for demonstrations and experiments."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ ORGANISATIONS_COUNT = 2
 
 
 class Stage:
-    """One folder with a network, wallets and a robot in it. Nothing is started before `start_network`."""
+    """One folder with a network, wallets and a robot; `start_network` comes first."""
 
     def __init__(self, folder: Path, *, store: str, base_port: int, purpose: str) -> None:
         self.network_dir = folder / "network"
@@ -40,33 +37,29 @@ class Stage:
 
     @property
     def cluster(self) -> Cluster:
-        """The running cluster. Raises CLUSTER_NOT_RUNNING before it was started."""
+        """Return the running cluster. Raises CLUSTER_NOT_RUNNING."""
         if self._cluster is None:
             raise BlockRobotError("CLUSTER_NOT_RUNNING")
         return self._cluster
 
     @property
     def genesis_file(self) -> Path:
-        """The network's genesis file."""
         return self.network_dir / "genesis.json"
 
     @property
     def organisation(self) -> str:
-        """The first organisation, whose robot and registrar's desk these are."""
         return self.cluster.genesis.organisations[0].name
 
     @property
     def approver_file(self) -> Path:
-        """The key of that organisation's admin, who approves the robot's empty frames."""
         return self.network_dir / "organisations" / self.organisation / "admin.key"
 
     @property
     def roster_file(self) -> Path:
-        """The robot's sealed roster."""
         return self.robots / "robot" / "roster.sealed"
 
     async def start_network(self, name: str) -> list[int]:
-        """Make and start four node processes of two organisations, wait until they are ready; return their peers."""
+        """Start four nodes of two organisations, wait until ready; return their peer counts."""
         create_network(
             self.network_dir,
             nodes=NODES_COUNT,
@@ -82,11 +75,9 @@ class Stage:
         return await self._count_peers()
 
     async def publish_notice(self) -> int:
-        """Publish what the demonstration's hospital tells people; return the version."""
         return await publish_demo_notice(self.network_dir)
 
     async def _count_peers(self) -> list[int]:
-        """Return how many peers each node is in touch with, once all are with all (a quorum is ready a little sooner)."""
         deadline = time.monotonic() + PEERS_MAX_S
         while True:
             reports = await self.cluster.status()
@@ -96,7 +87,6 @@ class Stage:
             await asyncio.sleep(0.1)
 
     def desk_arguments(self) -> list[str]:
-        """Return the options that name the registrar's desk of the first organisation."""
         return [
             "--desk",
             str(self.network_dir / "organisations" / self.organisation),
@@ -105,17 +95,14 @@ class Stage:
         ]
 
     def robot_arguments(self, name: str = "robot") -> list[str]:
-        """Return the beginning of a command of a robot."""
         return ["robot", "--name", name, "--robot-dir", str(self.robots), "--genesis", str(self.genesis_file)]
 
     async def wallet(self, profile: str, *arguments: str) -> dict[str, Any]:
-        """Run a wallet's command and return its answer. Raises its refusal."""
         environment = {"BLOCKROBOT_PASSPHRASE_FILE": str(self.wallets / f"{profile}.passphrase")}
         command = [*wallet_arguments(self.wallets, profile, self.genesis_file), *arguments]
         return await run_command(command, environment=environment)
 
     async def refusal(self, profile: str, *arguments: str) -> str:
-        """Return the code with which a wallet's command is refused, or an empty text if it is not."""
         try:
             await self.wallet(profile, *arguments)
         except BlockRobotError as error:
@@ -123,7 +110,6 @@ class Stage:
         return ""
 
     async def issue_card(self, role: str, alias: str, uid: str) -> str:
-        """Let the registrar issue a card for a tag; return its one-time code."""
         uid_file = self.wallets / f"{alias}.uid"
         write_private(uid_file, uid)
         try:
@@ -135,7 +121,7 @@ class Stage:
         return str(answer["code"])
 
     async def enrol_person(self, alias: str, uid: str) -> bool:
-        """Issue a card, make a wallet, register and consent; tell whether the chain recovered the wallet's own key."""
+        """Register a person with card, wallet and consent; return whether keys match."""
         self.wallets.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_private(self.wallets / f"{alias}.passphrase", secrets.token_urlsafe(16))
         code = await self.issue_card("subject", alias, uid)
@@ -146,7 +132,6 @@ class Stage:
         return bool(made["member"] == registered["member"])
 
     async def enrol_robot(self, name: str = "robot") -> str:
-        """Draw a robot's keys and register it; return its member key, as the chain recovered it."""
         self.wallets.mkdir(parents=True, exist_ok=True, mode=0o700)
         made = await run_command([*self.robot_arguments(name), "new"])
         code = await self.issue_card("robot", name, secrets.token_hex(12).upper())
@@ -156,13 +141,11 @@ class Stage:
         return str(registered["member"])
 
     async def make_roster(self, robot: str, out: Path | None = None) -> int:
-        """Let the registrar seal the roster to the robot of this key; return how many people are on it."""
         where = str(out or self.roster_file)
         answer = await run_command(["roster", "make", *self.desk_arguments(), "--robot", robot, "--out", where])
         return int(answer["rows"])
 
     async def stop(self) -> None:
-        """Stop the network, if it was started, and drop the databases that it made."""
         if self._cluster is not None:
             await asyncio.to_thread(self._cluster.stop_all)
             await asyncio.to_thread(drop_databases, self._cluster)

@@ -1,4 +1,4 @@
-"""The parts of one node, put together from `Environment`."""
+"""Assembles the parts of one node from `Environment`."""
 
 from __future__ import annotations
 
@@ -63,19 +63,15 @@ class OpenJournal(VotingJournal, Protocol):
     """The voting journal as it was found."""
 
     @property
-    def entries(self) -> tuple[JournalEntry, ...]:
-        """What it held when it was opened, in order."""
-        ...
+    def entries(self) -> tuple[JournalEntry, ...]: ...
 
 
 @dataclass(frozen=True, slots=True)
 class Environment:
     """All that a node's parts touch outside of themselves.
 
-    `stopwatch` gives seconds that only grow, also while a callback runs; `randomness` that many fresh bytes.
-    `open_network` makes the links for a handler. `machine`, `check` and `transactions` may be shared between nodes of
-    one process, and `wrap_outbox` may put something before the peers. `directory` is the one that the network follows
-    too (else the genesis file's). `waits_for_machine`: the machine works in another process.
+    `stopwatch`: monotonic seconds. `machine`, `check`, `transactions` may be shared in a process; `wrap_outbox` may
+    intercept sends; `directory` defaults to genesis's.
     """
 
     genesis: Genesis
@@ -98,7 +94,7 @@ class Environment:
 
 
 async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
-    """Store the genesis block if the ledger is new. Raises DATA_DIRECTORY_INVALID, STORAGE_*, GENESIS_INVALID."""
+    """Store genesis in a new ledger. Raises DATA_DIRECTORY_INVALID, STORAGE_*, GENESIS_INVALID."""
     if ledger.position is None:
         await ledger.commit([genesis_block(genesis)], b"")
     with ledger.snapshot() as snapshot:
@@ -107,7 +103,7 @@ async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
 
 
 def make_core(surroundings: Environment, head: Head, before: Core | None = None, journal: Sequence[bytes] = ()) -> Core:
-    """Return a core that goes on from this head: after the core of the epoch `before`, or with the voting journal."""
+    """Return a core continuing from this head, after `before` or with the journal."""
     return Core(
         head.start.epoch.settings,
         surroundings.genesis.chain_id,
@@ -123,7 +119,7 @@ def make_core(surroundings: Environment, head: Head, before: Core | None = None,
 
 
 def restore_core(surroundings: Environment) -> tuple[Core, EpochStart]:
-    """Return the core as ledger and journal left it, and how its epoch began. Raises STORAGE_DAMAGED."""
+    """Return the core restored from ledger and journal. Raises STORAGE_DAMAGED."""
     with surroundings.ledger.snapshot() as snapshot:
         head = read_head(snapshot, surroundings.genesis)
     journal = [entry.record for entry in surroundings.journal.entries]
@@ -131,10 +127,10 @@ def restore_core(surroundings: Environment) -> tuple[Core, EpochStart]:
 
 
 class NodeComponents:
-    """One node's parts. Made on the event loop, started once, stopped once; it is the node's `NodeStatus` too."""
+    """One node's parts: started and stopped once, on the event loop."""
 
     def __init__(self, surroundings: Environment) -> None:
-        """Make all parts; nothing is said to anybody yet. Raises STORAGE_*, GENESIS_INVALID."""
+        """Make all parts without sending anything. Raises STORAGE_*, GENESIS_INVALID."""
         self.surroundings = around = surroundings
         self.genesis = genesis = around.genesis
         self.directory = around.directory or Directory.of_genesis(genesis)
@@ -283,7 +279,6 @@ class NodeComponents:
         return custody
 
     def _has_heard_the_network(self) -> bool:
-        """Tell whether so many peers are no farther than this node that together they are a quorum."""
         level = 1 + sum(self.sync.is_level_with(peer) for peer in self.network.connected)
         return level >= self.engine.epoch.schedule.quorum
 
@@ -305,14 +300,13 @@ class NodeComponents:
         )
 
     def _custody_height(self) -> int | None:
-        """Return how far the node's custodian has followed (-1: not at all), or None if it has none."""
         if self.custody is None:
             return None
         followed = self.custody.checkpoint_height
         return -1 if followed is None else followed
 
     async def start(self) -> None:
-        """Connect, and begin to take part. Raises PORT_IN_USE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        """Connect and take part. Raises PORT_IN_USE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         stack = self._stack
         self.writer.add_listener(self._follow_directory)
         self.writer.add_listener(self._note_stored)
@@ -338,23 +332,19 @@ class NodeComponents:
             stack.push_async_callback(self.custody.stop)
 
     async def stop(self) -> None:
-        """Stop in the reverse order of the start. What surrounds the parts stays open."""
         await self._stack.aclose()
         self.executor.close()
 
     @property
     def core(self) -> Core:
-        """The core of the epoch that the node is in."""
         return self.engine.core
 
     # What the parts ask of the whole
 
     def note_over(self, source: str, error: BlockRobotError) -> None:
-        """Name a source of work that is over its budget. What stands before its name is its kind."""
         self.over_budget.note(source, error, self.surroundings.clock.now_ms(), source.rpartition(" ")[0])
 
     def _name_of_producer(self, key: bytes) -> str | None:
-        """Return the name of the node that produces with this key, or None."""
         return self.directory.name_of_producer(key)
 
     def _read_directory(self) -> None:
@@ -363,7 +353,6 @@ class NodeComponents:
                 self.directory.refresh(snapshot, snapshot.position.height)
 
     def _follow_directory(self, blocks: list[ExecutedBlock], _proof: FinalityProof, position: Position) -> None:
-        """Before anybody else hears of final blocks: who left with them is cut off, who came is dialled."""
         writes = (block.overlay.writes for block in blocks)
         if self._directory_is_behind or self.directory.needs_refresh(writes, position.height):
             self._catch_up_with_directory()
@@ -395,7 +384,6 @@ class NodeComponents:
         self.peers.retry_unsettled()
 
     async def _keep_house(self) -> None:
-        """Once a second: drop what expired, tell peers the height, look again whether there is work."""
         announced = -1
         while True:
             await asyncio.sleep(HOUSEKEEPING_INTERVAL_MS / 1000)
@@ -418,12 +406,11 @@ class NodeComponents:
     # NodeStatus
 
     def is_ready(self) -> bool:
-        """Tell whether the node is in touch with a quorum, is not far behind, and can write."""
+        """Return whether the node reaches a quorum, is current and can write."""
         in_touch = 1 + len(self.network.connected)
         return in_touch >= self.engine.epoch.schedule.quorum and self.engine.is_signing and not self.sync.closes_gap
 
     def describe(self) -> Mapping[str, Any]:
-        """Return how the node is doing, ready for JSON."""
         core = self.core
         position = self.executor.reader.position
         return {
@@ -459,13 +446,11 @@ class NodeComponents:
         return getattr(self.directory.content.nodes.get(self.surroundings.name), "organisation", None)
 
     def _membership(self) -> str:
-        """Tell whether the network counts this node in, as far as the node's own chain says."""
         if self.directory.node(self.surroundings.name) is not None:
             return "active"
         return "removed" if self.surroundings.name in self.directory.content.nodes else "unknown"
 
     def _suspended_height(self) -> int | None:
-        """Return the height at which the node's producer key was suspended, or None if it is not."""
         key = self.surroundings.key
         return None if key is None else suspended_height(self.executor.reader, key.public_key)
 
@@ -473,7 +458,6 @@ class NodeComponents:
         return self._name_of_producer(self.engine.epoch.schedule.producers[self.core.leader])
 
     def metrics(self) -> bytes:
-        """Return the metrics in the Prometheus text format."""
         return self._metrics.render()
 
 
@@ -483,7 +467,6 @@ async def _cancel(task: asyncio.Task[None]) -> None:
 
 
 def _gauges_of(parts: NodeComponents) -> dict[str, tuple[str, Callable[[], float]]]:
-    """Return each figure's name, with what it says and how it is read; what only grows is named `_total`."""
     return {
         "blockrobot_finalized_height": ("Height of the newest stored block.", lambda: parts.feed.height),
         "blockrobot_round": ("The round that the node is in.", lambda: parts.core.round),

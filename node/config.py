@@ -1,7 +1,4 @@
-"""A node's configuration: `node.toml` in its data directory.
-
-Every path in the file is relative to the data directory, so that a directory can be moved.
-"""
+"""A node's configuration: `node.toml` in its data directory, with relative paths."""
 
 from __future__ import annotations
 
@@ -48,7 +45,7 @@ SECTIONS: dict[str, frozenset[str]] = {
 
 @dataclass(frozen=True, slots=True)
 class NodeConfig:
-    """All that a node is told at its start. Ports are TCP; paths are absolute."""
+    """A node's start-up settings; ports are TCP, paths absolute."""
 
     data_dir: Path
     name: str
@@ -84,42 +81,35 @@ class NodeConfig:
 
     @property
     def ledger_dir(self) -> Path:
-        """Where the finalized chain and state are (LMDB)."""
         return self.data_dir / "ledger"
 
     @property
     def snapshots_dir(self) -> Path:
-        """Where the snapshots are that the node keeps for others."""
         return self.data_dir / "snapshots"
 
     @property
     def fetched_dir(self) -> Path:
-        """Where a snapshot is put together that the node fetches for itself."""
         return self.data_dir / "snapshots.fetched"
 
     @property
     def journal_dir(self) -> Path:
-        """Where the voting journal is."""
         return self.data_dir / "journal"
 
     @property
     def journal_path(self) -> Path:
-        """The voting journal's file."""
         return self.journal_dir / "votes.journal"
 
     @property
     def custody_dir(self) -> Path:
-        """Where an embedded custodian store is."""
         return self.data_dir / "custody"
 
     @property
     def erase_keys_dir(self) -> Path:
-        """Where the custodian's erase-key file is: outside the database and its backups."""
+        """Return the erase-key folder, outside the database and its backups."""
         return self.data_dir / "erase-keys"
 
     @property
     def log_path(self) -> Path:
-        """Where JSON log lines go."""
         return self.data_dir / "node.log"
 
 
@@ -128,8 +118,6 @@ def _invalid(detail: str) -> BlockRobotError:
 
 
 class _Section:
-    """One table of the file, read field by field with plain complaints."""
-
     def __init__(self, document: dict[str, Any], name: str) -> None:
         table = document.get(name, {})
         if not isinstance(table, dict):
@@ -174,10 +162,7 @@ class _Section:
 
 
 def load_config(data_dir: Path) -> NodeConfig:
-    """Read and check `node.toml` of a data directory.
-
-    Raises DATA_DIRECTORY_INVALID if there is no such file, CONFIGURATION_INVALID for what is wrong in it.
-    """
+    """Read and check `node.toml`. Raises DATA_DIRECTORY_INVALID if missing, CONFIGURATION_INVALID."""
     path = data_dir / CONFIG_FILE
     try:
         document = read_toml_text(path.read_text(encoding="utf-8"))
@@ -228,7 +213,7 @@ def load_config(data_dir: Path) -> NodeConfig:
 
 
 def config_to_toml(config: NodeConfig) -> str:
-    """Return the text of `node.toml` for this configuration, paths relative to its data directory."""
+    """Return the text of `node.toml`, paths relative to its data directory."""
     relative = {
         "tls_certificate": config.tls_certificate_path,
         "tls_key": config.tls_key_path,
@@ -272,11 +257,9 @@ def config_to_toml(config: NodeConfig) -> str:
 
 
 def load_genesis(config: NodeConfig) -> Genesis:
-    """Read the genesis file; check that it names this node, and that each producer proves to hold its key.
+    """Read genesis; check this node's entry and all producers' proofs of possession.
 
-    A node that joined later is not named there: its configuration names its organisation.
-
-    Raises GENESIS_INVALID or CONFIGURATION_INVALID.
+    A node that joined later is not in it. Raises GENESIS_INVALID, CONFIGURATION_INVALID.
     """
     try:
         genesis = genesis_from_json(config.genesis_path.read_text(encoding="utf-8"))
@@ -289,9 +272,9 @@ def load_genesis(config: NodeConfig) -> Genesis:
 
 
 def load_key(path: Path, expected: bytes | None, role: str) -> PrivateKey:
-    """Read a raw 32-byte key file and check it against the public key (33 bytes) that the network knows, if any.
+    """Read a raw 32-byte key; compare it to the known 33-byte public key.
 
-    Raises CONFIGURATION_INVALID; the message never holds a byte of the file.
+    Raises CONFIGURATION_INVALID, never containing key bytes.
     """
     try:
         secret = path.read_bytes()
@@ -307,7 +290,7 @@ def load_key(path: Path, expected: bytes | None, role: str) -> PrivateKey:
 
 
 def reading_headers(config: NodeConfig) -> dict[str, str]:
-    """Return the headers by which a node lets itself be looked at: none for who may not read its data directory."""
+    """Return headers for inspecting a node; empty without access to its data directory."""
     try:
         token = (config.data_dir / READING_TOKEN_FILE_NAME).read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError):

@@ -1,8 +1,4 @@
-"""The node's own fault switch: sick links, a wrong clock, a full disk.
-
-What is switched on is kept in `faults.json` in the data directory and is still on after the node was killed: a cable that
-is out stays out. Set by `POST /faults` on the operator's listener, with the token of `operator.token`.
-"""
+"""Persistent fault switch (links, clock, disk), set by `POST /faults` with `operator.token`."""
 
 from __future__ import annotations
 
@@ -36,9 +32,9 @@ class AdjustableClock(Protocol):
 
 
 class FaultRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What `POST /faults` takes. What is not named stays as it is; `clear` first ends everything that is on.
+    """Body of `POST /faults`; unnamed faults stay, `clear` ends all first.
 
-    `links` by peer (null: sound again); `clock_offset_ms` from the true time; `disk`: which disk is full.
+    `links` by peer (null: none); `clock_offset_ms` from true time; `disk`: which is full.
     """
 
     clear: bool = False
@@ -56,10 +52,10 @@ class _Kept(msgspec.Struct, frozen=True):
 
 
 class FaultSwitch:
-    """All faults of one node. `request` changes them on the event loop; disks ask from any thread."""
+    """All faults of one node; disks may ask from any thread."""
 
     def __init__(self, own_name: str, folder: Path, clock: AdjustableClock) -> None:
-        """Take up what was on when the node last ran. Raises FAULT_INVALID if the file of it is damaged."""
+        """Restore saved faults. Raises FAULT_INVALID if their file is damaged."""
         self._path = folder / STATE_FILE_NAME
         self._clock = clock
         self._full: frozenset[str] = frozenset()
@@ -77,7 +73,7 @@ class FaultSwitch:
         self._apply(FaultRequest(seed=kept.seed, links=links, clock_offset_ms=kept.clock_offset_ms, disk=disk))
 
     def request(self, body: bytes) -> Mapping[str, Any]:
-        """Do what a request's JSON asks, all of it or nothing; return what is on now. Raises FAULT_INVALID."""
+        """Apply a JSON request atomically; return active faults. Raises FAULT_INVALID."""
         try:
             wanted = read_json_as(body, FaultRequest)
         except TextInvalidError as error:
@@ -123,7 +119,6 @@ class FaultSwitch:
         temporary.replace(self._path)
 
     def describe(self) -> dict[str, Any]:
-        """Return what is on, ready for JSON."""
         return {
             "links": {peer: msgspec.to_builtins(fault) for peer, fault in sorted(self.shaper.faults.items())},
             "clock_offset_ms": self._clock.offset_ms,
@@ -135,13 +130,13 @@ class FaultSwitch:
     # Disks
 
     def require_space(self, disk: str) -> None:
-        """Raise OSError(ENOSPC), as the system does, while this disk is full."""
+        """Raise OSError(ENOSPC) while this disk is full."""
         if disk in self._full:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 class FillableDisk:
-    """A `Disk` that can be full: then it takes the half of one more write, no byte after that, and gives back all."""
+    """A `Disk` that can be full: half of one more write fits, then nothing."""
 
     def __init__(self, disk: Disk, switch: FaultSwitch, name: str) -> None:
         self._disk = disk
@@ -149,31 +144,24 @@ class FillableDisk:
         self._name = name
 
     def exists(self, path: Path) -> bool:
-        """Tell whether there is a file under this path."""
         return self._disk.exists(path)
 
     def open(self, path: Path, *, create: bool) -> DiskFile:
-        """Open a file; see `Disk.open`. A new one needs space."""
         if create:
             self._switch.require_space(self._name)
         return _FillableFile(self._disk.open(path, create=create), self._switch, self._name)
 
     def replace(self, source: Path, target: Path) -> None:
-        """Let `target` name the file that `source` named, atomically."""
         self._disk.replace(source, target)
 
     def remove(self, path: Path) -> None:
-        """Remove a file."""
         self._disk.remove(path)
 
     def sync_directory(self, directory: Path) -> None:
-        """Return once the directory's names are on the medium."""
         self._disk.sync_directory(directory)
 
 
 class _FillableFile:
-    """A file on such a disk: what no longer fits is torn, as a write that fills a disk up is."""
-
     def __init__(self, file: DiskFile, switch: FaultSwitch, name: str) -> None:
         self._file = file
         self._switch = switch
@@ -205,7 +193,7 @@ class _FillableFile:
 
 
 def read_or_make_token(folder: Path, name: str = TOKEN_FILE_NAME) -> str:
-    """Return the operator's token of a data directory; make it (0600) if there is none. Raises FILE_UNUSABLE."""
+    """Return the operator's token, created (0600) if missing. Raises FILE_UNUSABLE."""
     path = folder / name
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)

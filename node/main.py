@@ -1,8 +1,4 @@
-"""`python -m node.main --data-dir DIR`: one node as a process.
-
-All that it has to say goes to `node.log` in its data directory, as JSON lines. Only a failure to start is printed: one
-sentence and what to do about it.
-"""
+"""`python -m node.main --data-dir DIR`: one node as a process, logging to `node.log`."""
 
 from __future__ import annotations
 
@@ -31,7 +27,7 @@ LOG_FILES_KEPT_COUNT = 3
 
 
 def configure_logging(config: NodeConfig) -> None:
-    """Send structlog's and the standard library's log lines to the node's log file, one JSON object a line."""
+    """Log structlog and standard logging to the node's file, one JSON object per line."""
     shared: list[structlog.types.Processor] = [
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
@@ -64,7 +60,7 @@ def configure_logging(config: NodeConfig) -> None:
 
 
 async def run_node(config: NodeConfig, make_node: Callable[[NodeConfig], Node] = Node) -> None:
-    """Run a node until SIGTERM or SIGINT; SIGHUP reads its certificate again. Raises BlockRobotError if it cannot start."""
+    """Run until SIGTERM or SIGINT; SIGHUP reloads the certificate. Raises BlockRobotError on failed start."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -103,7 +99,7 @@ def _run(data_dir: Path, make_node: Callable[[NodeConfig], Node]) -> None:
 
 
 def run_process(data_dir: Path, make_node: Callable[[NodeConfig], Node] = Node) -> int:
-    """Run the node of a data directory; return the exit code: 0 after a clean stop, 1 if it could not run."""
+    """Run the data directory's node; return 0 after a clean stop, else 1."""
     try:
         _run(data_dir.resolve(), make_node)
     except BlockRobotError as error:
@@ -117,7 +113,6 @@ def run_process(data_dir: Path, make_node: Callable[[NodeConfig], Node] = Node) 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what the command line names; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m node.main", description="Run one BlockRobot node.")
     parser.add_argument("--data-dir", type=Path, required=True, help="the node's data directory")
     parser.add_argument(

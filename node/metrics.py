@@ -1,4 +1,4 @@
-"""The node's figures in the Prometheus text format."""
+"""The node's metrics in the Prometheus text format."""
 
 from __future__ import annotations
 
@@ -36,7 +36,6 @@ class NodeMetrics:
     """Counters that grow with the chain, and figures read when asked for."""
 
     def __init__(self, figures: Figures, clock: Callable[[], int]) -> None:
-        """Count from now on."""
         self._registry = CollectorRegistry()
         self._clock = clock
         self._blocks = Counter("blockrobot_blocks_finalized", "Blocks finalized.", registry=self._registry)
@@ -56,7 +55,6 @@ class NodeMetrics:
         self._registry.register(_Figures(figures))
 
     def note_finalized(self, blocks: list[ExecutedBlock], _proof: FinalityProof, _position: Position) -> None:
-        """Count stored blocks."""
         now_ms = self._clock()
         for block in blocks:
             self._blocks.inc()
@@ -66,5 +64,4 @@ class NodeMetrics:
             self._delay.observe(max(0, now_ms - block.header.timestamp_ms) / 1000)
 
     def render(self) -> bytes:
-        """Return all figures as Prometheus text."""
         return generate_latest(self._registry)

@@ -1,9 +1,7 @@
-"""The operator's listener: is the node alive, ready, how is it doing.
+"""The operator's listener: liveness, readiness, metrics, status, custody and faults.
 
-In plain HTTP on a loopback port of its own, under the names of this machine alone (against DNS rebinding) and for no web
-page: `/livez` and `/readyz` for everybody here, `/metrics` and `/status` for who holds the reading token, and for who
-holds the operator's token also `/custody` of a custodian, and `/faults`, where node.toml allows faults. Who takes the
-port while the node is down gets no more than the reading token from those who ask how it does.
+Loopback HTTP, local host names only (DNS rebinding), no web pages; the reading token opens `/metrics`, `/status`, the
+operator's token all.
 """
 
 from __future__ import annotations
@@ -48,7 +46,7 @@ def create_operator_listener(
     *,
     reading_token: str = "",
 ) -> web.Application:
-    """Return the application that answers the operator. Without a switch and a token it takes no faults."""
+    """Return the operator's application; without switch and token it takes no faults."""
 
     async def live(_request: web.Request) -> web.Response:
         return web.json_response({"alive": True})
@@ -96,7 +94,7 @@ def create_operator_listener(
 def serve_operator(
     application: web.Application, listener: socket.socket, stop_ms: int
 ) -> AbstractAsyncContextManager[None]:
-    """Serve it on a listener while the context lasts: any user of the machine can connect, to few places of its own."""
+    """Serve while the context lasts, with few connections: any local user can connect."""
     return serve(application, listener, share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART), stop_ms)
 
 
@@ -109,7 +107,7 @@ def _problem(error: BlockRobotError) -> web.Response:
 async def _guard(
     request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
 ) -> web.StreamResponse:
-    """Let nobody in who came by another name than this machine's, nor a web page; take a client's leaving quietly."""
+    """Reject foreign host names and web pages; ignore client disconnects."""
     try:
         if _PORT.sub("", request.headers.get("Host", "")).lower() not in _HOSTS or "Origin" in request.headers:
             raise BlockRobotError("NOT_PERMITTED", "This is for a program of this machine, not for a web page.")
@@ -123,10 +121,7 @@ async def _guard(
 
 
 def _require_operator(request: web.Request, faults: FaultSwitch | None, token: str) -> FaultSwitch:
-    """Return the switch to who may use it: a program of this machine, no web page, with the token.
-
-    Raises FAULTS_DISABLED, NOT_PERMITTED, OPERATOR_TOKEN_INVALID.
-    """
+    """Raises FAULTS_DISABLED, NOT_PERMITTED, OPERATOR_TOKEN_INVALID."""
     if faults is None or not token:
         raise BlockRobotError("FAULTS_DISABLED")
     _require_token(request, token)
@@ -134,10 +129,7 @@ def _require_operator(request: web.Request, faults: FaultSwitch | None, token: s
 
 
 def _require_token(request: web.Request, *tokens: str) -> None:
-    """Let a program of this machine pass that shows one of the tokens, and no web page.
-
-    Raises NOT_PERMITTED, OPERATOR_TOKEN_INVALID.
-    """
+    """Raises NOT_PERMITTED (not local, or a web page), OPERATOR_TOKEN_INVALID."""
     if not ip_address(request.remote or "0.0.0.0").is_loopback or "Origin" in request.headers:  # noqa: S104
         raise BlockRobotError("NOT_PERMITTED", "This is for a program of this machine, not for a web page.")
     shown = request.headers.get("Authorization", "").encode("utf-8", "replace")

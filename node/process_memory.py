@@ -1,9 +1,4 @@
-"""Keep secrets in a process's own memory, and no longer than they are needed.
-
-What this cannot promise: Python copies values at will and returns freed memory as it is. So a secret is wiped right after
-its use, by whoever was given it, and nothing is known of copies that libraries make. Nothing is locked against swapping:
-the secrets wiped here live for microseconds.
-"""
+"""Protects secrets in process memory (copies by Python and swapping remain possible)."""
 
 from __future__ import annotations
 
@@ -17,7 +12,7 @@ _DATA_AT = bytes.__basicsize__ - 1
 
 
 def guard_process() -> bool:
-    """Let this process leave no core file and be read by no other process of its user. Linux; tell whether it is so."""
+    """Disable core files and reading by other processes; Linux; return success."""
     if sys.platform != "linux":
         return False
     import resource  # noqa: PLC0415 - not there on every system
@@ -28,10 +23,7 @@ def guard_process() -> bool:
 
 
 def wipe(secret: bytes | bytearray) -> None:
-    """Overwrite a secret in place; only for one that was made for the caller alone, and is not used again.
-
-    `bytes` are wiped where they lie in CPython; elsewhere, and if they are short, they stay.
-    """
+    """Overwrite a secret owned by the caller; `bytes` only if long, in CPython."""
     if isinstance(secret, bytearray):
         secret[:] = bytes(len(secret))
     elif len(secret) >= WIPED_MIN_BYTES and sys.implementation.name == "cpython":

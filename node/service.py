@@ -1,4 +1,4 @@
-"""The rim of one node: its files, its sockets, its HTTP, around the parts that `node/components.py` makes."""
+"""One node's files, sockets and HTTP around the parts of `node/components.py`."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ log = structlog.get_logger(__name__)
 
 
 async def open_ledger(config: NodeConfig, genesis: Genesis) -> LmdbStore:
-    """Open the ledger; make it with the genesis block if this is the node's first start.
+    """Open the ledger, created with genesis if missing.
 
     Raises DATA_DIRECTORY_IN_USE, DATA_DIRECTORY_INVALID, STORAGE_*, GENESIS_INVALID.
     """
@@ -67,7 +67,7 @@ async def open_ledger(config: NodeConfig, genesis: Genesis) -> LmdbStore:
 
 
 class Node:
-    """A running node, as an async context manager: entered when it serves, left when all is closed."""
+    """A running node: entered when it serves, left when all is closed."""
 
     def __init__(
         self,
@@ -77,9 +77,7 @@ class Node:
         wrap_outbox: Callable[[Outbox, NodeComponents], Outbox] | None = None,
         restored: bool = False,
     ) -> None:
-        """Read genesis and keys. Another clock, or an outbox around the node's own, is for tests of the network.
-
-        `restored` says that the data directory, or a part of it, comes from a backup, or that its journal is lost.
+        """`restored`: the data is from a backup, or its journal is lost.
 
         Raises CONFIGURATION_INVALID, GENESIS_INVALID, FAULT_INVALID, FILE_UNUSABLE.
         """
@@ -101,7 +99,7 @@ class Node:
         """Set once a restored ledger lies ready: the node has to be closed and opened again."""
 
     async def __aenter__(self) -> Self:
-        """Open, connect, serve. Raises DATA_DIRECTORY_IN_USE, PORT_IN_USE, JOURNAL_*, STORAGE_*."""
+        """Raises DATA_DIRECTORY_IN_USE, PORT_IN_USE, JOURNAL_*, STORAGE_*."""
         try:
             await self._open()
             await self._start()
@@ -115,12 +113,10 @@ class Node:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop in the reverse order."""
         await self._stack.aclose()
         log.info("node_stopped", height=self._parts.feed.height)
 
     async def _open(self) -> None:
-        """Open the files and make all parts; nothing is said to anybody yet."""
         config, genesis, stack, faults = self.config, self.genesis, self._stack, self._faults
         ledger = await open_ledger(config, genesis)
         stack.push_async_callback(ledger.close)
@@ -157,7 +153,6 @@ class Node:
         await self._open_snapshots(ledger)
 
     async def _open_snapshots(self, ledger: LmdbStore) -> None:
-        """Serve snapshots to others, make them at milestones, fetch one if need be."""
         config, parts = self.config, self._parts
         shelf = SnapshotStore(ledger, config.snapshots_dir)
         await shelf.open()
@@ -189,53 +184,44 @@ class Node:
         return self._network
 
     def reload_certificate(self) -> None:
-        """Take the node's certificate from its file now, if it changed; the node looks by itself once a second."""
+        """Reload a changed certificate now; otherwise checked once a second."""
         self._network.reload_certificate()
 
     # NodeStatus: how the parts are, and how the links are
 
     def is_ready(self) -> bool:
-        """Tell whether the node takes part, and its certificate counts."""
+        """Return whether the node takes part with a valid certificate."""
         return self._parts.is_ready() and self._network.own_problem() is None
 
     def problem(self) -> BlockRobotError | None:
-        """Return why no peer would talk to this node, if that is so."""
+        """Return why all peers reject this node, or None."""
         return self._network.own_problem()
 
     def describe(self) -> Mapping[str, Any]:
-        """Return how the node is doing, ready for JSON."""
         links = self._network.describe()
         own = {"ready": self.is_ready(), "now_ms": self._clock.now_ms(), "contracts": self._contracts.describe()}
         kept = {"blocks_kept": self._parts.pruner.describe()}
         return {**self._parts.describe(), **links, **own, **kept, **self._seats(), "rounds": self._spoken.describe()}
 
     def metrics(self) -> bytes:
-        """Return the metrics in the Prometheus text format."""
         return self._parts.metrics() + self._network.traffic.render()
 
     def _around_outbox(self, outbox: Outbox) -> Outbox:
-        """Put around the engine's outbox what notes the words, and around that what was given."""
         noting = LoggingOutbox(outbox, self._spoken)
         return noting if self._wrap_outbox is None else self._wrap_outbox(noting, self._parts)
 
     def _seats(self) -> dict[str, Any]:
-        """Return who has a seat in the epoch that the node is in, as far as it knows names, and what makes a quorum."""
         schedule, name_of = self._parts.engine.epoch.schedule, self._parts.directory.name_of_producer
         return {"quorum": schedule.quorum, "producers": [name for key in schedule.producers if (name := name_of(key))]}
 
     def _leader_name(self, epoch: int, round_number: int) -> str | None:
-        """Name who leads a round, if it is one of the epoch that the node is in."""
         schedule = self._parts.engine.epoch.schedule
         if schedule.epoch != epoch:
             return None
         return self._parts.directory.name_of_producer(schedule.producers[schedule.leader(round_number)])
 
     def _own_key(self, directory: Directory, path: Path | None, role: str) -> PrivateKey | None:
-        """Read one of the node's own keys. Raises CONFIGURATION_INVALID if it was never the node's.
-
-        The network may agree on a new key while this node is away: once there is a chain, a key that it does not know
-        (yet, or any more) is only worth a line in the log; it signs nothing that counts.
-        """
+        """Raises CONFIGURATION_INVALID for a foreign key; with a chain it is only logged."""
         if path is None:
             return None
         node = directory.content.nodes.get(self.config.name)
@@ -246,10 +232,7 @@ class Node:
         return key
 
     async def _open_custody(self, directory: Directory) -> CustodyPlace | None:
-        """Open the custodian's store and erase keys, if this node is a custodian.
-
-        Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED, CONFIGURATION_INVALID.
-        """
+        """Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED, CONFIGURATION_INVALID."""
         config = self.config
         key = self._own_key(directory, config.custodian_key_path, "custodian")
         if key is None:
@@ -266,7 +249,6 @@ class Node:
             self._faults.require_space("custody")
 
     async def _start(self) -> None:
-        """Bind the ports, then begin to take part, then let clients in."""
         config, stack, parts = self.config, self._stack, self._parts
         api_socket = bind_listener(config.host, config.api_port)
         stack.callback(api_socket.close)

@@ -1,8 +1,4 @@
-"""The one way to open a listener: each holds so many connections and no more, so that callers leave descriptors over.
-
-A connection that sends no request in time is closed; when all places are taken, the one idle for longest makes room.
-Connections are accepted one by one: whoever waits in the system's queue takes no descriptor.
-"""
+"""Listeners with limited connections; at the limit, the longest idle one is closed."""
 
 from __future__ import annotations
 
@@ -30,7 +26,7 @@ _silent.setLevel(logging.CRITICAL)
 
 
 def share_of_descriptors(most: int, part: int) -> int:
-    """Return how many connections of one kind may be open: so many, but no more than this part of all descriptors."""
+    """Return `most`, limited to this part of all descriptors."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return most if soft < 0 else max(1, min(most, soft // part))
 
@@ -48,34 +44,31 @@ class ConnectionTable:
         return len(self._idle) + len(self._busy)
 
     def add(self, connection: Connection) -> None:
-        """Take a new connection; if that is one too many, close the one that has been idle for longest."""
+        """Add a connection, closing the longest idle one beyond the limit."""
         self._idle[connection] = None
         if len(self) > self._max_count:
             oldest, _ = self._idle.popitem(last=False)
             oldest.abort()
 
     def remove(self, connection: Connection) -> None:
-        """Forget a closed connection."""
         self._idle.pop(connection, None)
         self._busy.discard(connection)
 
     def begin(self, connection: Connection) -> None:
-        """The connection has a request in hand: it is not closed to make room."""
         if connection in self._idle:
             del self._idle[connection]
             self._busy.add(connection)
 
     def end(self, connection: Connection) -> None:
-        """The request is answered."""
         if connection in self._busy:
             self._busy.discard(connection)
             self._idle[connection] = None
 
     @contextmanager
     def hold_back(self, key: bytes) -> Iterator[bool]:
-        """Hold an answer back while the context lasts; yields False if there is no place for that.
+        """Hold an answer back during the context; yields False without a free place.
 
-        Half of the connections may wait for callers without a session (NO_KEY), a quarter for keys, few for each.
+        Limits: half for callers without session (NO_KEY), a quarter for keys.
         """
         anonymous = self._held_back[NO_KEY]
         if key == NO_KEY:
@@ -114,39 +107,33 @@ class Connection(web.RequestHandler):
         self._socket: Any = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take a place in the table."""
         super().connection_made(transport)
         self._socket = transport
         self._table.add(self)
 
     def connection_lost(self, exc: BaseException | None) -> None:
-        """Leave the table."""
         self._table.remove(self)
         super().connection_lost(exc)
 
     def handle_error(
         self, request: web.BaseRequest, status: int = 500, exc: BaseException | None = None, message: str | None = None
     ) -> web.StreamResponse:
-        """Answer what reached no route. Of a fault of ours only the kind is logged: its words may quote the caller."""
+        """Answer what reached no route; log only the kind of internal errors."""
         if status >= 500:
             _log.error("unexpected fault below the routes: %s", type(exc).__name__)
         return super().handle_error(request, status, exc, message)
 
     def abort(self) -> None:
-        """Close at once."""
         if self._socket is not None:
             self._socket.abort()
 
     def begin(self) -> None:
-        """A request is in hand."""
         self._table.begin(self)
 
     def end(self) -> None:
-        """No request is in hand, or its body is awaited."""
         self._table.end(self)
 
     def hold_back(self, key: bytes) -> AbstractContextManager[bool]:
-        """See `ConnectionTable.hold_back`."""
         return self._table.hold_back(key)
 
 
@@ -154,7 +141,6 @@ class Connection(web.RequestHandler):
 async def _keep_place(
     request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
 ) -> web.StreamResponse:
-    """Let no connection with a request in hand be closed to make room."""
     connection = request.protocol
     if not isinstance(connection, Connection):
         return await handler(request)
@@ -167,7 +153,7 @@ async def _keep_place(
 
 @contextmanager
 def awaiting_body(request: web.BaseRequest) -> Iterator[None]:
-    """While its body is awaited, a connection may have to make room: who sends slowly keeps nobody out."""
+    """Allow eviction while a body is awaited, so slow senders block nobody."""
     connection = request.protocol
     if not isinstance(connection, Connection):
         yield
@@ -193,7 +179,6 @@ def open_listener(host: str, port: int) -> socket.socket:
 
 
 async def accept_each(listener: socket.socket, take: Callable[[socket.socket, str], Awaitable[None]]) -> None:
-    """Accept connections one by one for ever, and hand each to `take` with the address of its caller."""
     loop = asyncio.get_running_loop()
     listener.setblocking(False)
     while True:
@@ -214,10 +199,7 @@ async def serve(
     stop_ms: int,
     kind: Callable[[Any, ConnectionTable, asyncio.AbstractEventLoop], Connection] = Connection,
 ) -> AsyncIterator[None]:
-    """Serve an application on a listener, to no more than `max_count` connections at once, while the context lasts.
-
-    Then the listener is closed, and open requests get `stop_ms` to end.
-    """
+    """Serve at most `max_count` connections; on exit open requests get `stop_ms`."""
     application.middlewares.insert(0, _keep_place)
     runner = web.AppRunner(application, access_log=None, handle_signals=False, shutdown_timeout=stop_ms / 1000)
     await runner.setup()

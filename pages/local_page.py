@@ -1,9 +1,6 @@
-"""A page for one person on this machine: the wallet's page, the cluster's console.
+"""A page for one person on this machine: wallet page, cluster console.
 
-Its neighbours are other users of the machine and other pages in the same browser. So it listens on 127.0.0.1 alone, on a
-port that the system draws; takes requests only under that very Host (against DNS rebinding) and that Origin; and answers
-nothing before a secret is shown that only this user's files held. The secret goes once from a file with mode 0600 into
-the page's memory.
+127.0.0.1 and a random port only; requires exact Host (DNS rebinding), Origin, and a one-time secret from a 0600 file.
 """
 
 from __future__ import annotations
@@ -52,13 +49,13 @@ Describe = Callable[[BlockRobotError], tuple[str, str]]
 
 
 def describe_plainly(error: BlockRobotError) -> tuple[str, str]:
-    """Return what happened and the next step as the catalogue has them."""
+    """Return what happened and the next step from the catalogue."""
     return error.detail, error.next_step
 
 
 @dataclass(frozen=True, slots=True)
 class LocalRoute:
-    """One route of a local page; its path begins with `/api/`, and it answers only who shows a session."""
+    """A local page's route; the path begins with `/api/`, and a session is required."""
 
     method: str
     path: str
@@ -67,19 +64,17 @@ class LocalRoute:
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """Where a local page is. The address alone opens nothing; the file does, once."""
+    """Where a local page is; the file opens it once."""
 
     url: str
     redirect_file: Path
 
 
 class LocalPage:
-    """A page served on this machine for the user who started it. Use `start` and `stop`, or `async with`.
+    """A local page for the user who started it; `start`/`stop` or `async with`.
 
-    `idle_minutes`: after so long without a request every session ends (0: never). `now_ms` is a monotonic clock.
-    `language`, `link_note` and `describe`: what is said before the page itself speaks, where that is not English.
-    `command`: what is typed to open the page again. It may name folders and people, so only who shows a link of this
-    page is told, which may be used or expired.
+    `idle_minutes` without request end sessions (0: never). `now_ms` is monotonic. `command` reopens the page, shown
+    only to link holders.
     """
 
     def __init__(
@@ -132,11 +127,10 @@ class LocalPage:
 
     @property
     def url(self) -> str:
-        """The page's address, without a secret."""
         return f"{self._origin}/"
 
     async def start(self) -> Opened:
-        """Listen, and write the first link. Raises OSError if the machine gives no port or the folder no file."""
+        """Listen, and write the first link. Raises OSError."""
         listener = open_listener(LOOPBACK, 0)
         max_count = share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART)
         await self._stack.enter_async_context(serve(self.app, listener, max_count, STOP_MS))
@@ -144,13 +138,12 @@ class LocalPage:
         return Opened(url=self.url, redirect_file=await self.new_link())
 
     async def stop(self) -> None:
-        """End all sessions, remove the link and stop listening."""
         self._sessions.clear()
         await self._drop_link()
         await self._stack.aclose()
 
     async def new_link(self) -> Path:
-        """Write a new redirect file and return its path; the former one opens nothing any more."""
+        """Write a new redirect file, invalidating the former; return its path."""
         await self._drop_link()
         token = secrets.token_urlsafe(TOKEN_BYTES)
         target = f"{self._origin}/#{token}"
@@ -161,7 +154,6 @@ class LocalPage:
         return path
 
     def end_sessions(self) -> None:
-        """End all sessions: every page must be opened by a new link."""
         self._sessions.clear()
 
     async def _drop_link(self) -> None:
@@ -212,7 +204,6 @@ class LocalPage:
         raise BlockRobotError("PAGE_SESSION_REQUIRED")
 
     async def _exchange(self, request: web.Request) -> web.Response:
-        """Take the link's secret, once, and give the session's."""
         body = await read_object(request)
         given = body.get("token")
         if not isinstance(given, str):
@@ -247,7 +238,7 @@ _CAMERA_HEADER = {
 
 
 def _require_unicode(request: web.Request) -> None:
-    """Raise REQUEST_INVALID for half characters in the request's head: no text of ours has any, nor any bytes."""
+    """Raise REQUEST_INVALID for surrogates in the request's head."""
     for text in (request.path, request.query_string, *request.headers.values()):
         _require_whole(text)
 
@@ -271,7 +262,7 @@ class _Link:
 
 
 def problem_response(error: BlockRobotError, describe: Describe = describe_plainly) -> web.Response:
-    """Return a refusal as a problem document (RFC 9457), with its code and next step."""
+    """Return a problem document (RFC 9457) with code and next step."""
     detail, next_step = describe(error)
     document = {
         "type": f"urn:blockrobot:error:{error.code}",
@@ -290,7 +281,7 @@ def problem_response(error: BlockRobotError, describe: Describe = describe_plain
 async def read_object(request: web.Request) -> dict[str, Any]:
     """Return a request's JSON object.
 
-    Raises REQUEST_INVALID for anything else, REQUEST_TOO_LARGE beyond the limit, REQUEST_TIMEOUT if it dawdles.
+    Raises REQUEST_INVALID, REQUEST_TOO_LARGE, REQUEST_TIMEOUT.
     """
     try:
         with awaiting_body(request):
@@ -307,7 +298,7 @@ async def read_object(request: web.Request) -> dict[str, Any]:
 
 
 def write_redirect(folder: Path, target: str, title: str, *, language: str = "en", note: str = LINK_NOTE) -> Path:
-    """Write the file that sends a browser to `target`, and return its path. Only its owner can read it."""
+    """Write the redirect file to `target`, readable only by its owner; return its path."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     path = folder / f"open-{secrets.token_hex(8)}.html"
     address, words, said = html.escape(target, quote=True), html.escape(title), html.escape(note)

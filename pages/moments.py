@@ -1,4 +1,4 @@
-"""How a moment is shown to people: 24 hours, to the second, with its offset from UTC. `assets/format.js` does the same."""
+"""How a moment is shown: 24 hours, seconds, UTC offset (as `assets/format.js`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _OFFSET = re.compile(r"\s+UTC([+-]\d\d:\d\d)?$", re.ASCII)
 
 
 def local_time(time_ms: int) -> datetime.datetime:
-    """Return a time in milliseconds since 1970 as a moment of this machine's time zone."""
+    """Return milliseconds since 1970 as this machine's local time."""
     return datetime.datetime.fromtimestamp(time_ms / 1000).astimezone()
 
 
@@ -21,24 +21,23 @@ def show_moment(time_ms: int) -> str:
 
 
 def show_utc_moment(time_ms: int) -> str:
-    """Return `2027-01-31 08:05:00 UTC`: for logs and for documents that are the same wherever they are made."""
+    """Return `2027-01-31 08:05:00 UTC`, for logs and reproducible documents."""
     return _with_offset(datetime.datetime.fromtimestamp(time_ms / 1000, datetime.UTC))
 
 
 def show_clock(time_ms: int) -> str:
-    """Return `09:05:00.2`, for a row of pictures below a title that names the day and the zone."""
+    """Return `09:05:00.2`, in this machine's time zone."""
     return local_time(time_ms).strftime(_CLOCK) + f".{time_ms % 1000 // 100}"
 
 
 def show_day(time_ms: int) -> str:
-    """Return `2027-01-31`, the day in this machine's time zone."""
     return local_time(time_ms).strftime(_DAY)
 
 
 def read_moment(written: str) -> int:
-    """Return the time in milliseconds of what these functions show, or of an ISO 8601 date with or without a time.
+    """Return milliseconds from these functions' output or ISO 8601; default zone local.
 
-    A moment that names no zone is of this machine's. Raises ValueError.
+    Raises ValueError.
     """
     text = _OFFSET.sub(lambda found: found[1] or "+00:00", written.strip())
     try:

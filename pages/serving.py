@@ -1,8 +1,4 @@
-"""Serves a page's own files with strict headers.
-
-Nothing else than these files may run in a page or be shown by it: no inline code, no other host, no frame around it
-(Content Security Policy Level 3, W3C).
-"""
+"""Serves a page's own files with strict headers (Content Security Policy Level 3, W3C)."""
 
 from __future__ import annotations
 
@@ -47,7 +43,7 @@ SECURITY_HEADERS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Asset:
-    """One file of a page, as it is and packed by gzip. `etag` is a strong entity tag (RFC 9110) without its quotes."""
+    """A page's file, plain and gzipped; `etag` is strong (RFC 9110), without quotes."""
 
     content: bytes
     packed: bytes
@@ -56,11 +52,7 @@ class Asset:
 
 
 class Assets:
-    """The files of a page, in memory, by name relative to their folder; of two folders with the same name the first wins.
-
-    Files of other types than pages are made of are left out. Raises ValueError for a file or a number beyond the limits:
-    that is a mistake in the program, not in a request.
-    """
+    """A page's files in memory by relative name; the first folder wins. Raises ValueError."""
 
     def __init__(self, *folders: Path) -> None:
         self._assets: dict[str, Asset] = {}
@@ -73,22 +65,17 @@ class Assets:
             raise ValueError(f"a page of {len(self._assets)} files")
 
     def names(self) -> list[str]:
-        """Return the names of all files."""
         return list(self._assets)
 
     def get(self, name: str) -> Asset:
-        """Return a file. Raises ROUTE_UNKNOWN."""
+        """Raises ROUTE_UNKNOWN."""
         asset = self._assets.get(name)
         if asset is None:
             raise BlockRobotError("ROUTE_UNKNOWN", "The page has no such file.")
         return asset
 
     def response(self, name: str, asked: Mapping[str, str] = MappingProxyType({})) -> web.Response:
-        """Return a file as an answer, or 304 if the browser has it. `asked` are the headers of the request.
-
-        It is packed if the browser takes that: files are the same for everybody, so their length tells nobody anything.
-        Raises ROUTE_UNKNOWN.
-        """
+        """Return a file, or 304 by the request headers `asked`. Raises ROUTE_UNKNOWN."""
         asset = self.get(name)
         is_packed = takes_gzip(asked.get("Accept-Encoding", ""))
         etag = f'"{asset.etag}-gzip"' if is_packed else f'"{asset.etag}"'
@@ -102,12 +89,12 @@ class Assets:
 
 
 def is_client_gone(request: web.BaseRequest, error: BaseException) -> bool:
-    """Tell whether a request failed because the client closed its connection: nobody's fault, and nobody to answer."""
+    """Return whether a request failed because the client closed its connection."""
     return isinstance(error, ConnectionError) and (request.transport is None or request.transport.is_closing())
 
 
 def takes_gzip(accept_encoding: str) -> bool:
-    """Tell whether who asks takes what is packed by gzip, by the Accept-Encoding header (RFC 9110, 12.5.3)."""
+    """Return whether the Accept-Encoding header allows gzip (RFC 9110, 12.5.3)."""
     for each in accept_encoding.lower().split(","):
         coding, _, weight = each.partition(";")
         if coding.strip() == "gzip":

@@ -1,4 +1,4 @@
-"""Prints what pyproject.toml asks for, one requirement a line: of the build backend (`build`), or of the extra named."""
+"""Prints pyproject.toml requirements, one per line: `build` backend's, or an extra's."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 
 
 def main() -> None:
-    """Print the list whose name is the only argument."""
     project = tomllib.loads(Path(__file__).resolve().parents[1].joinpath("pyproject.toml").read_text(encoding="utf-8"))
     lists = {"build": project["build-system"]["requires"], **project["project"]["optional-dependencies"]}
     sys.stdout.write("\n".join(lists[sys.argv[1]]) + "\n")

@@ -1,1 +1,1 @@
-"""A person's export bundle: its form, how it is written, and how anybody checks it."""
+"""A person's export bundle: its format, writing and verification."""

@@ -1,4 +1,4 @@
-"""`blockrobot verify`: checks an export bundle, or a file of consent receipts, offline, for anybody."""
+"""`blockrobot verify`: check an export bundle or consent receipts offline."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _HASH = re.compile(r"[0-9a-fA-F]{64}", re.ASCII)
 
 
 def read_genesis(text: str | None) -> Genesis | bytes | None:
-    """Return what `--genesis` names: a file's genesis, the 32 bytes of a hash, or None. Raises GENESIS_INVALID."""
+    """Return genesis, 32-byte hash or None. Raises GENESIS_INVALID."""
     if text is None:
         return None
     if _HASH.fullmatch(text) and not Path(text).exists():
@@ -32,7 +32,6 @@ def read_genesis(text: str | None) -> Genesis | bytes | None:
 
 
 def _plain(text: str) -> str:
-    """Return a text of the file so that it can neither colour nor move anything on the terminal."""
     return escape(printable(text))
 
 
@@ -101,7 +100,6 @@ def verify(file: Path, named: str | None, as_json: bool) -> None:
 
 
 def _as_of(verdict: Verdict) -> list[str]:
-    """Return of which block each visit is told: proofs of several blocks may stand in one file."""
     numbers: dict[int, list[int]] = {}
     for visit in verdict.visits:
         numbers.setdefault(visit.proved_from_height, []).append(visit.number)
@@ -160,7 +158,6 @@ def _recorded(told: dict[str, Any]) -> str:
 
 
 def _signed_lines(rows: list[dict[str, Any]]) -> list[str]:
-    """Return what is said of the receipts that both sides signed; all in a bundle are by who registered her."""
     if not rows:
         return []
     whose = f"by her and by {_plain(rows[0]['organisation'])}, which registered her"
@@ -198,7 +195,6 @@ _NOT_BY_REGISTRAR = " of some receipts, which an older wallet fetched, that who 
 
 
 def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
-    """Tell of a sound file of receipts."""
     genesis, rows = found.genesis, [_receipt_json(receipt) for receipt in found.receipts]
     if as_json:
         told = {"network": genesis.network, "chain_id": genesis.chain_id.hex(), "genesis_id": genesis.block_id.hex()}

@@ -1,9 +1,4 @@
-"""The bundle's file: a ZIP of one single form, so that every byte of it is accounted for.
-
-Entries are stored, not compressed, one after another, without dates, comments or extra fields; then the directory, then
-the end. Any unpacking program reads it. The reader takes nothing else: what is compressed cannot swell, what has no
-place cannot hide, and a name is only ever compared with those that a bundle may have.
-"""
+"""Canonical ZIP container: uncompressed, contiguous, no extra bytes; other forms are refused."""
 
 from __future__ import annotations
 
@@ -33,7 +28,7 @@ _PLAIN_FILE_0600 = 0o100600 << 16
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry: its name, size, CRC-32, SHA-256, and where its content begins in the file."""
+    """One entry: name, size, CRC-32, SHA-256, and content offset."""
 
     name: str
     size: int
@@ -43,7 +38,7 @@ class Entry:
 
 
 def is_name(name: str) -> bool:
-    """Tell whether an entry may be called so: small letters, digits, no way up, no way out."""
+    """Allow lower-case letters and digits, no path escapes."""
     whole = len(name) <= NAME_MAX_CHARS and _NAME.fullmatch(name) is not None
     return whole and all(part not in {"", ".", ".."} for part in name.split("/"))
 
@@ -54,7 +49,6 @@ def _local_header(name: bytes, size: int, crc: int) -> bytes:
 
 
 def _directory(entries: list[Entry]) -> bytes:
-    """Return the central directory and the end record that belong to these entries."""
     parts, place = [], 0
     for entry in entries:
         name = entry.name.encode()
@@ -91,7 +85,7 @@ def _too_large(what: str) -> BlockRobotError:
 
 
 class BundleWriter:
-    """Writes entries one by one into an open file. Call `finish` at the end."""
+    """Writes entries into an open file; call `finish` at the end."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -100,7 +94,7 @@ class BundleWriter:
         self._names: set[str] = set()
 
     def add(self, name: str, content: bytes) -> Entry:
-        """Append one entry. Raises EXPORT_TOO_LARGE, or VALUE_INVALID for a name that no bundle has, or has already."""
+        """Append an entry. Raises EXPORT_TOO_LARGE, VALUE_INVALID."""
         if not is_name(name) or name in self._names:
             raise BlockRobotError("VALUE_INVALID", f"No entry of a bundle is called {name!r}, or one is already.")
         if len(self.entries) == ENTRIES_MAX_COUNT:
@@ -118,7 +112,6 @@ class BundleWriter:
         return entry
 
     def finish(self) -> None:
-        """Write the directory."""
         self._file.write(_directory(self.entries))
 
 
@@ -134,10 +127,10 @@ def _take(file: BinaryIO, size: int) -> bytes:
 
 
 class BundleReader:
-    """An open bundle whose every byte was accounted for. `entries` are in the order of the file."""
+    """An open bundle, every byte accounted for."""
 
     def __init__(self, file: BinaryIO, size: int, heard: Callable[[int, int], None] | None = None) -> None:
-        """Read the whole file once; `heard` is told how many bytes of how many were read. Raises BUNDLE_INVALID."""
+        """`heard` gets (bytes read, total). Raises BUNDLE_INVALID."""
         if size > BUNDLE_MAX_BYTES:
             raise _invalid("The file is larger than 4 GiB: no bundle is.")
         self._file = file
@@ -199,14 +192,14 @@ class BundleReader:
         return Entry(name, size, crc, digest.digest(), start)
 
     def entry(self, name: str) -> Entry:
-        """Return an entry. Raises BUNDLE_INVALID if there is none of this name."""
+        """Raises BUNDLE_INVALID if missing."""
         found = self._by_name.get(name)
         if found is None:
             raise _invalid(f"The bundle lacks {name}.")
         return found
 
     def read(self, name: str, limit_bytes: int) -> bytes:
-        """Return an entry's content. Raises BUNDLE_INVALID if it is missing, too large, or has changed meanwhile."""
+        """Raises BUNDLE_INVALID if missing, too large or changed."""
         entry = self.entry(name)
         if entry.size > limit_bytes:
             raise _invalid(f"{name} is larger than the {limit_bytes} bytes that it may have.")

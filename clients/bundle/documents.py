@@ -1,8 +1,5 @@
-"""The bundle's JSON documents, versions 1 and 2, as types.
-
-The documents under `proofs/` are what is checked; those under `data/` are the same, told so that people and other
-programs can use it, and follow from the proofs byte for byte. Bytes are lower-case hexadecimal, times milliseconds
-since 1970 (UTC). The JSON Schema is made from these types.
+"""Bundle JSON documents, versions 1 and 2; lower-case hexadecimal, Unix ms. `data/` follows from `proofs/`; types
+define the JSON Schema.
 """
 
 from __future__ import annotations
@@ -33,13 +30,13 @@ D = TypeVar("D", bound=Document)
 
 
 class ChainProofs(Document, frozen=True):
-    """How the network's producers changed since genesis: one `EpochProof` (formats.md, canonical bytes) for each epoch."""
+    """Producer changes since genesis: one canonical `EpochProof` per epoch (formats.md)."""
 
     epochs: list[str]
 
 
 class KeyProof(Document, frozen=True):
-    """One key of the ledger's state, its encoded value (null: proved absent), and the trie proof that leads to it."""
+    """A state key, its encoded value (null: proved absent), and trie proof."""
 
     key: str
     value: str | None
@@ -47,20 +44,20 @@ class KeyProof(Document, frozen=True):
 
 
 class Snapshot(Document, frozen=True):
-    """Keys proved under one finalized block. `finality` is a `FinalityProof` in its canonical bytes."""
+    """Keys proved under one final block; `finality` is a canonical `FinalityProof`."""
 
     finality: str
     keys: list[KeyProof]
 
 
 class StateProofs(Document, frozen=True):
-    """What the ledger's state holds of one visit, or of the person. No key is proved twice."""
+    """Proved state of one visit or the person; no key twice."""
 
     snapshots: list[Snapshot]
 
 
 class ReceiptProof(Document, frozen=True):
-    """One transaction's receipt: headers from its block to a final one, that block's proof, Merkle paths to the roots."""
+    """A transaction's receipt: headers to a final block, finality proof, Merkle paths."""
 
     headers: list[str]
     finality: str
@@ -72,30 +69,26 @@ class ReceiptProof(Document, frozen=True):
 
 
 class ReceiptProofs(Document, frozen=True):
-    """The receipts of what the person said about consent, in the order of the chain."""
+    """Receipts of the person's consent transactions, in chain order."""
 
     receipts: list[ReceiptProof]
 
 
 class KeyChange(Document, frozen=True):
-    """A transaction by which the person got keys (she registered, or put new keys in place), and its receipt."""
+    """A registration or rotation transaction of the person, and its receipt."""
 
     transaction: str
     proof: ReceiptProof
 
 
 class KeyHistory(Document, frozen=True):
-    """How the person came to her present keys, in the order of the chain: which sealing keys were hers before."""
+    """The person's key changes in chain order, showing former sealing keys."""
 
     steps: list[KeyChange]
 
 
 class ReceiptEntry(Document, frozen=True):
-    """One consent receipt: its bytes as a text, both signatures, and all that proves it.
-
-    `state` proves the node that signed, the member, the version of the notice that was in force and the next one.
-    `person_signature` may be empty only between the organisation's signature and hers.
-    """
+    """One consent receipt: text, signatures, proofs; `person_signature` empty only while pending."""
 
     document: str
     controller_key: str
@@ -107,17 +100,16 @@ class ReceiptEntry(Document, frozen=True):
 
 
 class SignedReceipts(Document, frozen=True):
-    """The consent receipts that both sides signed, in the order of the chain."""
+    """Consent receipts signed by both sides, in chain order."""
 
     receipts: list[ReceiptEntry]
 
 
 class RecordOpening(Document, frozen=True):
-    """What opens one record for a reader, and nothing else of the person.
+    """What opens one record.
 
-    `metadata` is the struct that was sealed to her; `box_key` opens that one sealed box on the chain (empty: the
-    metadata is the exporter's word). `commitment_leaves` are all leaves under the record's root (none: the pictures are
-    not in the bundle); `salts` has a salt for each leaf whose frame is in the bundle, and an empty text for the others.
+    `box_key` opens its metadata's sealed box (empty: unproved); `commitment_leaves`: none without pictures; `salts`:
+    one per included frame, else empty.
     """
 
     record_id: str
@@ -128,10 +120,7 @@ class RecordOpening(Document, frozen=True):
 
 
 class CorrectionOpening(Document, frozen=True):
-    """What the person said in a correction, and the salt that shows it to be what the ledger has the commitment of.
-
-    `number` is the correction's place among those of the visit with this owner key, from 0.
-    """
+    """A correction's text and salt; `number` within the visit, from 0."""
 
     visit: str
     number: int
@@ -142,7 +131,7 @@ class CorrectionOpening(Document, frozen=True):
 
 
 class RecordOpenings(Document, frozen=True):
-    """The openings of all records whose metadata is in the bundle, and of corrections (with the identity only)."""
+    """Openings of all included records, and of corrections if identity is included."""
 
     records: list[RecordOpening]
     corrections: list[CorrectionOpening]
@@ -152,7 +141,7 @@ class RecordOpenings(Document, frozen=True):
 
 
 class Problem(Document, frozen=True):
-    """Something that was asked for and is not in the bundle: of which record (empty: of all), a code and a sentence."""
+    """A requested item not in the bundle: record (empty: all), code, sentence."""
 
     record_id: str
     code: str
@@ -160,7 +149,7 @@ class Problem(Document, frozen=True):
 
 
 class Selection(Document, frozen=True):
-    """What was asked for. Empty `records`: all. 0 is no bound in time. `identity`: consents and who the person is."""
+    """The request. Empty `records`: all; time 0: no bound."""
 
     records: list[str]
     from_ms: int
@@ -179,7 +168,7 @@ class ManifestEntry(Document, frozen=True):
 
 
 class Manifest(Document, frozen=True):
-    """What the bundle is, of which chain, what is missing, and every file but this and the signatures."""
+    """The bundle's chain, missing parts, and every file except itself and signatures."""
 
     format: str
     version: int
@@ -193,14 +182,14 @@ class Manifest(Document, frozen=True):
 
 
 class Signature(Document, frozen=True):
-    """A recoverable signature (65 bytes) over H(export, chain id, SHA-256 of manifest.json) by this key."""
+    """A 65-byte recoverable signature over H(export, chain id, SHA-256 of manifest.json)."""
 
     key: str
     signature: str
 
 
 class Signatures(Document, frozen=True):
-    """Signed by the owner key of every visit in the bundle, and by the member key if the person is in it."""
+    """Signatures by each visit's owner key, and the member key if identity is included."""
 
     signatures: list[Signature]
 
@@ -209,7 +198,7 @@ class Signatures(Document, frozen=True):
 
 
 class FrameDocument(Document, frozen=True):
-    """One frame. `status`: `picture`, `notice` (only tells of withheld frames), `undrawable`, `erased` or `absent`."""
+    """One frame; `status`: `picture`, `notice` (withheld frames), `undrawable`, `erased` or `absent`."""
 
     index: int
     status: str
@@ -221,10 +210,7 @@ class FrameDocument(Document, frozen=True):
 
 
 class RecordDocument(Document, frozen=True):
-    """One record. Times of the robot's clock, counts and sensor are 0 or empty where the record is erased or unread.
-
-    `metadata_proved` tells whether they are shown to be what the robot sealed. `withheld` counts frames, by reason.
-    """
+    """One record, 0 or empty where erased or unread; `metadata_proved`: as sealed by robot; `withheld` by reason."""
 
     record_id: str
     number: int
@@ -250,10 +236,7 @@ class RecordDocument(Document, frozen=True):
 
 
 class VisitDocument(Document, frozen=True):
-    """One visit: the records under one owner key. `missing` counts records that its own chain of hashes lacks.
-
-    `missing` is -1 where only a part of the visit is in the bundle. The state was proved between the two heights.
-    """
+    """Records under one owner key; `missing` from its hash chain, -1 if partial."""
 
     number: int
     owner: str
@@ -276,7 +259,7 @@ class VisitsDocument(Document, frozen=True):
 
 
 class AuditDocument(Document, frozen=True):
-    """One event of a visit, by the contracts. `data` depends on the kind; bytes in it are hexadecimal."""
+    """One visit event; `data` by kind, bytes hexadecimal."""
 
     owner: str
     index: int
@@ -288,13 +271,13 @@ class AuditDocument(Document, frozen=True):
 
 
 class AuditTrailDocument(Document, frozen=True):
-    """data/audit.json: everything that happened, in the order of the chain."""
+    """data/audit.json: all events in chain order."""
 
     entries: list[AuditDocument]
 
 
 class AccessDocument(Document, frozen=True):
-    """One request to see records, by the visit's owner. Empty `records`: the whole visit. By custodian's key."""
+    """One access request; empty `records`: whole visit."""
 
     access_id: str
     owner: str
@@ -306,13 +289,13 @@ class AccessDocument(Document, frozen=True):
 
 
 class AccessLogDocument(Document, frozen=True):
-    """data/access.json: who asked for pictures, why, and what custodians answered."""
+    """data/access.json: who requested pictures, why, and custodians' answers."""
 
     accesses: list[AccessDocument]
 
 
 class ErasureReceiptDocument(Document, frozen=True):
-    """One custodian's word that it destroyed what was asked, and what remains until when."""
+    """A custodian's confirmation of destruction, and what remains until when."""
 
     custodian: str
     destroyed_frames: int
@@ -323,7 +306,7 @@ class ErasureReceiptDocument(Document, frozen=True):
 
 
 class ErasureDocument(Document, frozen=True):
-    """One request for erasure and its receipts. Empty `frames`: whole records."""
+    """One erasure request and its receipts. Empty `frames`: whole records."""
 
     erasure_id: str
     owner: str
@@ -342,11 +325,7 @@ class ErasuresDocument(Document, frozen=True):
 
 
 class VisitRightsDocument(Document, frozen=True):
-    """One visit: its restriction, objections, quarantine (the breach's id) and corrections, as the ledger holds them.
-
-    null where there is none; `text` of a correction is empty where its maker did not open it. What the fields mean says
-    the contract `rights` (docs/reference/system-contracts.md).
-    """
+    """A visit's restriction, objections, quarantine (breach id) and corrections; null: none, empty `text`: unopened."""
 
     owner: str
     restriction: Any
@@ -356,16 +335,13 @@ class VisitRightsDocument(Document, frozen=True):
 
 
 class RightsDocument(Document, frozen=True):
-    """data/rights.json: restriction, objection and rectification, of every visit."""
+    """data/rights.json: restriction, objection and rectification of every visit."""
 
     visits: list[VisitRightsDocument]
 
 
 class ConsentStepDocument(Document, frozen=True):
-    """From a height on a status (`given`, `refused`, `withdrawn`, `objected`) holds; 0 is no bound of the period.
-
-    `mandate` is the id of the mandate under which another person said it for her, empty if she said it herself.
-    """
+    """Consent status from a height; 0: no bound; `mandate` id, or empty."""
 
     from_height: int
     status: str
@@ -376,7 +352,7 @@ class ConsentStepDocument(Document, frozen=True):
 
 
 class ConsentDocument(Document, frozen=True):
-    """One purpose and sensor: what holds, and what is still to come."""
+    """One purpose and sensor: current and future consent status."""
 
     purpose: str
     sensor: str
@@ -384,7 +360,7 @@ class ConsentDocument(Document, frozen=True):
 
 
 class ConsentWordDocument(Document, frozen=True):
-    """One word that the ledger took: `given`, `refused`, `withdrawn` or `objected`, proved by its transaction's receipt."""
+    """One consent transaction (`given`, `refused`, `withdrawn` or `objected`), proved by its receipt."""
 
     kind: str
     purposes: list[str]
@@ -396,10 +372,7 @@ class ConsentWordDocument(Document, frozen=True):
 
 
 class ConsentsDocument(Document, frozen=True):
-    """data/consents.json: who the person is to the ledger, what holds now, and what she said before.
-
-    Empty texts: the bundle leaves out who she is. `last_word_height` is 0 if she never said more than by registering.
-    """
+    """data/consents.json: identity (empty: left out), present consents and history."""
 
     member: str
     handle: str
@@ -412,11 +385,7 @@ class ConsentsDocument(Document, frozen=True):
 
 
 class SignedReceiptDocument(Document, frozen=True):
-    """One consent receipt: what it says in `receipt` (fields of ISO/IEC TS 27560), who signed, and the notice it names.
-
-    Both signed the bytes of `receipt` as JSON with sorted keys, without spaces, ASCII only. `notice_version` is 0 and
-    `notice_hash` empty where no notice was in force.
-    """
+    """One receipt (ISO/IEC TS 27560); signed bytes: `receipt` as ASCII JSON, sorted keys, no spaces; notice 0: none."""
 
     transaction: str
     status: str
@@ -434,7 +403,7 @@ class SignedReceiptDocument(Document, frozen=True):
 
 
 class SignedReceiptsDocument(Document, frozen=True):
-    """data/receipts.json: the consent receipts that the person's organisation and she herself signed."""
+    """data/receipts.json: consent receipts signed by organisation and person."""
 
     receipts: list[SignedReceiptDocument]
 
@@ -462,12 +431,12 @@ DOCUMENTS_EXTENDED: tuple[tuple[str, type[Document]], ...] = (
 
 
 def write_document(document: Document) -> bytes:
-    """Return the one form in which a document is written: fields in order, indented by one, a line's end at the end."""
+    """Return canonical JSON: ordered fields, indent 1, trailing newline."""
     return msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n"
 
 
 def read_document(name: str, content: bytes, kind: type[D]) -> D:
-    """Read a document from its one form. Raises BUNDLE_INVALID."""
+    """Read canonical JSON only. Raises BUNDLE_INVALID."""
     try:
         document = read_json_as(content, kind)
     except TextInvalidError as error:
@@ -489,7 +458,7 @@ def read_bytes(name: str, text: str) -> bytes:
 
 
 def make_schema(version: int) -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a version's documents: `$defs` by type, `x-files` says which file has which."""
+    """Return a version's JSON Schema (2020-12)."""
     documents = DOCUMENTS if version == FORMAT_VERSION else DOCUMENTS_EXTENDED
     kinds = [kind for _, kind in documents]
     _, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")

@@ -1,4 +1,4 @@
-"""Which fields `blockrobot verify` answers with `--json`."""
+"""JSON fields of `blockrobot verify --json`."""
 
 from __future__ import annotations
 

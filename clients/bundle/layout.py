@@ -1,4 +1,4 @@
-"""Which files a bundle has, in which order, and how large each may be."""
+"""Bundle file names, order and size limits."""
 
 from __future__ import annotations
 
@@ -33,17 +33,16 @@ BACKGROUND_MAX_BYTES = 16 * 1024 * 1024
 
 
 def state_proofs_name(number: int) -> str:
-    """Return where the proofs of a visit are, by its number from 1; number 0 is the person."""
+    """Return a visit's proofs path, from 1; 0: the person."""
     return f"proofs/state-{number:04d}.json"
 
 
 def rendition_name(visit: int, record: int, index: int) -> str:
-    """Return where a committed frame is: visit and record by their numbers from 1, the frame by its index."""
+    """Visit and record count from 1, index from 0."""
     return f"committed/{visit:04d}/{record:05d}-{index:02d}.bin"
 
 
 def background_name(digest: bytes) -> str:
-    """Return where a recorded empty frame is, by its SHA-256."""
     return f"backgrounds/{digest.hex()}.png"
 
 
@@ -51,9 +50,6 @@ _FOLDERS = {"png": "pictures", "rgb.png": "pictures", "rgb.jpg": "pictures", "de
 
 
 def shown_name(visit: int, record: int, index: int, suffix: str) -> str:
-    """Return where what is made of a frame is: sorted by name, a folder plays in the order in which it was recorded.
-
-    The index counts from 0, though people count pictures from 1: `verify` draws these names anew, and refuses others.
-    """
+    """Index from 0; names sort in recording order."""
     folder = _FOLDERS.get(suffix, "labels")
     return f"{folder}/{visit:04d}/{record:05d}-{index:02d}.{suffix}"

@@ -1,4 +1,4 @@
-"""Progress of an export or a check, for who watches a terminal."""
+"""Terminal progress of an export or check."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from clients.sdk.terminal.safe_output import overwrite_line
 
 
 def show_progress(*, quiet: bool) -> Heard:
-    """Return what tells of progress on a terminal, on standard error, at most four times a second."""
+    """Return a standard-error progress callback, four updates a second."""
     if quiet or not sys.stderr.isatty():
         return never_heard
     last = 0.0

@@ -1,4 +1,4 @@
-"""From a bundle's proofs to everything that it tells: the one way that both the exporter and the verifier go."""
+"""From a bundle's proofs to its contents, shared by exporter and verifier."""
 
 from __future__ import annotations
 
@@ -27,9 +27,7 @@ Heard = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Proofs:
-    """The documents under proofs/. `person` is None where the bundle leaves out who she is; `keys`, where none changed;
-    `signed`, where it has no consent receipts.
-    """
+    """Documents under proofs/; None: `person` left out, `keys` unchanged, `signed` without receipts."""
 
     chain: doc.ChainProofs
     person: doc.StateProofs | None
@@ -41,14 +39,13 @@ class Proofs:
 
     @property
     def version(self) -> int:
-        """The version of the format that has these documents."""
         is_plain = self.keys is None and self.signed is None
         return doc.FORMAT_VERSION if is_plain else doc.FORMAT_VERSION_EXTENDED
 
 
 @dataclass(frozen=True, slots=True)
 class Proven:
-    """What follows from the proofs, but for the frames."""
+    """What follows from the proofs, except frames."""
 
     chain: ProvedChain
     consents: doc.ConsentsDocument
@@ -63,12 +60,11 @@ class Proven:
 
 
 def schema_text(version: int) -> bytes:
-    """Return the JSON Schema of a version of the format, as it was published."""
     return resources.files("clients.bundle").joinpath(f"schema_v{version}.json").read_bytes()
 
 
 def prove(genesis: Genesis, proofs: Proofs) -> Proven:
-    """Check everything but the frames. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN, PROOF_*, CERTIFICATE_INVALID, ENCODING_*."""
+    """Check all but frames. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN, PROOF_*, CERTIFICATE_INVALID, ENCODING_*."""
     chain = ProvedChain(genesis, proofs.chain.epochs)
     receipts = [chain.receipt(layout.CONSENT_PROOFS, proof) for proof in proofs.receipts.receipts]
     consents, sealing, member, signed = _prove_person(chain, genesis, proofs, receipts)
@@ -95,9 +91,6 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
 def _prove_person(
     chain: ProvedChain, genesis: Genesis, proofs: Proofs, receipts: Sequence[ProvedReceipt]
 ) -> tuple[doc.ConsentsDocument, tuple[bytes, ...], bytes, tuple[CheckedReceipt, ...]]:
-    """Return the consents, the person's sealing keys, her member key and her consent receipts; nothing where she is left
-    out.
-    """
     if proofs.person is None:
         if receipts or proofs.keys is not None or proofs.signed is not None:
             raise BlockRobotError(
@@ -119,7 +112,7 @@ def _prove_person(
 def walk_visits(
     proven: Proven, source: FrameSource, heard: Heard
 ) -> Generator[Piece, None, tuple[doc.VisitDocument, ...]]:
-    """Yield the files of all frames, in the order of the bundle, and return what is told of the visits."""
+    """Yield frame files in order; return visit documents."""
     seen: set[bytes] = set()
     told: list[doc.VisitDocument] = []
     done, of = 0, sum(len(facts.records) for facts in proven.visits)
@@ -137,7 +130,6 @@ def walk_visits(
 
 
 def tell_all(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[str, bytes]]:
-    """Return the documents that follow from the proofs, by name, in the order of the bundle."""
     erasures = telling.tell_erasures(proven.visits)
     parts: list[tuple[str, doc.Document]] = [
         (layout.VISITS, doc.VisitsDocument(list(visits))),
@@ -156,7 +148,6 @@ def tell_all(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[
 
 
 def proof_files(proofs: Proofs) -> list[tuple[str, bytes]]:
-    """Return the documents of the proofs, by name, in the order of the bundle."""
     parts: list[tuple[str, doc.Document]] = [(layout.CHAIN_PROOFS, proofs.chain)]
     if proofs.person is not None:
         parts.append((layout.state_proofs_name(0), proofs.person))
@@ -170,17 +161,15 @@ def proof_files(proofs: Proofs) -> list[tuple[str, bytes]]:
 
 
 def fixed_files(genesis_text: bytes, version: int) -> list[tuple[str, bytes]]:
-    """Return the files that stand before the manifest and do not depend on the person."""
     return [(layout.GENESIS, genesis_text), (layout.SCHEMA, schema_text(version))]
 
 
 def first_files() -> list[tuple[str, bytes]]:
-    """Return what stands first in a bundle."""
     return [(layout.README, README_TEXT.encode())]
 
 
 def sign_parts(chain_id: bytes, manifest: bytes) -> tuple[bytes, bytes]:
-    """Return what the owner keys and the member key sign, under SIGN_TAG."""
+    """Return what the owner keys and member key sign, under SIGN_TAG."""
     return chain_id, sha256(manifest)
 
 
@@ -189,5 +178,4 @@ def never_heard(_what: str, _done: int, _of: int) -> None:
 
 
 def known_form(error: Exception) -> Any:
-    """Return the refusal for a value of the ledger that has another form than this version knows."""
     return BlockRobotError("BUNDLE_UNPROVEN", f"The state has a form that this version does not know ({error!r:.80}).")

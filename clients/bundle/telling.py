@@ -1,4 +1,4 @@
-"""Tells what was proved, as the documents under data/."""
+"""Writes what was proved as the documents under data/."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PART_OF_A_VISIT = -1
 
 
 def plain(value: Any) -> Any:
-    """Return a value of the ledger as JSON has it: bytes as hexadecimal, also where they are keys."""
+    """Return a value as JSON, bytes and keys as hexadecimal."""
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, dict):
@@ -37,7 +37,6 @@ def plain(value: Any) -> Any:
 
 
 def tell_visit(number: int, facts: VisitFacts, frames: Sequence[list[doc.FrameDocument]]) -> doc.VisitDocument:
-    """Return a visit with its records, each with its frames (in the order of `facts.records`)."""
     state = facts.state
     pairs = zip(facts.records, frames, strict=True)
     return doc.VisitDocument(
@@ -57,7 +56,7 @@ def tell_visit(number: int, facts: VisitFacts, frames: Sequence[list[doc.FrameDo
 
 
 def _count_missing(facts: VisitFacts) -> int:
-    """Count what the robot closed the visit over, or chained its records over, and never brought to the ledger."""
+    """Count records closed or chained over but never submitted."""
     known = [record.metadata for record in facts.records if record.metadata is not None]
     expected = max((metadata.index_in_visit + 1 for metadata in known), default=0)
     if facts.state.status == "closed":
@@ -94,7 +93,6 @@ def _tell_record(number: int, record: RecordFacts, frames: list[doc.FrameDocumen
 
 
 def tell_trail(visits: Sequence[VisitFacts]) -> doc.AuditTrailDocument:
-    """Return all events of all visits, in the order of the chain."""
     rows = [
         doc.AuditDocument(
             owner=facts.owner.hex(),
@@ -112,7 +110,6 @@ def tell_trail(visits: Sequence[VisitFacts]) -> doc.AuditTrailDocument:
 
 
 def tell_accesses(visits: Sequence[VisitFacts]) -> doc.AccessLogDocument:
-    """Return every request for pictures, oldest first."""
     rows = [
         doc.AccessDocument(
             access_id=access_id.hex(),
@@ -130,7 +127,6 @@ def tell_accesses(visits: Sequence[VisitFacts]) -> doc.AccessLogDocument:
 
 
 def tell_erasures(visits: Sequence[VisitFacts]) -> doc.ErasuresDocument:
-    """Return every request for erasure with its receipts, oldest first."""
     rows = [
         doc.ErasureDocument(
             erasure_id=erasure_id.hex(),
@@ -164,7 +160,7 @@ Texts = Mapping[tuple[str, int], str]
 
 
 def open_corrections(visits: Sequence[VisitFacts], openings: Sequence[doc.CorrectionOpening]) -> Texts:
-    """Return what corrections say. Raises BUNDLE_UNPROVEN for one that the ledger does not have the commitment of."""
+    """Return correction texts. Raises BUNDLE_UNPROVEN without commitment."""
     numbers = {facts.owner.hex(): place for place, facts in enumerate(visits)}
     if any(row.visit not in numbers for row in openings):
         raise BlockRobotError("BUNDLE_UNPROVEN", "A correction is of a visit that is not in the bundle.")
@@ -182,12 +178,10 @@ def open_corrections(visits: Sequence[VisitFacts], openings: Sequence[doc.Correc
 
 
 def _plain_row(rows: Rows[Any], row: Row) -> Any:
-    """Return a row as `plain` does, its fields in the ledger's order."""
     return plain(decode_value(rows.encode(row)))
 
 
 def tell_rights(visits: Sequence[VisitFacts], texts: Texts) -> doc.RightsDocument:
-    """Return what was said of visits under the rights to restriction, objection and rectification."""
     rows = [
         doc.VisitRightsDocument(
             owner=facts.owner.hex(),
@@ -208,10 +202,7 @@ NO_PERSON = doc.ConsentsDocument("", "", "", "", 0, 0, [], [])
 
 
 def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, MemberRow]:
-    """Return the member key and the row of the one person that a document of proofs is about.
-
-    Raises BUNDLE_UNPROVEN if the document leaves out her choices, or holds something else.
-    """
+    """Return the member key and row. Raises BUNDLE_UNPROVEN."""
     keys = [key for key in proved if MEMBER.owns(key)]
     value = proved[keys[0]].value if len(keys) == 1 else None
     if value is None:
@@ -227,9 +218,7 @@ def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, MemberRow]:
 def tell_consents(
     proved: Mapping[bytes, ProvedValue], receipts: Sequence[ProvedReceipt], former: Set[bytes] = frozenset()
 ) -> doc.ConsentsDocument:
-    """Return who the person is, what she consents to now, and what she said before, also by member keys that are proved
-    to have been hers (`former`). Raises BUNDLE_UNPROVEN.
-    """
+    """Return identity and consents; `former`: proved earlier member keys. Raises BUNDLE_UNPROVEN."""
     member, row = read_person(proved)
     choices = read_choices(proved[CHOICES.key(row.handle)].value)
     return doc.ConsentsDocument(
@@ -264,7 +253,7 @@ def _in_order(receipts: Sequence[ProvedReceipt]) -> Sequence[ProvedReceipt]:
 
 
 def _tell_word(members: Set[bytes], proof: ProvedReceipt) -> doc.ConsentWordDocument:
-    """Return the one word on consent of a transaction. Raises BUNDLE_UNPROVEN if it is another's, or none."""
+    """Raises BUNDLE_UNPROVEN."""
     told = [
         (event.name, decode_value(event.data))
         for event in proof.receipt.events

@@ -1,4 +1,4 @@
-"""The two files of a bundle for people without any of our programs."""
+"""The bundle's two files for readers without BlockRobot."""
 
 from __future__ import annotations
 
@@ -168,10 +168,7 @@ choose(0);
 def player_page(
     visits: Sequence[doc.VisitDocument], erasures: Sequence[doc.ErasureDocument], names: Mapping[str, str]
 ) -> bytes:
-    """Return the page that plays the pictures of each visit, and tells which were erased, and who confirmed it.
-
-    `names` are what custodians are called, by their keys in hexadecimal.
-    """
+    """Return the HTML player; `names` by custodian key (hex)."""
     played = [
         {
             "pictures": [picture for record in visit.records for picture in _pictures_of(record)],
@@ -184,12 +181,12 @@ def player_page(
 
 
 def _in_script(value: Any) -> str:
-    """Return a value as a script has it. What stands in a script ends where its tag does: no text may say so."""
+    """Escape a value for a script element, closing tag included."""
     return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _pictures_of(record: doc.RecordDocument) -> list[tuple[str, int, str, int]]:
-    """Return name, time in ms, record and index of each picture; no name for what was erased, -1 for a whole record."""
+    """Empty name: erased; index -1: whole record."""
     if not record.frames and record.status != "active":
         return [("", 0, record.record_id, -1)]
     found = []

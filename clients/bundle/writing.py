@@ -1,8 +1,4 @@
-"""Writes a bundle: whole, checked and readable by its owner only, or not at all.
-
-It is written beside its place, without a name where the system knows such files (it goes then with the program, however
-that ends), checked there as any stranger would check it, and only then gets its name.
-"""
+"""Writes a bundle atomically: unnamed where possible, checked as received, mode 0600, then renamed."""
 
 from __future__ import annotations
 
@@ -42,7 +38,7 @@ _ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True, slots=True)
 class Contents:
-    """All that goes into a bundle. `find_key` returns the private key of a public one that has to sign."""
+    """A bundle's contents; `find_key` returns a signer's private key."""
 
     genesis: Genesis
     proofs: Proofs
@@ -54,10 +50,7 @@ class Contents:
 
 
 def write_entries(file: BinaryIO, contents: Contents, heard: Heard = never_heard) -> None:
-    """Write a bundle into an open file. Equal contents make equal bytes.
-
-    Raises EXPORT_TOO_LARGE, and what checking raises for contents that do not follow from their proofs.
-    """
+    """Write deterministically. Raises EXPORT_TOO_LARGE and verification errors."""
     genesis = contents.genesis
     proven = prove(genesis, contents.proofs)
     writer = BundleWriter(file)
@@ -104,17 +97,14 @@ def _add_all(writer: BundleWriter, files: Sequence[tuple[str, bytes]]) -> None:
 
 
 def require_free(path: Path, *, replace: bool) -> None:
-    """Raise FILE_EXISTS unless there is nothing at this place, or a plain file that may be replaced; FILE_UNUSABLE."""
+    """Raise FILE_EXISTS or FILE_UNUSABLE unless writable here."""
     hint = "" if replace else " With --force a bundle that is there is replaced."
     new_files.require_free(path, replace=replace, hint=hint)
 
 
 def write_bundle(path: Path, contents: Contents, *, replace: bool = False, heard: Heard = never_heard) -> Verdict:
-    """Write a bundle to `path`, mode 0600, and return what anybody can see from it.
-
-    Whatever goes wrong, or whoever interrupts: the file that was there before is as it was, and nothing else is left
-    (but where files have to have names and the program is killed with no time to tidy up: a hidden file then).
-    Raises FILE_EXISTS, EXPORT_TOO_LARGE, BUNDLE_UNPROVEN, OSError; SystemExit if the program is told to end.
+    """Write atomically, mode 0600; return the verdict. Raises FILE_EXISTS, EXPORT_TOO_LARGE, BUNDLE_UNPROVEN, OSError,
+    SystemExit.
     """
     require_free(path, replace=replace)
     temporary = new_files.temporary_beside(path)
@@ -137,7 +127,6 @@ def write_bundle(path: Path, contents: Contents, *, replace: bool = False, heard
 
 @contextmanager
 def _ending_in_order() -> Iterator[None]:
-    """Let Ctrl-C, a shutdown and a closed terminal be exceptions at once, so that what was begun is removed."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""`blockrobot officer`: what data protection officers do of breaches."""
+"""`blockrobot officer`: breach commands of data protection officers."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from clients.wallet.cli.group_options import place_wallet, wallet_options
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import read_correction, write_correction
+from consensus.bounded_text import read_json_text
 from consensus.rights.right_codes import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
 from pages.moments import show_moment
 
@@ -49,8 +50,6 @@ def _reasons(codes: tuple[str, ...] | None = None) -> Any:
 
 
 def _run(ctx: click.Context, start: str, action: Callable[[Breaches, Breach], Awaitable[T]]) -> tuple[T, Breach]:
-    """Do something about one breach; return what came of it, and the breach as it is afterwards."""
-
     async def main(breaches: Breaches) -> tuple[T, Breach]:
         breach = await breaches.find(start)
         return await action(breaches, breach), await breaches.find(breach.breach_id.hex())
@@ -68,7 +67,6 @@ def _clock(breach: Breach) -> str:
 
 
 def _profile(ctx: click.Context) -> str:
-    """Return the profile that the group was called with, so that the next step can be typed as it stands."""
     return str(ctx.parent.params["profile"]) if ctx.parent is not None else "default"
 
 
@@ -198,7 +196,7 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
     correction = read_correction(file.read_bytes())
     number, row = run_with_wallet(ctx, lambda opened: Breaches(opened).find_correction(correction))
     if as_json:
-        held = msgspec.json.decode(write_correction(correction), type=CorrectionFile)
+        held = msgspec.convert(read_json_text(write_correction(correction)), CorrectionFile)
         where = CorrectionAnswer(
             number=number, txid=row.txid.hex(), height=row.height, time_ms=row.time, correction=held
         )

@@ -1,7 +1,6 @@
-"""What data protection officers do of denied visits: read, assess, notify, close.
+"""Officers' breach handling: read, assess, notify, close.
 
-An officer is a member like others, with a wallet of her own; what she does is signed with her member key and stands in
-the audit of the visit. The clock of 72 hours is the chain's.
+Actions are signed by member key and audited; 72 hours run on chain time.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ Tell = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """One denied visit, proven as of a block whose time is `now_ms`. `state` is the contract's row."""
+    """One denied visit, proven at block time `now_ms`; `state` is the contract's row."""
 
     breach_id: bytes
     state: BreachRow
@@ -36,23 +35,21 @@ class Breach:
 
     @property
     def is_open(self) -> bool:
-        """Whether an officer still has something to do."""
         return self.state.status != "closed"
 
     @property
     def left_ms(self) -> int:
-        """How much is left of the 72 hours by the chain's clock; negative once they are over."""
+        """Remaining ms of 72 hours, negative when over."""
         return self.state.due_ms - self.now_ms
 
     @property
     def is_overdue(self) -> bool:
-        """Whether the authority should have been told, and was not."""
         waits = self.state.risk != "none" and "authority" not in self.state.notified
         return self.is_open and waits and self.left_ms < 0
 
 
 class Breaches:
-    """The breaches of a network, as one officer reads and handles them."""
+    """A network's breaches for one officer."""
 
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
@@ -60,31 +57,28 @@ class Breaches:
         self._read = wallet.reading(self._key)
 
     async def read_all(self) -> list[Breach]:
-        """Return all breaches in the order in which they were opened. Raises SESSION_REFUSED for who is no member."""
+        """Return breaches in opening order. Raises SESSION_REFUSED."""
         ids = await proved_list(self._read, rights.BREACH_COUNT, rights.BREACH_NUMBER)
         rows = await proved_rows(self._read, rights.BREACH, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
         return [Breach(breach_id, row, now_ms) for breach_id, row in zip(ids, rows, strict=True)]
 
     async def find(self, start: str) -> Breach:
-        """Return the breach whose id (hexadecimal) begins so. Raises BREACH_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+        """Find by id prefix. Raises BREACH_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
         known = await self.read_all()
         return known[find_named(BREACH, [breach.breach_id.hex() for breach in known], start)]
 
     async def assess(self, breach: Breach, risk: str, reason: str) -> FinalReceipt:
-        """Say how much risk there is, and why. Raises CALL_REFUSED with the contract's code."""
+        """Raises CALL_REFUSED with the contract's code."""
         return await self._call("assess", [breach.breach_id, risk, reason])
 
     async def notify(self, breach: Breach, recipient: str, reason: str) -> FinalReceipt:
-        """Say that the authority or the subjects were told. Raises CALL_REFUSED with the contract's code."""
+        """Raises CALL_REFUSED with the contract's code."""
         return await self._call("notify", [breach.breach_id, recipient, reason])
 
     async def close(self, breach: Breach, outcome: str, reason: str, tell: Tell) -> int:
-        """End a breach; where it ends as `erased`, have every record erased before. Returns how many were ordered.
-
-        Nothing is erased of a breach that could not be closed then: who has to be told is told before. Of one that ended
-        as `erased` already, what came to the visit since is erased. Raises CALL_REFUSED with the
-        contract's code.
+        """Close; return erasures ordered. `erased` first erases all records, after required notices. Raises
+        CALL_REFUSED.
         """
         ids: list[bytes] = []
         if outcome == "erased":
@@ -99,10 +93,7 @@ class Breaches:
         return len(ids)
 
     async def find_correction(self, correction: Correction) -> tuple[int, CorrectionRow]:
-        """Return what the chain holds of a correction that was handed over, proven, and its number.
-
-        Raises CORRECTION_UNPROVEN.
-        """
+        """Return a correction's number and proven row. Raises CORRECTION_UNPROVEN."""
         owner = bytes.fromhex(correction.visit)
         count = await proved_row(self._read, rights.CORRECTION_COUNT, owner) or 0
         values = await self._read(rights.correction_keys(owner, count))
@@ -118,7 +109,7 @@ class Breaches:
 
 
 def require_told(breach: Breach) -> None:
-    """Raise CALL_REFUSED, as the contract would on closing, unless a breach was assessed and whom it concerns was told."""
+    """Raise CALL_REFUSED unless assessed and required notices given."""
     state = breach.state
     if state.assessed is None:
         raise BlockRobotError("CALL_REFUSED", "BREACH_NOT_ASSESSED: The breach is assessed first.")

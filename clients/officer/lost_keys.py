@@ -1,7 +1,6 @@
-"""What two officers do for somebody whose key is lost for good: erase by robot and span.
+"""Two-officer erasure by robot and span, after an owner's key loss.
 
-The chain cannot say whose visits those are. So what a span would touch is counted first, proven: visits of others too.
-One officer proposes, another agrees, either has it carried out; every step is signed with a member key.
+Spans may touch others' visits: a proven preview comes first. Steps are signed.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ Tell = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A robot's key, and the span of time (ms; whole buckets, the end not included) in which it opened visits."""
+    """A robot's key and a half-open span in ms, in whole buckets."""
 
     robot: bytes
     from_ms: int
@@ -45,7 +44,7 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class SpanVisit:
-    """A visit in a span: what of it would be erased, what its owner restricted, and whether it was denied."""
+    """A visit in a span: records to erase, restriction, and denial."""
 
     owner: bytes
     bucket_ms: int
@@ -56,25 +55,23 @@ class SpanVisit:
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What the erasure of a span would touch, proven as of a moment."""
+    """A span's proven erasure preview."""
 
     span: Span
     visits: tuple[SpanVisit, ...]
 
     @property
     def touched(self) -> tuple[SpanVisit, ...]:
-        """The visits of which something would be erased."""
         return tuple(visit for visit in self.visits if visit.erasable)
 
     @property
     def records_count(self) -> int:
-        """How many records would be erased."""
         return sum(len(visit.erasable) for visit in self.visits)
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A proposal, proven as of a block whose time is `now_ms`. `state` is the contract's row."""
+    """A proposal proven at block time `now_ms`; `state` is the contract's row."""
 
     proposal_id: bytes
     state: ProposalRow
@@ -84,24 +81,22 @@ class Proposal:
 
     @property
     def span(self) -> Span:
-        """Which robot and time it is about."""
         return Span(self.state.robot, self.state.from_ms, self.state.until_ms)
 
     @property
     def status(self) -> str:
-        """What it stands at: proposed, approved, stopped, or lapsed because its time is over."""
+        """Status: proposed, approved, stopped, or lapsed."""
         is_over = self.state.status != "stopped" and self.now_ms > self.state.ends_ms
         return "lapsed" if is_over else self.state.status
 
     @property
     def is_open(self) -> bool:
-        """Whether an officer can still do something of it."""
         return self.status in {"proposed", "approved"}
 
 
 @dataclass(frozen=True, slots=True)
 class Ordered:
-    """What was ordered: erasure ids, visits and records; and how many visits stayed, as they are or for want of room."""
+    """Ordered erasure ids; number of visits left, by cause."""
 
     erasure_ids: tuple[bytes, ...]
     visits: int
@@ -111,7 +106,7 @@ class Ordered:
 
 
 def make_span(robot: bytes, from_ms: int, until_ms: int) -> Span:
-    """Return the span in whole buckets that holds all of it. Raises SPAN_INVALID for one that is none, or too long."""
+    """Return the enclosing buckets. Raises SPAN_INVALID."""
     first = from_ms - from_ms % TIME_BUCKET_MS
     end = -(-until_ms // TIME_BUCKET_MS) * TIME_BUCKET_MS
     if not 0 <= first < end:
@@ -125,7 +120,7 @@ def make_span(robot: bytes, from_ms: int, until_ms: int) -> Span:
 
 
 class LostKeys:
-    """Erasure by two officers, as one of them sees and does it."""
+    """Erasure by two officers, for one of them."""
 
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
@@ -135,10 +130,8 @@ class LostKeys:
     # Looking
 
     async def preview(self, robot: str, from_ms: int, until_ms: int) -> Preview:
-        """Say what would be erased of the visits that a robot (the beginning of its key, hexadecimal) opened then.
-
-        No name is enough where one robot alone opened visits then. Raises SPAN_INVALID, NAME_TOO_SHORT, NAME_AMBIGUOUS if
-        several fit, SPAN_EMPTY if no such robot opened a visit then.
+        """Preview by robot key prefix; empty suffices for one. Raises SPAN_INVALID, NAME_TOO_SHORT, NAME_AMBIGUOUS,
+        SPAN_EMPTY.
         """
         if 0 < len(robot) < ID_PREFIX_MIN_CHARS:
             raise BlockRobotError("NAME_TOO_SHORT", f"Name a robot by at least {ID_PREFIX_MIN_CHARS} characters.")
@@ -155,15 +148,10 @@ class LostKeys:
         return await self._judge(Span(robots.pop(), span.from_ms, span.until_ms), found)
 
     async def preview_span(self, span: Span) -> Preview:
-        """Say what would be erased of a span now."""
         return await self._judge(span, [item for item in await self._opened(span) if item[2] == span.robot])
 
     async def _opened(self, span: Span) -> list[tuple[bytes, int, bytes]]:
-        """Return (owner, bucket, robot) of each visit that was opened in the span, by announcements that are proven.
-
-        They stand in the order in which they came to the chain, each at most a day after its bucket: what is further
-        away is not read.
-        """
+        """Return proven (owner, bucket, robot) in chain order, at most a day after their bucket."""
         network = self._wallet.network
         found: list[tuple[bytes, int, bytes]] = []
         number = await self._first_number(span.from_ms - LATE_MAX_MS)
@@ -178,7 +166,7 @@ class LostKeys:
                 return found
 
     async def _first_number(self, before_ms: int) -> int:
-        """Return a number before which every visit was opened more than a day before the span, by halving."""
+        """Bisect for a number before which all opened over a day earlier."""
         low, high = 0, (await self._wallet.network.announcements(0, self._key, 1)).count
         while high - low > 1:
             middle = (low + high) // 2
@@ -190,7 +178,7 @@ class LostKeys:
         return low
 
     async def _first_opening(self, number: int, end: int) -> Announcement | None:
-        """Return the first announcement from a number on that opens a visit: transfers carry the time of long ago."""
+        """Return the next announcement that opens a visit; transfers carry old times."""
         while number < end:
             page = await self._wallet.network.announcements(number, self._key, _HALVING_PAGE_COUNT)
             for item in page.items:
@@ -200,7 +188,6 @@ class LostKeys:
         return None
 
     async def _judge(self, span: Span, opened: Sequence[tuple[bytes, int, bytes]]) -> Preview:
-        """Look at each visit: its records by its proven audit, what its owner said, and what is gone already."""
         owners = [owner for owner, _, _ in opened]
         keys = [key for owner in owners for key in (RESTRICTION.key(owner), QUARANTINE.key(owner))]
         rows = await self._read(keys)
@@ -214,7 +201,7 @@ class LostKeys:
         return Preview(span, tuple(visits))
 
     async def read_all(self) -> list[Proposal]:
-        """Return all proposals in the order in which they were made. Raises SESSION_REFUSED for who is no member."""
+        """Return proposals in order. Raises SESSION_REFUSED."""
         ids = await proved_list(self._read, officers.PROPOSAL_COUNT, officers.PROPOSAL_NUMBER)
         rows = await proved_rows(self._read, officers.PROPOSAL, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
@@ -222,31 +209,27 @@ class LostKeys:
         return [Proposal(each, row, now_ms, row.proposer in own) for each, row in zip(ids, rows, strict=True)]
 
     async def find(self, start: str) -> Proposal:
-        """Return the proposal whose id (hexadecimal) begins so. Raises PROPOSAL_NOT_FOUND, NAME_TOO_SHORT and the like."""
+        """Find by id prefix. Raises PROPOSAL_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
         known = await self.read_all()
         return known[find_named(PROPOSAL, [one.proposal_id.hex() for one in known], start)]
 
     # Deciding
 
     async def propose(self, span: Span, reason: str, visits_max: int) -> bytes:
-        """Propose to erase a span; return the proposal's id. Raises CALL_REFUSED with the contract's code."""
+        """Return the proposal's id. Raises CALL_REFUSED."""
         arguments = [span.robot, span.from_ms, span.until_ms, reason, visits_max]
         return (await self._call("propose", arguments)).txid
 
     async def approve(self, proposal: Proposal) -> None:
-        """Agree as the second officer. Raises CALL_REFUSED with the contract's code."""
+        """Raises CALL_REFUSED."""
         await self._call("approve", [proposal.proposal_id])
 
     async def stop(self, proposal: Proposal) -> None:
-        """End a proposal. Raises CALL_REFUSED with the contract's code."""
+        """Raises CALL_REFUSED."""
         await self._call("stop", [proposal.proposal_id])
 
     async def erase(self, proposal: Proposal, tell: Tell) -> Ordered:
-        """Order the erasure of what is erasable in the span, in parts; no more visits than were approved.
-
-        Doing it again orders what came since, or was left when it broke off. What somebody restricted or denied
-        meanwhile is passed over. Raises CALL_REFUSED with the contract's code for what concerns the whole.
-        """
+        """Order erasure of at most the approved visits; repeatable, skips restricted or denied. Raises CALL_REFUSED."""
         preview = await self.preview_span(proposal.span)
         keys = {visit.owner: officers.TOUCHED.key(proposal.proposal_id, visit.owner) for visit in preview.touched}
         touched = await self._read(list(keys.values()))
@@ -277,7 +260,7 @@ class LostKeys:
 
 
 async def active_records(wallet: Wallet, owner: bytes) -> list[bytes]:
-    """Return a visit's records that nobody has had erased yet, by its proven audit: none can be left out."""
+    """Return unerased records, complete by proven audit."""
     read = wallet.reading(wallet.keys.identity)
     keys = entry_keys(owner, await proved_row(read, COUNT, owner) or 0)
     values = await read(keys)

@@ -41,7 +41,6 @@ def lost_keys() -> None:
 
 
 def _moment(_: click.Context, __: click.Parameter, text: str) -> int:
-    """Read a date and a time, of this machine's time zone unless it names one."""
     try:
         return read_moment(text)
     except ValueError:
@@ -69,7 +68,6 @@ def _called() -> str:
 
 
 def _second(proposal: Proposal) -> str:
-    """Return how it is approved: not by who proposed it, so a hint for her names nobody's profile."""
     name = proposal.proposal_id.hex()[:12]
     if proposal.is_own:
         return f"another officer, with a wallet of her own: blockrobot officer --profile HERS lost-keys approve {name}"
@@ -160,7 +158,6 @@ def _print_proposal(proposal: Proposal) -> None:
 
 
 def _tell_decided(found: Preview, proposal: Proposal, line: str, *, as_json: bool) -> None:
-    """Tell what stands now of a proposal, and what it would touch."""
     if as_json:
         print_answer(extend(LostKeysDecisionAnswer, _proposal_answer(proposal), preview=_preview_answer(found)))
         return
@@ -169,7 +166,7 @@ def _tell_decided(found: Preview, proposal: Proposal, line: str, *, as_json: boo
 
 
 def _require_room(found: Preview, visits: int | None) -> int:
-    """Return how many visits may go at most. Raises SPAN_EMPTY where nothing is left, SPAN_TOO_FULL."""
+    """Raises SPAN_EMPTY and SPAN_TOO_FULL."""
     count = len(found.touched)
     if not count:
         raise BlockRobotError("SPAN_EMPTY", "Nothing in that span is left to erase.")

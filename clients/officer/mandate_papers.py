@@ -1,7 +1,4 @@
-"""The papers of a mandate: hashed with a drawn salt, and noted in a receipt that officers keep.
-
-The chain has the commitment alone. Receipt and papers together prove to whoever asks later what the two officers saw.
-"""
+"""Mandate papers: salted hashes in officers' receipts; only commitments on chain."""
 
 from __future__ import annotations
 
@@ -24,14 +21,14 @@ _DIGEST_BYTES = 32
 
 
 class Paper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One paper: its file's name, for whoever looks for it, and its SHA-256 (hexadecimal)."""
+    """One paper: file name and SHA-256 (hexadecimal)."""
 
     file: str
     sha256: str
 
 
 class PapersReceipt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What was committed to: the reason, the papers and the salt (hexadecimal)."""
+    """The committed reason, papers and salt (hexadecimal)."""
 
     format: str
     reason: str
@@ -40,17 +37,15 @@ class PapersReceipt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def commitment(self) -> bytes:
-        """What stands on the chain."""
         return commit_papers(bytes.fromhex(self.salt), self.reason, self.digests)
 
     @property
     def digests(self) -> list[bytes]:
-        """The hashes of the papers."""
         return [bytes.fromhex(paper.sha256) for paper in self.papers]
 
 
 def hash_paper(path: Path) -> bytes:
-    """Return the SHA-256 of a file. Raises FILE_UNUSABLE."""
+    """Raises FILE_UNUSABLE."""
     digest = hashlib.sha256()
     try:
         with path.open("rb") as file:
@@ -62,13 +57,13 @@ def hash_paper(path: Path) -> bytes:
 
 
 def make_receipt(papers: Sequence[Path], reason: str) -> PapersReceipt:
-    """Hash papers and draw a salt. Raises FILE_UNUSABLE."""
+    """Hash papers with random salt. Raises FILE_UNUSABLE."""
     rows = [Paper(path.name, hash_paper(path).hex()) for path in papers]
     return PapersReceipt(FORMAT, reason, os.urandom(SALT_BYTES).hex(), rows)
 
 
 def write_receipt(path: Path, receipt: PapersReceipt) -> None:
-    """Write a receipt for its owner alone, to a file that is not there yet. Raises FILE_EXISTS, FILE_UNUSABLE."""
+    """Write owner-only. Raises FILE_EXISTS, FILE_UNUSABLE."""
     content = msgspec.json.format(msgspec.json.encode(receipt), indent=2) + b"\n"
     try:
         write_new_file(path, content)
@@ -77,11 +72,7 @@ def write_receipt(path: Path, receipt: PapersReceipt) -> None:
 
 
 def keep_receipt(path: Path, receipt: PapersReceipt) -> tuple[PapersReceipt, bool]:
-    """Write a receipt, or take the one that is there if it is of the same reason and papers; tell whether it was written.
-
-    A proposal of which nobody knows what became of it is made again with the same salt, so that one receipt fits it.
-    Raises FILE_EXISTS, FILE_UNUSABLE.
-    """
+    """Write, or reuse an equal receipt and salt for retries; return whether written. Raises FILE_EXISTS, FILE_UNUSABLE."""
     try:
         write_receipt(path, receipt)
     except BlockRobotError as error:
@@ -95,7 +86,7 @@ def keep_receipt(path: Path, receipt: PapersReceipt) -> tuple[PapersReceipt, boo
 
 
 def find_same(path: Path, receipt: PapersReceipt) -> PapersReceipt | None:
-    """Return the receipt that a file holds if it is of the same reason and papers, else None."""
+    """Return a receipt of equal reason and papers, or None."""
     try:
         known = read_receipt(path)
     except BlockRobotError:
@@ -105,7 +96,7 @@ def find_same(path: Path, receipt: PapersReceipt) -> PapersReceipt | None:
 
 
 def read_receipt(path: Path) -> PapersReceipt:
-    """Read a receipt. Raises FILE_UNUSABLE, MANDATE_PAPERS_OTHER for a file that is none."""
+    """Raises FILE_UNUSABLE, MANDATE_PAPERS_OTHER."""
     try:
         with path.open("rb") as file:
             content = file.read(RECEIPT_MAX_BYTES + 1)
@@ -125,7 +116,7 @@ def read_receipt(path: Path) -> PapersReceipt:
 
 
 def check_papers(receipt: PapersReceipt, commitment: bytes, papers: Sequence[Path]) -> None:
-    """Raise MANDATE_PAPERS_OTHER unless the receipt is of this commitment, and its papers are all those at hand."""
+    """Raise MANDATE_PAPERS_OTHER unless commitment and all papers match."""
     if receipt.commitment != commitment:
         raise BlockRobotError("MANDATE_PAPERS_OTHER", "The receipt is of other papers than those that were proposed.")
     seen = {hash_paper(path): path for path in papers}

@@ -1,4 +1,4 @@
-"""`blockrobot officer mandates`: two officers let somebody act for a person who cannot."""
+"""`blockrobot officer mandates`: two officers appoint a representative for a person."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A card to print: the QR code and the letters of an enrolment code, on paper of the size of a bank card or larger."""
+"""A printable enrolment card with QR code and letters."""
 
 from __future__ import annotations
 
@@ -37,12 +37,10 @@ _ROLES = {"pt": {"subject": "utente", "staff": "membro do pessoal", "robot": "ro
 
 
 def qr_text(code: str) -> str:
-    """Return a code as its QR code holds it: without the dashes that help only who types."""
     return CODE_PREFIX + code.removeprefix(CODE_PREFIX).replace("-", "")
 
 
 def build_card(code: str, *, role: str, organisation: str, until_ms: int) -> str:
-    """Return the page that prints as a card, in both languages."""
     told = {"organisation": organisation, "until": show_moment(until_ms)}
     lines = {
         language: html.escape(line.format(role=_ROLES.get(language, {}).get(role, role), **told))
@@ -62,7 +60,6 @@ def build_card(code: str, *, role: str, organisation: str, until_ms: int) -> str
 
 
 def describe_card(suffix: str, code: str, *, role: str, organisation: str, until_ms: int) -> str:
-    """Return what such a file holds: a card to print (`.html`), its QR code (`.svg`), or the code alone (`.txt`)."""
     if suffix == ".html":
         return build_card(code, role=role, organisation=organisation, until_ms=until_ms)
     return qr_svg(qr_text(code)) if suffix == ".svg" else f"{code}\n"

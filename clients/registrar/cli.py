@@ -1,4 +1,4 @@
-"""`blockrobot card` and `roster`: the registrar's desk on the command line."""
+"""`blockrobot card` and `roster`: the registrar's desk."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
-"""The registrar's desk: issues cards and makes rosters.
-
-The list of cards (which tag has which handle) is a file at the desk, readable by its user only. Nothing of it leaves
-but codes for people to carry away and rosters sealed to one robot.
+"""Registrar's desk: cards and rosters. The tag-to-handle list stays local, user-only; only codes and robot-sealed
+rosters leave it.
 """
 
 from __future__ import annotations
@@ -41,7 +39,7 @@ _RECORDED_ROLES = ("subject", "staff")
 
 @dataclass(frozen=True, slots=True)
 class CardEntry:
-    """One card of the list: the tag's UID, the handle it was given (hex), the role, and until when its code registers."""
+    """One card: tag UID, handle (hex), role, and code expiry."""
 
     uid: str
     handle: str
@@ -51,7 +49,7 @@ class CardEntry:
 
 @dataclass(frozen=True, slots=True)
 class Revoked:
-    """A membership that was ended at the desk: the transaction, and the member's role."""
+    """A membership ended at the desk: transaction and role."""
 
     txid: bytes
     role: str
@@ -61,7 +59,7 @@ class Desk:
     """The desk of one organisation's registrar, in one folder."""
 
     def __init__(self, folder: Path, genesis: Genesis, clock: Clock | None = None) -> None:
-        """Open a desk. Raises DATA_DIRECTORY_INVALID without a registrar's key of this network."""
+        """Raises DATA_DIRECTORY_INVALID without this network's registrar key."""
         self._folder = folder
         self._genesis = genesis
         self._clock = clock or SystemClock()
@@ -75,12 +73,11 @@ class Desk:
 
     @property
     def organisation(self) -> str:
-        """The organisation whose registrar sits here."""
         own = self.key.public_key
         return next(each.name for each in self._genesis.organisations if own in each.registrars)
 
     def cards(self) -> list[CardEntry]:
-        """Return all cards that were issued here. Raises DATA_DIRECTORY_INVALID if the list is damaged."""
+        """Raises DATA_DIRECTORY_INVALID if the list is damaged."""
         path = self._folder / _CARDS_FILE
         if not path.exists():
             return []
@@ -92,7 +89,7 @@ class Desk:
             ) from None
 
     def issue(self, uid: str, role: str, lifetime_ms: int = CARD_LIFETIME_DEFAULT_MS) -> str:
-        """Issue a card for a tag and return its enrolment code; a tag that had a card gets a new handle."""
+        """Return an enrolment code, with a new handle per card."""
         normal = uid.strip().upper()
         if not normal:
             raise BlockRobotError("REQUEST_INVALID", "The tag's UID is empty.")
@@ -110,11 +107,10 @@ class Desk:
         return encode_card_code(card)
 
     def has_card(self, uid: str) -> bool:
-        """Tell whether the tag has a card: with a new one its bearer by the old is on no roster any more."""
         return any(entry.uid == uid.strip().upper() for entry in self.cards())
 
     def forget(self, uid: str) -> int:
-        """Take a tag off the list, so that no roster names it any more; return how many cards went."""
+        """Remove a tag; return the number of cards removed."""
         normal = uid.strip().upper()
         cards = self.cards()
         kept = [entry for entry in cards if entry.uid != normal]
@@ -123,12 +119,11 @@ class Desk:
         return len(cards) - len(kept)
 
     async def forget_former(self) -> int:
-        """Take off the list whose membership is over, and codes that expired unused; return how many cards went."""
+        """Remove ended memberships and expired codes; return their number."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             return self._keep(await self._states(client))
 
     def _keep(self, states: list[tuple[CardEntry, MemberRow | None]]) -> int:
-        """Keep cards of active members, and those whose code can still register; return how many went."""
         now = self._clock.now_ms()
         gone = {
             card.handle for card, state in states if (card.not_after_ms < now if state is None else not state.is_active)
@@ -138,7 +133,7 @@ class Desk:
         return len(gone)
 
     async def find_member(self, uid: str) -> bytes:
-        """Return the member key that a tag's card registered. Raises NOT_FOUND."""
+        """Raises NOT_FOUND."""
         normal = uid.strip().upper()
         handle = next((card.handle for card in self.cards() if card.uid == normal), None)
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
@@ -149,15 +144,12 @@ class Desk:
         raise BlockRobotError("NOT_FOUND", "No card of this tag registered anybody.")
 
     async def find_role(self, member: bytes) -> str:
-        """Return the role of an active member, as the chain proves it. Raises NOT_FOUND."""
+        """Return an active member's proved role. Raises NOT_FOUND."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             return (await self._active(client, member)).role
 
     async def revoke(self, member: bytes) -> Revoked:
-        """End a membership of this organisation: a stolen robot, a lost key. Its card is taken off the list.
-
-        Raises NOT_FOUND without an active member of this key, CALL_REFUSED if the chain refuses.
-        """
+        """End a membership and remove its card. Raises NOT_FOUND, CALL_REFUSED."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             state = await self._active(client, member)
             receipt = await client.call(self.key, "identity", "revoke", [state.handle])
@@ -165,10 +157,7 @@ class Desk:
         return Revoked(receipt.txid, state.role)
 
     async def name_robot(self, robot: bytes, name: str, place: str) -> bytes:
-        """Put a robot's name and place on the chain, for everybody to read; return the txid.
-
-        Raises NOT_FOUND without an active member of this key, CALL_REFUSED if the chain refuses.
-        """
+        """Publish name and place on chain. Raises NOT_FOUND, CALL_REFUSED."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             state = await self._active(client, robot)
             receipt = await client.call(self.key, "identity", "name_robot", [state.handle, name, place])
@@ -194,11 +183,7 @@ class Desk:
         temporary.replace(self._folder / _CARDS_FILE)
 
     async def make_roster(self, robot: bytes) -> tuple[bytes, int]:
-        """Return a robot's sealed roster of everyone registered here, and how many rows it has; forget who is not any more.
-
-        `robot` is its member key M. What stands in the rows is proven against a finalized header. Raises NOT_FOUND if
-        the robot is not registered.
-        """
+        """Return a robot's (key M) sealed roster, proven, and number of rows; forget former members. Raises NOT_FOUND."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             states = await self._states(client)
             robot_state = await proved_row(self._read(client), MEMBER, robot)
@@ -224,7 +209,6 @@ class Desk:
         return seal_roster(roster, self.key, robot_state.sealing), len(roster.rows)
 
     async def _states(self, client: NetworkClient) -> list[tuple[CardEntry, MemberRow | None]]:
-        """Return each card with its member's proved state; None if its code was not used yet."""
         read = self._read(client)
         handles = [(card, bytes.fromhex(card.handle)) for card in self.cards()]
         return [(card, await put_query(read, partial(member_with, handle=handle))) for card, handle in handles]

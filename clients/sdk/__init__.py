@@ -1,1 +1,1 @@
-"""The client library: build, sign, submit, verify. It trusts no node."""
+"""Client library: build, sign, submit and verify, trusting no node."""

@@ -1,8 +1,4 @@
-"""HTTP connections to nodes, in lanes that share nothing.
-
-A lane stands for one key (an owner key, a member key, or none): it has its own connections, no cookies, and no memory
-of any other lane. A node that wanted to link a visit's owner key to a member would have to do it by address and time.
-"""
+"""HTTP connections in isolated lanes: one key (or none) each, no cookies, so nodes cannot link keys by connection."""
 
 from __future__ import annotations
 
@@ -29,7 +25,7 @@ NO_LANE = b""
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """A node's name, where its interface is, and for HTTPS the CA certificate (PEM) of its organisation."""
+    """A node's name, URL, and organisation's CA certificate (PEM) for HTTPS."""
 
     name: str
     url: str
@@ -46,7 +42,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def check_address(node: NodeAddress) -> NodeAddress:
-    """Return the address if a client may use it: HTTPS, or plain HTTP on loopback. Raises CONFIGURATION_INVALID."""
+    """Require HTTPS, or plain HTTP on loopback. Raises CONFIGURATION_INVALID."""
     try:
         parts = urlsplit(node.url)
         host = parts.hostname
@@ -60,7 +56,7 @@ def check_address(node: NodeAddress) -> NodeAddress:
 
 
 def _tls_context(node: NodeAddress) -> ssl.SSLContext | bool:
-    """Return for a node behind HTTPS a TLS context that trusts its organisation's CA and nothing else."""
+    """Return an HTTPS context trusting only the organisation's CA."""
     if urlsplit(node.url).scheme != "https":
         return True
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -73,14 +69,13 @@ def _tls_context(node: NodeAddress) -> ssl.SSLContext | bool:
 
 
 class Connections:
-    """The lanes of one client. Close it when done."""
+    """One client's lanes. Close it when done."""
 
     def __init__(self) -> None:
         self._tls: dict[NodeAddress, ssl.SSLContext | bool] = {}
         self._lanes: dict[bytes, aiohttp.ClientSession] = {}
 
     def _lane(self, lane: bytes) -> tuple[aiohttp.ClientSession, list[aiohttp.ClientSession]]:
-        """Return the lane's client and the clients that had to make room for it."""
         client = self._lanes.pop(lane, None)
         if client is None:
             client = aiohttp.ClientSession(
@@ -94,7 +89,6 @@ class Connections:
         return client, crowded
 
     def _tls_of(self, node: NodeAddress) -> ssl.SSLContext | bool:
-        """Return the node's TLS context, made when it is asked first; those of nodes of old are dropped in time."""
         if node not in self._tls:
             while len(self._tls) >= TLS_CONTEXTS_MAX_COUNT:
                 del self._tls[next(iter(self._tls))]
@@ -114,10 +108,7 @@ class Connections:
         token: str | None = None,
         timeout_ms: int = REQUEST_TIMEOUT_MS,
     ) -> bytes:
-        """Make one request and return the answer's body.
-
-        Raises NODE_UNREACHABLE, the code of the node's problem document, or INTERNAL if the answer is neither.
-        """
+        """Return the body. Raises NODE_UNREACHABLE, the problem's code, or INTERNAL."""
         headers = {} if body is None else {"Content-Type": media_type}
         if token is not None:
             headers["Authorization"] = f"Bearer {token}"
@@ -146,13 +137,12 @@ class Connections:
             ) from None
 
     async def close_lane(self, lane: bytes) -> None:
-        """Close the connections of one key; a lane that is not open is no error."""
+        """Close one key's connections, if open."""
         client = self._lanes.pop(lane, None)
         if client is not None:
             await client.close()
 
     async def close(self) -> None:
-        """Close every connection."""
         for lane in list(self._lanes):
             await self.close_lane(lane)
 

@@ -1,4 +1,4 @@
-"""Which refusals of one node another node may not share, and which to raise after all of them refused."""
+"""Failover: which errors permit trying another node, and which to raise."""
 
 from __future__ import annotations
 
@@ -19,15 +19,12 @@ SURE_REFUSALS = frozenset({"CALL_REFUSED", "TRANSACTION_EXPIRED", "CONTRACT_DISA
 
 
 def may_ask_another(error: BlockRobotError) -> bool:
-    """Tell whether another node may do what this one refused."""
     return error.entry.retryable or error.code in _ELSEWHERE
 
 
 def failure_of(failures: Sequence[BlockRobotError]) -> BlockRobotError:
-    """Return what to raise after each node refused, one error a node, in the order in which they were asked.
-
-    A refusal for any other reason goes first. Else clocks are believed if more than half of the nodes refuse by theirs,
-    since one that gave no answer may have taken the transaction; and else nodes are unreachable.
+    """Return the error after all nodes refused. Clock errors count only from more than half of the nodes; else nodes
+    are unreachable.
     """
     by_clock = [error for error in failures if error.code in BY_ITS_CLOCK]
     others = [error for error in failures if error.code not in BY_ITS_CLOCK | {"NODE_UNREACHABLE"}]

@@ -1,8 +1,4 @@
-"""Which nodes a client asks: first those of the genesis file, then those that the proved state names.
-
-What was learned is
-kept with the pin, so that a client finds the network even when none of the first nodes is left.
-"""
+"""Known nodes: the genesis file's, then proved ones, kept with the pin."""
 
 from __future__ import annotations
 
@@ -24,7 +20,7 @@ STEPS_MAX_COUNT = 4
 
 
 class KnownNode(Wire, frozen=True):
-    """A node as a client knows it. The CA certificate is that of its organisation, kept for addresses with HTTPS."""
+    """A known node, with its organisation's CA."""
 
     name: str
     api_url: str
@@ -33,27 +29,23 @@ class KnownNode(Wire, frozen=True):
 
 
 class KnownNodes(Wire, frozen=True):
-    """The active nodes, as the state of this height has them; height 0 is the genesis file's."""
+    """Active nodes as of a height; 0 is the genesis file's."""
 
     height: int
     nodes: tuple[KnownNode, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names, in the order in which they are asked."""
         return tuple(node.name for node in self.nodes)
 
 
 class StateReading(Protocol):
-    """How proved values are read: as `NetworkClient.state_values` does, in somebody's session."""
+    """Reads proved values (`NetworkClient.state_values`)."""
 
-    async def __call__(self, keys: Sequence[bytes]) -> ProvedState:
-        """Return proved values of up to 128 flat keys."""
-        ...
+    async def __call__(self, keys: Sequence[bytes]) -> ProvedState: ...
 
 
 def nodes_of_genesis(genesis: Genesis) -> KnownNodes:
-    """Return the nodes that the genesis file names."""
     authorities = {organisation.name: organisation.ca_certificate for organisation in genesis.organisations}
     found = [
         KnownNode(node.name, node.api_url, bool(node.custodian_key), authorities[node.organisation])
@@ -63,12 +55,11 @@ def nodes_of_genesis(genesis: Genesis) -> KnownNodes:
 
 
 def address_of(node: KnownNode, url: str | None = None) -> NodeAddress:
-    """Return where to ask a node. Raises CONFIGURATION_INVALID for an address that a client may not use."""
+    """Return a node's address. Raises CONFIGURATION_INVALID."""
     return check_address(NodeAddress(node.name, (url or node.api_url).rstrip("/"), node.ca_certificate))
 
 
 def _usable(node: KnownNode) -> bool:
-    """An address that no client may use is its organisation's mistake; the others are asked."""
     try:
         address_of(node)
     except BlockRobotError:
@@ -77,7 +68,7 @@ def _usable(node: KnownNode) -> bool:
 
 
 async def read_active_nodes(read: StateReading) -> tuple[int, list[NodeRow]]:
-    """Return the active nodes, proved, and as of which height; height 0 and none if the chain says nothing of its nodes."""
+    """Return height and active nodes, proved; (0, none) if unknown."""
     names = (NODES.among((await read([NODES.flat])).values) or [])[:NODES_MAX_COUNT]
     if not names:
         return 0, []
@@ -87,10 +78,7 @@ async def read_active_nodes(read: StateReading) -> tuple[int, list[NodeRow]]:
 
 
 async def read_known_nodes(read: StateReading, before: KnownNodes) -> KnownNodes:
-    """Return the active nodes, proved; those that were known `before` keep their places, others follow by name.
-
-    Returns `before` if the chain says nothing of its nodes or none of them could be asked. Raises what reading raises.
-    """
+    """Return active nodes, proved, known ones first; `before` if none is usable."""
     height, active = await read_active_nodes(read)
     owners = sorted({row.organisation for row in active if row.api_url.startswith("https:")})[:ORGANISATIONS_MAX_COUNT]
     certificates: dict[str, str] = {}
@@ -109,10 +97,10 @@ async def read_known_nodes(read: StateReading, before: KnownNodes) -> KnownNodes
 
 
 class NodeDirectory:
-    """The nodes of one client: fixed ones that it was given, or the network's, which it goes on learning."""
+    """One client's nodes: a fixed list, or the network's, updated as learned."""
 
     def __init__(self, genesis: Genesis, urls: Mapping[str, str] | None, known: KnownNodes | None) -> None:
-        """`known` comes with a pin. Raises CONFIGURATION_INVALID for addresses that are none, and unknown names."""
+        """Raises CONFIGURATION_INVALID for invalid addresses, unknown names."""
         first = nodes_of_genesis(genesis)
         self.known = known if known is not None and known.nodes else first
         self.is_fixed = urls is not None
@@ -132,15 +120,14 @@ class NodeDirectory:
 
     @property
     def custodians(self) -> tuple[NodeAddress, ...]:
-        """The nodes among them that keep off-chain data."""
         return tuple(node for node in self.addresses if node.name in self._custodians)
 
     def note_failure(self) -> None:
-        """Remember that a node gave no answer: it may have been removed."""
+        """Record that a node did not answer: it may have been removed."""
         self._failed = True
 
     def is_due(self, epoch: int, now_ms: int) -> bool:
-        """Tell whether it is time to look who is there: never yet, other producers, a node that is gone, a minute."""
+        """Return whether to refresh: new epoch, failed node, a minute passed."""
         if self.is_fixed:
             return False
         if self._learned_ms is None or epoch > self._epoch:
@@ -148,11 +135,10 @@ class NodeDirectory:
         return now_ms - self._learned_ms >= (RETRY_MS if self._failed else REFRESH_MS)
 
     def note_learned(self, epoch: int, now_ms: int) -> None:
-        """Remember when the client looked, so that it does not look at every question."""
         self._learned_ms, self._epoch, self._failed = now_ms, epoch, False
 
     def learn(self, found: KnownNodes) -> bool:
-        """Take over newer knowledge; tell whether other nodes are asked from now on."""
+        """Adopt newer nodes; return whether they changed."""
         if found.height <= self.known.height:
             return False
         before, self.known = self.addresses, found

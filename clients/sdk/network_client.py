@@ -1,8 +1,4 @@
-"""The client of a network: asks several nodes, believes none.
-
-Whatever fails at one node for a reason that another might not have is tried at the next. A node's word alone is
-good for two things only: the result of `query`, and that a transaction is *not* final.
-"""
+"""Network client trusting no single node, except for `query` results and that a transaction is not final."""
 
 from __future__ import annotations
 
@@ -67,14 +63,10 @@ _NO_WAIT_HELPS = BY_ITS_CLOCK | {"BLOCK_PRUNED", "CONTRACT_DISABLED", "CONTRACT_
 
 
 class NetworkClient:
-    """A client of one network. Use as an async context manager, or call `close`.
+    """A client of one network; an async context manager.
 
-    Without `urls` the client asks the network's nodes: at first those of the genesis file, then those that the proved
-    state names. It looks again by itself when it reads in somebody's session. With `urls` (names to addresses) it asks
-    those nodes and no others. `first` names the node to begin with.
-    `pinned` is what the property `pinned` was last time: the newest header that this client has verified, the epochs
-    that led there, and the nodes it knew. When the network's producers change, the client follows by itself. `troubles`
-    holds, by name, why a node was passed over; one that served since is not in it.
+    `urls` (name to address) fixes the nodes, else they come from genesis and proved state; `first` is tried first.
+    `pinned` is a former client's. `troubles` holds unresolved failures by node.
     """
 
     def __init__(
@@ -86,7 +78,7 @@ class NetworkClient:
         clock: Clock | None = None,
         first: str | None = None,
     ) -> None:
-        """Raises CONFIGURATION_INVALID for addresses that are none, unknown nodes, or plain HTTP beyond loopback."""
+        """Raises CONFIGURATION_INVALID for invalid addresses, unknown nodes, plain HTTP beyond loopback."""
         self.genesis = genesis
         self.clock = clock or SystemClock()
         self.transactions = TransactionBuilder(genesis.chain_id, self.clock)
@@ -109,32 +101,26 @@ class NetworkClient:
         await self.close()
 
     async def close(self) -> None:
-        """Close every connection."""
         await self._connections.close()
 
     async def forget_key(self, public_key: bytes) -> None:
-        """Drop the sessions of a key and close its connections."""
         self._sessions.forget_key(public_key)
         await self._connections.close_lane(public_key)
 
     @property
     def pinned(self) -> bytes:
-        """What to persist and give to the next client: no node can show it an older state, and it finds the nodes."""
+        """State to persist for the next client; prevents rollback and keeps known nodes."""
         return write_pin(self.light_client, self._book.known)
 
     @property
     def nodes(self) -> tuple[NodeAddress, ...]:
-        """The nodes that are asked, as far as this client knows; that may change while it runs."""
+        """The known nodes; may change at run time."""
         return self._book.addresses
 
     # Who is there
 
     async def find_nodes(self, key: PrivateKey) -> None:
-        """Learn from the proved state which nodes there are, in the session of `key`, if it is time to.
-
-        Reading does this by itself. A client that only submits may call it now and then. What cannot be learned now
-        is learned later: the nodes that are known go on being asked.
-        """
+        """Refresh nodes when due; reads do so themselves, submit-only clients call this. Failure keeps known nodes."""
         if self._is_finding or not self._book.is_due(self._trust.epoch, self.clock.now_ms()):
             return
         self._is_finding = True
@@ -147,7 +133,7 @@ class NetworkClient:
             self._is_finding = False
 
     async def _learn_nodes(self, key: PrivateKey) -> None:
-        """Ask until nothing new is heard: a node that was removed still names those who were there when it went."""
+        """Repeat while news come: removed nodes name their last peers."""
         for _ in range(STEPS_MAX_COUNT):
             found = await read_known_nodes(partial(self._read_values, key=key), self._book.known)
             self._book.note_learned(self._trust.epoch, self.clock.now_ms())
@@ -169,10 +155,7 @@ class NetworkClient:
         query: Mapping[str, str | int] | None = None,
         timeout_ms: int = REQUEST_TIMEOUT_MS,
     ) -> bytes:
-        """Make one request to one node, in the session of `key` if one is given (on that key's own connections).
-
-        A session that is over is opened again, once. Raises what the node refuses with.
-        """
+        """Make one request, in the lane of `key` if given; reopens an expired session once."""
         if key is None:
             return await self._connections.request(
                 node, method, path, lane=lane, body=body, media_type=media_type, query=query, timeout_ms=timeout_ms
@@ -198,10 +181,8 @@ class NetworkClient:
         raise AssertionError("a loop of two attempts ends by answer or error")
 
     async def with_any_node(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool = False) -> T:
-        """Do the work with one node after another until one does it; begin with the one that served last.
-
-        Raises the first refusal that no other node could help with, or what `failure_of` says of them all. Where a
-        refusal `is_doubted`, since a node may lie or lag, one more node than may be faulty has to give it.
+        """Try nodes in turn; raises the first final refusal, or `failure_of` all. `is_doubted` refusals need more nodes
+        than may be faulty.
         """
         failures: list[BlockRobotError] = []
         believed_count = 1 + (Schedule.of(self.light_client.epoch).faults_tolerated if is_doubted else 0)
@@ -226,13 +207,11 @@ class NetworkClient:
             self._book.note_failure()
 
     def _in_turn(self) -> tuple[NodeAddress, ...]:
-        """Return the nodes, beginning with the one that served last."""
         nodes = self._book.addresses
         start = next((index for index, node in enumerate(nodes) if node.name == self._first), 0)
         return (*nodes[start:], *nodes[:start])
 
     async def _through_epochs(self, node: NodeAddress, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
-        """Do the work; while its proofs are of later epochs, follow the chain there by what the same node can prove."""
         while True:
             entered = self._trust.epoch
             try:
@@ -244,12 +223,11 @@ class NetworkClient:
                     raise
 
     async def _follow_epochs(self, node: NodeAddress) -> bool:
-        """Fetch the next steps through the epochs, on a connection of no key; tell whether they led further."""
         content = await self.ask_node(node, "GET", "/v1/epochs", query={"after": self._trust.epoch})
         return self._trust.follow(read_answer(content, EpochsAnswer))
 
     async def _ask_until_fresh(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
-        """As `with_any_node`, but give nodes that lag behind what this client has seen a moment to catch up."""
+        """As `with_any_node`, waiting for lagging nodes."""
         for _ in range(PASSES_MAX_COUNT - 1):
             try:
                 return await self.with_any_node(work)
@@ -262,10 +240,7 @@ class NetworkClient:
     # Transactions
 
     async def submit(self, transaction: Transaction) -> bytes:
-        """Hand a transaction to one node (it tells the others) and return its txid.
-
-        Raises why it was rejected, once more nodes than may be faulty have said so.
-        """
+        """Submit to one node. Raises a rejection once more nodes than may be faulty agree."""
 
         async def submit_to(node: NodeAddress) -> bytes:
             (error,) = await self._submit_to(node, [transaction])
@@ -276,9 +251,8 @@ class NetworkClient:
         return await self.with_any_node(submit_to, is_doubted=True)
 
     async def submit_batch(self, transactions: Sequence[Transaction]) -> list[BlockRobotError | None]:
-        """Hand up to 256 transactions to one node; for each return None, or why this node rejected it.
-
-        They travel on the first sender's connections: do not mix senders that must not be seen together.
+        """Submit up to 256 transactions to one node; return rejections or None. They share a lane, which links the
+        senders.
         """
         if not transactions:
             return []
@@ -310,10 +284,7 @@ class NetworkClient:
     async def wait_final(
         self, txid: bytes, timeout_ms: int = WAIT_DEFAULT_MS, *, lane: bytes = NO_LANE
     ) -> FinalReceipt:
-        """Wait until a transaction is final and return its proved receipt. `lane` names the key whose lane to use.
-
-        Raises TRANSACTION_NOT_FINAL_IN_TIME, TRANSACTION_EXPIRED.
-        """
+        """Return the proved receipt. Raises TRANSACTION_NOT_FINAL_IN_TIME, TRANSACTION_EXPIRED."""
         deadline_ms = self.clock.now_ms() + timeout_ms
         while True:
             left_ms = deadline_ms - self.clock.now_ms()
@@ -333,7 +304,7 @@ class NetworkClient:
                 await asyncio.sleep(PASS_PAUSE_MS / 1000)
 
     async def _look_up(self, node: NodeAddress, txid: bytes, wait_ms: int, lane: bytes) -> FinalReceipt | None:
-        """Ask one node for a transaction; return None while it is not final there. Raises TRANSACTION_EXPIRED."""
+        """Raises TRANSACTION_EXPIRED."""
         content = await self.ask_node(
             node,
             "GET",
@@ -350,10 +321,8 @@ class NetworkClient:
         return self._trust.receipt(answer.evidence, txid, answer.index)
 
     async def submit_and_wait(self, transaction: Transaction, timeout_ms: int = WAIT_DEFAULT_MS) -> FinalReceipt:
-        """Submit a transaction and wait for its proved receipt, sending it to other nodes while it is not final.
-
-        Safe to call again with the same transaction: it takes effect once. Raises why every node rejected it,
-        TRANSACTION_EXPIRED, or TRANSACTION_NOT_FINAL_IN_TIME (then it may still become final: look it up).
+        """Submit, resubmitting while not final; idempotent. Raises rejections, TRANSACTION_EXPIRED,
+        TRANSACTION_NOT_FINAL_IN_TIME (may still become final).
         """
         deadline_ms = self.clock.now_ms() + timeout_ms
         accepted = False
@@ -379,7 +348,7 @@ class NetworkClient:
             self._first = self._in_turn()[1 % len(self.nodes)].name
 
     async def _final_after_rejection(self, transaction: Transaction, error: BlockRobotError) -> FinalReceipt:
-        """A transaction that was final before (and has expired since) is no failure: look before raising."""
+        """Look up first: it may have been final before expiring."""
         try:
             receipt = await self.with_any_node(
                 lambda node: self._look_up(node, transaction.txid, 0, transaction.body.sender)
@@ -399,14 +368,14 @@ class NetworkClient:
         *,
         timeout_ms: int = WAIT_DEFAULT_MS,
     ) -> FinalReceipt:
-        """Build, sign, submit and wait; return the receipt of a call that succeeded. Raises CALL_REFUSED and the like."""
+        """Build, sign, submit and wait. Raises CALL_REFUSED and others."""
         transaction = self.transactions.build(key, contract, entry, arguments)
         return replace((await self.submit_and_wait(transaction, timeout_ms)).require_ok(), transaction=transaction)
 
     # Reading
 
     async def newest_header(self, key: PrivateKey) -> Header:
-        """Return the newest finalized header that a node can prove. Raises PROOF_STALE if all lag."""
+        """Return the newest provably finalized header. Raises PROOF_STALE if all lag."""
 
         async def ask(node: NodeAddress) -> Header:
             answer = read_answer(await self.ask_node(node, "GET", "/v1/finality", key=key), FinalityAnswer)
@@ -416,11 +385,7 @@ class NetworkClient:
         return await self._ask_until_fresh(ask)
 
     async def catch_up(self, key: PrivateKey) -> Header:
-        """Return the newest header that any node proves final, and begin with that node from now on.
-
-        One node alone may be cut off and not know it. From then on no older state is taken from any of them. Raises
-        NODE_UNREACHABLE and the like if none answers.
-        """
+        """Pin the newest header of any node, then prefer that node. Raises NODE_UNREACHABLE etc."""
 
         await self.find_nodes(key)
         nodes = self.nodes
@@ -435,16 +400,12 @@ class NetworkClient:
         return self.light_client.header
 
     async def node_header(self, node: NodeAddress, key: PrivateKey) -> Header:
-        """Return the newest header that this one node proves final, and pin it. Raises PROOF_STALE if it lags."""
+        """Pin and return this node's newest proved header. Raises PROOF_STALE."""
         content = await self.ask_node(node, "GET", "/v1/finality", key=key, timeout_ms=CATCH_UP_TIMEOUT_MS)
         return self._trust.finality(read_answer(content, FinalityAnswer).finality)
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
-        """Return the proved values of up to 128 flat keys, all from one finalized state, in the session of `key`.
-
-        Raises VALUE_INVALID beyond 128 keys, PROOF_INVALID if no node can prove them, PROOF_STALE if all nodes lag
-        behind what this client has verified before.
-        """
+        """Return up to 128 proved values of one state. Raises VALUE_INVALID, PROOF_INVALID, PROOF_STALE."""
         if not 1 <= len(keys) <= PROOF_KEYS_MAX_COUNT:
             raise BlockRobotError("VALUE_INVALID", f"One proof is for 1 to {PROOF_KEYS_MAX_COUNT} keys.")
         await self.find_nodes(key)
@@ -462,7 +423,7 @@ class NetworkClient:
     async def prove_public(
         self, asking: Callable[[NodeAddress], Awaitable[bytes]], keys: Sequence[bytes]
     ) -> ProvedState:
-        """Return what a question without a session proves of these keys. Raises PROOF_*, and what nodes refuse with."""
+        """Return values proved without a session. Raises PROOF_*."""
 
         async def ask(node: NodeAddress) -> ProvedState:
             return self._trust.values(read_answer(await asking(node), ProofsAnswer), keys)
@@ -470,11 +431,11 @@ class NetworkClient:
         return await self._ask_until_fresh(ask)
 
     async def state_value(self, flat: bytes, key: PrivateKey) -> Any:
-        """Return the proved value of one flat key, or None if it is absent."""
+        """Return a key's proved value, None if absent."""
         return (await self.state_values([flat], key)).values[flat]
 
     async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:
-        """Return what one node says a view returns: convenient, but not proved. Raises CALL_REFUSED and the like."""
+        """Return one node's unproved view result. Raises CALL_REFUSED etc."""
         document = {"contract": contract, "view": view, "args": encode_value(arguments).hex()}
         body = msgspec.json.encode(document)
         content = await self.with_any_node(lambda node: self.ask_node(node, "POST", "/v1/queries", key=key, body=body))
@@ -483,10 +444,7 @@ class NetworkClient:
     async def announcements(
         self, first: int, key: PrivateKey, limit: int = ANNOUNCEMENTS_PAGE_MAX_COUNT
     ) -> AnnouncementPage:
-        """Return the announcements from number `first` on, at most `limit` (up to 200), proved to be complete.
-
-        `page.next_number < page.count` tells that there are more.
-        """
+        """Return announcements from `first` (`limit` up to 200), proved complete."""
         if first < 0 or not 1 <= limit <= ANNOUNCEMENTS_PAGE_MAX_COUNT:
             raise BlockRobotError("VALUE_INVALID", f"A page has 1 to {ANNOUNCEMENTS_PAGE_MAX_COUNT} announcements.")
 

@@ -1,7 +1,5 @@
-"""Files that a user names: written whole, for their owner alone, never over another unasked, and never through a link.
-
-A new file is written beside its place, without a name where the system knows such files (it goes then with the program,
-however that ends), and only then gets its name.
+"""User-named files: atomic, private, not overwriting unasked, not following links. Unfinished ones are nameless where
+possible.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ _PRIVATE, _PUBLIC = 0o600, 0o644
 
 
 def read_given_file(path: Path, max_bytes: int) -> bytes:
-    """Return what a file of somebody else holds. Raises FILE_UNUSABLE for one that is larger, OSError."""
+    """Read a foreign file. Raises FILE_UNUSABLE if too large, OSError."""
     with path.open("rb") as file:
         data = file.read(max_bytes + 1)
     if len(data) > max_bytes:
@@ -29,7 +27,7 @@ def read_given_file(path: Path, max_bytes: int) -> bytes:
 
 
 def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:
-    """Raise FILE_EXISTS unless there is nothing at this place, or a plain file that may be replaced; FILE_UNUSABLE."""
+    """Raise FILE_EXISTS or FILE_UNUSABLE unless free or a replaceable plain file."""
     if path.is_symlink() or (path.exists() and (not replace or not path.is_file())):
         raise BlockRobotError("FILE_EXISTS", f"{path} is there already; nothing was written.{hint}")
     if not path.parent.is_dir():
@@ -37,17 +35,14 @@ def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:
 
 
 def write_new_file(path: Path, data: bytes | str, *, private: bool = True, replace: bool = False) -> None:
-    """Write a file, whole or not at all. Raises what `new_file` raises."""
+    """Write a file atomically. Raises as `new_file`."""
     with new_file(path, private=private, replace=replace) as file:
         file.write(data.encode() if isinstance(data, str) else data)
 
 
 @contextmanager
 def new_file(path: Path, *, private: bool = True, replace: bool = False) -> Iterator[BinaryIO]:
-    """Open a file that gets its name when the context ends well, and leaves nothing otherwise.
-
-    Only its owner reads it, unless it is not `private`. Raises FILE_EXISTS, FILE_UNUSABLE, OSError.
-    """
+    """Open a file named only on success. Raises FILE_EXISTS, FILE_UNUSABLE, OSError."""
     require_free(path, replace=replace)
     temporary = temporary_beside(path)
     file, place = create_nameless(temporary, _PRIVATE if private else _PUBLIC)
@@ -62,12 +57,11 @@ def new_file(path: Path, *, private: bool = True, replace: bool = False) -> Iter
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return a hidden place in the folder of a file, for what is to become it."""
     return path.with_name(f".{path.name[:64]}.{secrets.token_hex(4)}")
 
 
 def create_nameless(temporary: Path, mode: int = _PRIVATE) -> tuple[BinaryIO, Path]:
-    """Return a new file, and where it can be read: it has no name where that is possible, or else the temporary one."""
+    """Return a new file (nameless if supported) and its readable path."""
     nameless = getattr(os, "O_TMPFILE", 0) if _DESCRIPTORS.exists() else 0
     try:
         descriptor = os.open(temporary.parent, os.O_RDWR | nameless, mode)
@@ -79,7 +73,6 @@ def create_nameless(temporary: Path, mode: int = _PRIVATE) -> tuple[BinaryIO, Pa
 
 
 def finish(file: BinaryIO, place: Path, temporary: Path) -> None:
-    """Bring a file to the medium, and give it its temporary name if it has none."""
     file.flush()
     os.fsync(file.fileno())
     if place != temporary:
@@ -88,7 +81,7 @@ def finish(file: BinaryIO, place: Path, temporary: Path) -> None:
 
 
 def give_name(temporary: Path, path: Path, *, replace: bool) -> None:
-    """Give the finished file its name in one step; a file that appeared there meanwhile is not replaced unasked."""
+    """Rename atomically; without `replace`, existing files stay."""
     if replace:
         temporary.replace(path)
     else:
@@ -109,7 +102,7 @@ def give_name(temporary: Path, path: Path, *, replace: bool) -> None:
 
 
 def open_to_append(path: Path) -> BinaryIO:
-    """Open a file to add to it; a new one is for its owner alone, and not where a link leads. Raises OSError."""
+    """Open for appending, private if new, not through links. Raises OSError."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
     except FileNotFoundError:
@@ -118,10 +111,7 @@ def open_to_append(path: Path) -> BinaryIO:
 
 
 def write_private(path: Path, data: bytes | str) -> None:
-    """Write one of many files of a folder of ours, over one of an earlier time, for their owner alone. Raises OSError.
-
-    It takes no time to be on the medium at once, and is no place for what nobody can make again.
-    """
+    """Overwrite a reproducible file privately, without syncing it. Raises OSError."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, _PRIVATE)
     with os.fdopen(descriptor, "wb") as file:
         os.fchmod(descriptor, _PRIVATE)  # one of an earlier time may be open to others

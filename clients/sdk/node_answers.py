@@ -1,7 +1,4 @@
-"""The nodes' JSON answers as the client reads them.
-
-Unknown fields are ignored, so that a newer node can say more.
-"""
+"""Nodes' JSON answers. Unknown fields are ignored for forward compatibility."""
 
 from __future__ import annotations
 
@@ -31,7 +28,7 @@ class ProblemAnswer(Answer, frozen=True):
 
 
 class SubmitOutcomeAnswer(Answer, frozen=True):
-    """What became of one submitted transaction."""
+    """Result of one submitted transaction."""
 
     txid: str | None
     status: str
@@ -39,7 +36,7 @@ class SubmitOutcomeAnswer(Answer, frozen=True):
 
 
 class SubmitAnswer(Answer, frozen=True):
-    """What became of a batch."""
+    """Result of a batch."""
 
     results: list[SubmitOutcomeAnswer]
 
@@ -54,7 +51,7 @@ class FinalityDocument(Answer, frozen=True):
 
 
 class EvidenceDocument(Answer, frozen=True):
-    """What proves a receipt."""
+    """Proof of a receipt."""
 
     headers: list[str]
     finality: FinalityDocument
@@ -96,7 +93,7 @@ class KeyProofDocument(Answer, frozen=True):
 
 
 class ProofsAnswer(Answer, frozen=True):
-    """Proved keys under one root. The announcements' answer has the same two parts."""
+    """Proved keys under one root; announcements have the same parts."""
 
     finality: FinalityDocument | None
     proofs: list[KeyProofDocument]
@@ -130,7 +127,7 @@ class QueryAnswer(Answer, frozen=True):
 
 
 def read_answer(content: bytes, kind: type[A]) -> A:
-    """Read a JSON answer. Raises INTERNAL if the node does not speak this interface."""
+    """Parse a JSON answer. Raises INTERNAL if malformed."""
     try:
         return read_json_as(content, kind)
     except TextInvalidError:
@@ -138,7 +135,7 @@ def read_answer(content: bytes, kind: type[A]) -> A:
 
 
 def read_hex(text: str) -> bytes:
-    """Read hexadecimal of an answer. Raises INTERNAL if it is none."""
+    """Decode hexadecimal. Raises INTERNAL."""
     try:
         return bytes.fromhex(text)
     except ValueError:
@@ -146,10 +143,7 @@ def read_hex(text: str) -> bytes:
 
 
 def error_of(problem: ProblemAnswer) -> BlockRobotError:
-    """Return the refusal as an exception; a code that this version does not know becomes INTERNAL with the detail.
-
-    A terminal shows it, so nothing is left in it that a terminal would obey.
-    """
+    """Return the exception, without terminal control characters; unknown codes become INTERNAL."""
     detail = printable(problem.detail)
     if problem.code in CATALOGUE:
         return BlockRobotError(problem.code, detail)
@@ -157,7 +151,6 @@ def error_of(problem: ProblemAnswer) -> BlockRobotError:
 
 
 def read_problem(content: bytes, status: int) -> BlockRobotError:
-    """Return the exception for an answer that is no success."""
     try:
         return error_of(read_json_as(content, ProblemAnswer))
     except TextInvalidError:
@@ -165,7 +158,7 @@ def read_problem(content: bytes, status: int) -> BlockRobotError:
 
 
 def read_finality(document: FinalityDocument) -> FinalityProof:
-    """Return the proof as a struct. Raises INTERNAL or ENCODING_*."""
+    """Return the proof. Raises INTERNAL or ENCODING_*."""
     return FinalityProof(
         header_bytes=read_hex(document.header),
         child_header_bytes=read_hex(document.child_header),

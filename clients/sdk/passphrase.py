@@ -1,7 +1,5 @@
-"""Seals bytes under a passphrase: Argon2id (RFC 9106), then XChaCha20-Poly1305.
-
-A sealed file is msgpack of (header, nonce, sealed, checksum); the header names the format and holds salt and costs. The
-checksum tells a damaged file from a wrong passphrase.
+"""Passphrase encryption: Argon2id (RFC 9106), XChaCha20-Poly1305. File: msgpack of (header, nonce, sealed, checksum);
+the checksum distinguishes damage from a wrong passphrase.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ _KEY_BYTES = 32
 
 
 class SealedFileError(ValueError):
-    """The bytes are no sealed file of this format: the argument is `changed`, `no_file`, or `work` (costs)."""
+    """Invalid sealed file; the argument is `changed`, `no_file`, or `work` (costs)."""
 
 
 class PassphraseError(ValueError):
@@ -38,7 +36,7 @@ class PassphraseError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class PassphraseCost:
-    """How dear one guess of the passphrase is (Argon2id). Both values are stored in the file."""
+    """Argon2id cost per passphrase guess; stored in the file."""
 
     operations_count: int = pwhash.argon2id.OPSLIMIT_MODERATE
     memory_bytes: int = pwhash.argon2id.MEMLIMIT_MODERATE
@@ -46,7 +44,7 @@ class PassphraseCost:
 
 @dataclass(frozen=True, slots=True)
 class SealFormat:
-    """A kind of sealed file: the magic with which its header begins, and the tag of its checksum."""
+    """A sealed file's format: header magic and checksum tag."""
 
     magic: bytes
     checksum_tag: str
@@ -54,21 +52,21 @@ class SealFormat:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SealingKey:
-    """A key that a passphrase gave, with the header that says how it was derived."""
+    """A key derived from a passphrase, and its header."""
 
     header: bytes
     secret: bytes
     format: SealFormat
 
     def seal(self, content: bytes) -> bytes:
-        """Return the bytes of a file that holds `content`, under a fresh nonce."""
+        """Return a file holding `content`, under a fresh nonce."""
         nonce = secrets.token_bytes(_NONCE_BYTES)
         sealed = crypto_aead_xchacha20poly1305_ietf_encrypt(content, self.header, nonce, self.secret)
         checksum = tagged_hash(self.format.checksum_tag, self.header, nonce, sealed)
         return msgspec.msgpack.encode((self.header, nonce, sealed, checksum))
 
     def is_from(self, passphrase: str) -> bool:
-        """Tell whether this passphrase gives the key. As dear as opening the file."""
+        """Return whether the passphrase gives this key; costs a full derivation."""
         salt, cost = _read_header(self.header, self.format)
         return secrets.compare_digest(_derive(passphrase, salt, cost), self.secret)
 
@@ -82,7 +80,7 @@ def new_sealing_key(passphrase: str, seal_format: SealFormat, cost: PassphraseCo
 
 
 def open_sealed(data: bytes, passphrase: str, seal_format: SealFormat) -> tuple[bytes, SealingKey]:
-    """Return the content of a sealed file, and the key to seal it again. Raises SealedFileError, PassphraseError."""
+    """Return content and key for resealing. Raises SealedFileError, PassphraseError."""
     try:
         header, nonce, sealed, checksum = msgspec.msgpack.decode(data, type=tuple[bytes, bytes, bytes, bytes])
     except msgspec.MsgspecError:

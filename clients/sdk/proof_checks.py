@@ -1,8 +1,4 @@
-"""What the client believes, and why: the genesis file, and whatever proofs lead to from there.
-
-The pin holds
-that header and the steps through the epochs, so that the next run need not ask for them again (`clients/sdk/trust_pin.py`).
-"""
+"""Verification from genesis onwards; the pin is in `clients/sdk/trust_pin.py`."""
 
 from __future__ import annotations
 
@@ -35,10 +31,7 @@ HEADERS_MAX_COUNT = 256
 
 @dataclass(frozen=True, slots=True)
 class ProvedState:
-    """Proved values by flat key (None where the key is proved absent), and the block whose state they are of.
-
-    `answer` is what proved them, for who wants to hand the proofs on.
-    """
+    """Proved values by flat key (None: absent), their block, and the proving `answer`."""
 
     height: int
     timestamp_ms: int
@@ -47,7 +40,7 @@ class ProvedState:
 
 
 class ProofVerifier:
-    """Checks answers with a light client, and follows evidence down from final headers."""
+    """Checks answers with a light client."""
 
     def __init__(self, genesis: Genesis, light_client: LightClient) -> None:
         self._light_client = light_client
@@ -57,13 +50,12 @@ class ProofVerifier:
 
     @property
     def epoch(self) -> int:
-        """The number of the newest epoch that was entered."""
+        """Number of the newest epoch entered."""
         return self._light_client.epoch.number
 
     def follow(self, answer: EpochsAnswer) -> bool:
-        """Follow the chain through the epochs of an answer; tell whether that led further.
-
-        Raises PROOF_INVALID, CERTIFICATE_INVALID, PROOF_OTHER_EPOCH, ENCODING_*.
+        """Follow epochs; return whether it advanced. Raises PROOF_INVALID, CERTIFICATE_INVALID, PROOF_OTHER_EPOCH,
+        ENCODING_*.
         """
         before = self.epoch
         for proof in answer.epochs:
@@ -71,7 +63,7 @@ class ProofVerifier:
         return self.epoch > before
 
     def _final(self, proof: FinalityProof) -> Header:
-        """Return the header that a proof of an epoch already entered shows to be final. Raises PROOF_OTHER_EPOCH."""
+        """Raises PROOF_OTHER_EPOCH."""
         epoch, steps = decode(proof.header_bytes, Header).epoch, self._light_client.epochs
         if not 0 <= epoch <= len(steps):
             raise BlockRobotError("PROOF_OTHER_EPOCH", f"The proof is of epoch {epoch}.")
@@ -82,9 +74,8 @@ class ProofVerifier:
         return verify_finality(proof, schedule, self._chain_id, first_id)
 
     def finality(self, document: FinalityDocument | None) -> Header:
-        """Check a finality proof (None stands for genesis) and pin its header.
-
-        Raises CERTIFICATE_INVALID, PROOF_INVALID or ENCODING_*; PROOF_STALE if the header is older than the pinned one.
+        """Check a finality proof (None: genesis), pin its header. Raises CERTIFICATE_INVALID, PROOF_INVALID,
+        ENCODING_*, PROOF_STALE (older than pin).
         """
         if document is not None:
             return self._light_client.accept(read_finality(document))
@@ -93,9 +84,8 @@ class ProofVerifier:
         return self._genesis_header
 
     def values(self, answer: ProofsAnswer, keys: Sequence[bytes]) -> ProvedState:
-        """Check an answer that proves exactly these flat keys, in order, and return the decoded values.
-
-        Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*, PROOF_STALE.
+        """Return values proved for exactly these keys, in order. Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*,
+        PROOF_STALE.
         """
         header = self.finality(answer.finality)
         if [read_hex(proof.key) for proof in answer.proofs] != list(keys):
@@ -108,7 +98,7 @@ class ProofVerifier:
         return ProvedState(header.height, header.timestamp_ms, values, answer)
 
     def receipt(self, evidence: EvidenceDocument, txid: bytes, index: int) -> FinalReceipt:
-        """Check that the receipt of this transaction stands in a final block. Raises PROOF_INVALID and the like."""
+        """Check a transaction's receipt in a final block. Raises PROOF_INVALID etc."""
         header, block_id = self._follow(evidence)
         receipt = decode(read_hex(evidence.receipt), Receipt)
         leaf = tagged_hash("blockrobot/receipt-leaf", encode(receipt))
@@ -129,10 +119,7 @@ class ProofVerifier:
         )
 
     def _follow(self, evidence: EvidenceDocument) -> tuple[Header, bytes]:
-        """Follow the headers from the transaction's block to a final one; return the first header and its id.
-
-        A proof older than the pin is as good as a newer one: what was final stays final.
-        """
+        """Follow headers to a final one; proofs older than the pin are valid."""
         chain = [read_hex(header) for header in evidence.headers]
         if not 1 <= len(chain) <= HEADERS_MAX_COUNT:
             raise BlockRobotError("PROOF_INVALID", "The evidence has no headers or too many.")

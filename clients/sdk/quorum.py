@@ -1,4 +1,4 @@
-"""What one node cannot vouch for alone: that nothing newer is final, and that nobody takes a key for a member any more."""
+"""Facts one node cannot vouch for: that state is newest, that membership ended."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TURNED_AWAY = frozenset({"SESSION_REFUSED", "SENDER_NOT_ADMITTED"})
 
 
 class HeaderClient(Protocol):
-    """What is needed of `clients.sdk.network_client.NetworkClient`."""
+    """Subset of `NetworkClient`."""
 
     genesis: Genesis
     light_client: LightClient
@@ -36,11 +36,7 @@ class HeaderClient(Protocol):
 
 
 async def confirm_with_quorum(client: HeaderClient, key: PrivateKey) -> bool:
-    """Tell whether a quorum of the producers has answered with a header that is not older than the pinned one.
-
-    What was final for some seconds is known to one of them, unless they have been cut apart in those very seconds; from
-    then on the client takes no older state from anybody. Does not wait for the rest. Raises what reading raises.
-    """
+    """Return whether a quorum of producers answered with headers not older than the pin."""
     seats = await _seats(client, key)
     epoch = client.light_client.epoch
     missing = {seat for seat in epoch.producers if seat in seats.values()}
@@ -71,17 +67,13 @@ async def confirm_with_quorum(client: HeaderClient, key: PrivateKey) -> bool:
 
 
 async def require_quorum(client: HeaderClient, key: PrivateKey) -> None:
-    """Take no state from now on that is older than what a quorum of the producers knows (see `confirm_with_quorum`).
-
-    Whoever acts on what stands there of somebody else asks this first: one node can prove an old state, and be quiet of the
-    newer one. Raises QUORUM_UNHEARD if too few answer; then nothing could become final either.
-    """
+    """Require state at least as new as a quorum knows; guards against nodes serving old state. Raises QUORUM_UNHEARD."""
     if not await confirm_with_quorum(client, key):
         raise BlockRobotError("QUORUM_UNHEARD")
 
 
 async def is_rejected_by_network(client: HeaderClient, key: PrivateKey) -> bool:
-    """Tell whether no node serves this key, and more refuse it as no member than may be faulty."""
+    """Return whether no node serves this key, and more than may be faulty reject it."""
 
     async def ask(node: NodeAddress) -> str:
         try:
@@ -97,7 +89,6 @@ async def is_rejected_by_network(client: HeaderClient, key: PrivateKey) -> bool:
 
 
 async def _seats(client: HeaderClient, key: PrivateKey) -> dict[str, bytes]:
-    """Return the producers' keys by the names of their nodes, as the state proves them, else as genesis has them."""
     height, rows = await read_active_nodes(lambda keys: client.state_values(keys, key))
     nodes = rows if height else client.genesis.nodes
     return {node.name: node.producer_key for node in nodes if node.producer_key}

@@ -1,4 +1,4 @@
-"""The client's sessions, one for each node, key and grant."""
+"""Client sessions, one per node, key and grant."""
 
 from __future__ import annotations
 
@@ -26,10 +26,7 @@ class _Token:
 
 
 class GrantKey(PrivateKey):
-    """The one-time key of a grant, used as that grant's and as nothing else: its sessions name the grant (32 bytes).
-
-    The same key may be that of several grants, since their owner chooses it. So the grant goes with each question.
-    """
+    """A grant's one-time key, with the grant's id (32 bytes): several grants may share a key."""
 
     __slots__ = ("grant_id",)
 
@@ -52,10 +49,7 @@ class Sessions:
         self._tokens: OrderedDict[tuple[str, bytes, bytes], _Token] = OrderedDict()
 
     async def token(self, node: NodeAddress, key: PrivateKey, timeout_ms: int = REQUEST_TIMEOUT_MS) -> str:
-        """Return a token for this key at this node, opening a session if there is none that lasts.
-
-        Raises SESSION_REFUSED, NODE_UNREACHABLE and the like.
-        """
+        """Return a valid token, opening a session if needed. Raises SESSION_REFUSED, NODE_UNREACHABLE etc."""
         place = _place(node, key)
         known = self._tokens.get(place)
         if known is not None and known.expires_at_ms > self._clock.now_ms() + RENEW_BEFORE_MS:
@@ -67,19 +61,18 @@ class Sessions:
         return opened.text
 
     def open_token(self, node: NodeAddress, public_key: bytes) -> str | None:
-        """Return the token of a session that this key has at this node now, if it has one (no grant's)."""
+        """Return a key's open token at this node, excluding grants, or None."""
         known = self._tokens.get((node.name, public_key, b""))
         return known.text if known is not None and known.expires_at_ms > self._clock.now_ms() else None
 
     def forget(self, node: NodeAddress, key: PrivateKey, token: str) -> None:
-        """Drop a token that the node no longer takes, unless it was renewed meanwhile."""
+        """Drop a rejected token, unless renewed meanwhile."""
         place = _place(node, key)
         known = self._tokens.get(place)
         if known is not None and known.text == token:
             del self._tokens[place]
 
     def forget_key(self, public_key: bytes) -> None:
-        """Drop every token of a key, whatever grant it is for."""
         for place in [place for place in self._tokens if place[1] == public_key]:
             del self._tokens[place]
 

@@ -1,4 +1,4 @@
-"""What a client keeps between runs."""
+"""Client trust state kept between runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from consensus.primitives.encoding import Wire, decode, encode
 
 
 class Pin(Wire, frozen=True):
-    """The bytes of the newest header that was verified, the epochs that were followed, the nodes that were proved."""
+    """The newest verified header, followed epochs and proved nodes."""
 
     header_bytes: bytes
     epochs: tuple[EpochProof, ...]
@@ -18,15 +18,11 @@ class Pin(Wire, frozen=True):
 
 
 def write_pin(light_client: LightClient, known: KnownNodes) -> bytes:
-    """Return the pin of a client, encoded."""
     return encode(Pin(header_bytes=light_client.pinned_header_bytes, epochs=light_client.epochs, known=known))
 
 
 def open_pin(genesis: Genesis, pinned: bytes | None) -> tuple[LightClient, KnownNodes | None]:
-    """Return a light client at genesis, or where the client was that kept this pin, and the nodes that it knew.
-
-    Raises ENCODING_*, PROOF_INVALID and the like for a pin of another chain.
-    """
+    """Return a light client and nodes restored from the pin. Raises ENCODING_*, PROOF_INVALID for another chain's."""
     if pinned is None:
         return LightClient(genesis), None
     pin = decode(pinned, Pin)

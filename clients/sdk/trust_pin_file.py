@@ -1,8 +1,4 @@
-"""A client whose pin lives in a file: for programs that run again and again.
-
-So every run begins where the last one was: no node can show it an older state, and it finds the network's nodes even
-when none of those in the genesis file is left.
-"""
+"""A client with its pin in a file, against rollback between runs."""
 
 from __future__ import annotations
 
@@ -20,7 +16,6 @@ PIN_FILE = "client.pin"
 
 
 def read_pin(path: Path) -> bytes | None:
-    """Return the pin in a file, or None if there is none yet."""
     try:
         return path.read_bytes()
     except FileNotFoundError:
@@ -28,7 +23,7 @@ def read_pin(path: Path) -> bytes | None:
 
 
 def write_pin_file(path: Path, pin: bytes) -> None:
-    """Replace the pin in a file, whole or not at all; readable by its owner only."""
+    """Replace the pin atomically, readable by its owner only."""
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as file:
@@ -38,7 +33,7 @@ def write_pin_file(path: Path, pin: bytes) -> None:
 
 @contextlib.asynccontextmanager
 async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[NetworkClient]:
-    """Open a client with the pin in a file, and keep its new pin there. Raises FILE_UNUSABLE for a damaged one."""
+    """Open a client and save its new pin. Raises FILE_UNUSABLE if damaged."""
     pinned = read_pin(path)
     try:
         client = NetworkClient(genesis, pinned=pinned)

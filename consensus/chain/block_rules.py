@@ -1,7 +1,6 @@
-"""What makes a block well formed, whoever looks at it. Must never depend on the state, the clock or the node.
+"""Stateless validity rules of blocks.
 
-These checks bind a block's content to its id: the id covers the header only, so a relay could change transactions or
-signature without changing the id. A block that fails here was never that block, and says nothing about its producer.
+The id covers only the header, so a failing block does not incriminate its producer.
 """
 
 from __future__ import annotations
@@ -34,9 +33,7 @@ def _require(condition: bool, detail: str) -> None:
 
 
 def is_safe_to_extend(header: Header) -> bool:
-    """Tell whether a header may stand in its round (R5): its QC is of the round before, or a TC of the round before
-    proves that a quorum knew of no QC higher than the header's.
-    """
+    """Return whether a header's QC or TC justifies its round (R5)."""
     if header.qc.round == header.round - 1:
         return True
     tc = header.tc
@@ -44,21 +41,17 @@ def is_safe_to_extend(header: Header) -> bool:
 
 
 def may_give_up_change(header: Header, schedule: Schedule) -> bool:
-    """Tell whether so many rounds were lost since the parent that any change may be given up (R42).
-
-    They are the turns of more leaders than may be faulty: an honest one had its turn, and got no block certified.
-    """
+    """Return whether more leaders than may be faulty lost their turns (R42)."""
     lost_rounds = header.round - header.qc.round - 1
     return lost_rounds >= lost_rounds_before_giving_up(schedule)
 
 
 def lost_rounds_before_giving_up(schedule: Schedule) -> int:
-    """Return the least number of lost rounds that `may_give_up_change` asks for."""
     return schedule.blocks_per_turn * (schedule.faults_tolerated + 1)
 
 
 def check_header_form(header: Header, chain_id: bytes, schedule: Schedule) -> None:
-    """Check all fields of a header that need no signature and no parent. Raises BLOCK_INVALID."""
+    """Check header fields that need neither signature nor parent. Raises BLOCK_INVALID."""
     _require(header.version == HEADER_VERSION, f"The block has version {header.version}.")
     _require(header.chain_id == chain_id, "The block is of another chain.")
     _require(header.epoch == schedule.epoch, "The block is of another epoch.")
@@ -76,7 +69,6 @@ def check_header_form(header: Header, chain_id: bytes, schedule: Schedule) -> No
 
 
 def _check_epoch_fields(header: Header) -> None:
-    """R21: a boundary names the next epoch by a hash; a closing block holds nothing."""
     if header.next_schedule_hash is not None:
         _require(len(header.next_schedule_hash) == HASH_SIZE_BYTES, "The next epoch's hash has a wrong size.")
         _require(not header.is_closing, "A closing block ends its epoch a second time.")
@@ -91,10 +83,7 @@ def _check_epoch_fields(header: Header) -> None:
 
 
 def is_fit_for_parent(header: Header, parent: Header) -> bool:
-    """Tell whether a block may stand on its parent (R14, R21, R23), whose id its header names.
-
-    The parent is of the same epoch, or it is the boundary from which the block's epoch begins.
-    """
+    """Return whether a block fits its parent, possibly the boundary (R14, R21, R23)."""
     parent_round, is_closing = parent.round, parent.ends_epoch
     if parent.epoch != header.epoch:
         parent_round, is_closing = GENESIS_ROUND, False
@@ -108,7 +97,7 @@ def is_fit_for_parent(header: Header, parent: Header) -> bool:
 
 
 def check_body(block: Block, header: Header) -> None:
-    """Check that the transactions are those of the header. Raises BLOCK_INVALID or ENCODING_*."""
+    """Check the body against the header. Raises BLOCK_INVALID or ENCODING_*."""
     _require(len(block.transactions) <= BLOCK_TRANSACTIONS_MAX_COUNT, "The block has too many transactions.")
     _require(sum(map(len, block.transactions)) <= BLOCK_SIZE_MAX_BYTES, "The block is too large.")
     txids = [compute_txid(decode(wire, TransactionWire).body) for wire in block.transactions]
@@ -118,7 +107,7 @@ def check_body(block: Block, header: Header) -> None:
 def check_block(
     block: Block, header: Header, *, chain_id: bytes, schedule: Schedule, round_zero_id: bytes, check: SignatureCheck
 ) -> None:
-    """Check a block's form, body, signature and certificates. Raises BLOCK_INVALID, CERTIFICATE_INVALID, ENCODING_*."""
+    """Check form, body, signature and certificates. Raises BLOCK_INVALID, CERTIFICATE_INVALID, ENCODING_*."""
     check_header_form(header, chain_id, schedule)
     producer_key = schedule.producers[header.producer]
     parts = proposal_parts(chain_id, header.epoch, header.round, sha256(block.header_bytes))

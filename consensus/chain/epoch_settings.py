@@ -1,7 +1,4 @@
-"""What an epoch decides: its producers and the chain's settings. Must never hold a choice of one node.
-
-The genesis file decides epoch 0; each later epoch is decided by a boundary block, whose header names it by its hash.
-"""
+"""An epoch's producers and chain settings, set by genesis or a boundary block."""
 
 from __future__ import annotations
 
@@ -22,7 +19,7 @@ BLOCKS_PER_TURN_MAX_COUNT = 100
 
 
 class ChainSettings(Wire, frozen=True):
-    """Settings that all nodes share. `production` is `on-demand`, `interval:MS` or `manual`."""
+    """Chain-wide settings; `production` is `on-demand`, `interval:MS` or `manual`."""
 
     base_timeout_ms: int = 500
     timeout_cap_ms: int = 8_000
@@ -34,10 +31,9 @@ class ChainSettings(Wire, frozen=True):
 
 
 class Epoch(Wire, frozen=True):
-    """All that is needed to check the blocks of an epoch.
+    """What checks an epoch's blocks.
 
-    `producers` holds 33-byte keys in the order of their turns; `leaderless` the sorted indexes of those that keep seat
-    and vote but lead nothing.
+    `producers` are 33-byte keys in turn order; `leaderless` the sorted indexes that vote but never lead.
     """
 
     number: int
@@ -47,12 +43,11 @@ class Epoch(Wire, frozen=True):
 
 
 def compute_epoch_hash(epoch: Epoch) -> bytes:
-    """Return the 32-byte hash by which the header of a boundary block names the epoch that follows it."""
     return tagged_hash(EPOCH_TAG, encode(epoch))
 
 
 def parse_production(production: str) -> int | None:
-    """Return the interval in ms of `interval:MS`, 0 for `on-demand`, None for `manual`. Raises GENESIS_INVALID."""
+    """Return ms of `interval:MS`, 0 for `on-demand`, None for `manual`. Raises GENESIS_INVALID."""
     if production == "on-demand":
         return 0
     if production == "manual":
@@ -66,10 +61,7 @@ def parse_production(production: str) -> int | None:
 
 
 def check_settings(settings: ChainSettings) -> None:
-    """Check the ranges of all settings, the same as the contract `settings` allows. Raises GENESIS_INVALID.
-
-    Outside of them a chain stands still: rounds end before their votes arrive, or transactions expire before a block.
-    """
+    """Check settings to the same ranges as contract `settings`. Raises GENESIS_INVALID."""
     parse_production(settings.production)
     base_ms, cap_ms = settings.base_timeout_ms, settings.timeout_cap_ms
     in_range = (

@@ -1,8 +1,4 @@
-"""Proof that a producer spoke twice: two different ids under its signature in one round. Must never accuse the innocent.
-
-A producer's signatures are deterministic and it journals before it speaks (R12, R13), so an honest one never signs two
-ids of one kind in one (epoch, round). Whoever sees such a pair makes the same bytes of it, whichever came first (R30).
-"""
+"""Equivocation evidence: two ids signed by one producer in one round (R12, R13), identically encoded by everyone (R30)."""
 
 from __future__ import annotations
 
@@ -19,7 +15,7 @@ _EPOCH_END, _ROUND_END = 1 << 32, 1 << 53
 
 
 class Evidence(Wire, frozen=True):
-    """Two words of `producer` (33-byte key) in one round, `first_id` < `second_id`, with their 64-byte signatures."""
+    """Two signatures (64 bytes) of `producer` (33-byte key) in one round, `first_id` < `second_id`."""
 
     kind: str
     epoch: int
@@ -34,7 +30,6 @@ class Evidence(Wire, frozen=True):
 def make_evidence(
     kind: str, epoch: int, round_number: int, producer: bytes, one: tuple[bytes, bytes], other: tuple[bytes, bytes]
 ) -> Evidence:
-    """Return the evidence of two words, each (block id, signature), in whichever order they came."""
     (first_id, first_signature), (second_id, second_signature) = sorted((one, other))
     return Evidence(
         kind=kind,
@@ -59,14 +54,14 @@ def is_genuine_word(
     signature: bytes,
     check: SignatureCheck = verify,
 ) -> bool:
-    """Tell whether `producer` signed a proposal or vote for this id in this round. Never raises for a kind it knows."""
+    """Return whether `producer` signed this proposal or vote; never raises for known kinds."""
     if len(block_id) != HASH_SIZE_BYTES or not 0 < round_number < _ROUND_END or not 0 <= epoch < _EPOCH_END:
         return False
     return check(producer, _TAGS[kind], signature, *_PARTS[kind](chain_id, epoch, round_number, block_id))
 
 
 def verify_evidence(evidence: Evidence, chain_id: bytes, check: SignatureCheck = verify) -> None:
-    """Check that both words are the producer's and contradict each other. Raises EVIDENCE_INVALID."""
+    """Check that both signatures are genuine and contradict. Raises EVIDENCE_INVALID."""
     if evidence.kind not in _TAGS:
         raise BlockRobotError("EVIDENCE_INVALID", f"There is no evidence of kind {evidence.kind!r}.")
     if not evidence.first_id < evidence.second_id:

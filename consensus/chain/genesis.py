@@ -1,8 +1,4 @@
-"""The genesis file: all that a client must trust. Must never hold a secret or anything that is not the same everywhere.
-
-It names the organisations with their certificate authorities, the nodes, the first schedule, the chain's settings, the
-contracts by the hash of their source, and the state root after the contracts' genesis entries ran.
-"""
+"""The public genesis file, a client's root of trust."""
 
 from __future__ import annotations
 
@@ -37,7 +33,7 @@ GENESIS_VERSION = 1
 
 
 class Organisation(Wire, frozen=True):
-    """An organisation: its name, its CA certificate (PEM), its admins' and registrars' member keys (33 bytes)."""
+    """An organisation: name, CA certificate (PEM), admin and registrar keys (33 bytes)."""
 
     name: str
     ca_certificate: str
@@ -46,7 +42,7 @@ class Organisation(Wire, frozen=True):
 
 
 class NodeEntry(Wire, frozen=True):
-    """A node: who runs it, where it is, and its keys (33 bytes; empty if it is no producer or no custodian)."""
+    """A node: operator, address and keys (33 bytes; empty without that role)."""
 
     name: str
     organisation: str
@@ -59,17 +55,16 @@ class NodeEntry(Wire, frozen=True):
 
 
 class ContractEntry(Wire, frozen=True):
-    """A contract that is there from genesis: its name and the SHA-256 of its source."""
+    """A genesis contract: name and SHA-256 of its source."""
 
     name: str
     source_hash: bytes
 
 
 class Genesis(Wire, frozen=True):
-    """The whole file. `state_root` is that after the genesis entries; it is no part of the chain id.
+    """The whole file; `state_root` follows the genesis entries and is outside the chain id.
 
-    `contract_language` is the version of the language that the contracts are written in, with its prices of gas: a node
-    that charged otherwise would come to other results in the middle of the chain.
+    `contract_language` is the contracts' language version with its gas prices; all nodes must agree on it.
     """
 
     version: int
@@ -85,23 +80,19 @@ class Genesis(Wire, frozen=True):
 
     @property
     def chain_id(self) -> bytes:
-        """The 32-byte chain id: a hash of everything but the state root."""
         return tagged_hash("blockrobot/chain", encode(msgspec.structs.replace(self, state_root=b"")))
 
     @property
     def epoch(self) -> Epoch:
-        """Epoch 0: the nodes with a producer key, in file order, and the file's settings."""
         producers = tuple(node.producer_key for node in self.nodes if node.producer_key)
         return Epoch(number=0, producers=producers, leaderless=(), settings=self.settings)
 
     @property
     def schedule(self) -> Schedule:
-        """The schedule of epoch 0."""
         return Schedule.of(self.epoch)
 
     @property
     def custodians(self) -> tuple[NodeEntry, ...]:
-        """The nodes that keep off-chain data."""
         return tuple(node for node in self.nodes if node.custodian_key)
 
     def node(self, name: str) -> NodeEntry:
@@ -112,7 +103,6 @@ class Genesis(Wire, frozen=True):
         raise BlockRobotError("GENESIS_INVALID", f"The genesis file names no node {name!r}.")
 
     def block(self) -> Block:
-        """Return the genesis block: height 0, round 0, no producer, the genesis state."""
         empty_root = merkle_root([])
         header = Header(
             version=HEADER_VERSION,
@@ -135,7 +125,6 @@ class Genesis(Wire, frozen=True):
 
     @property
     def block_id(self) -> bytes:
-        """The id of the genesis block."""
         return compute_header_id(self.block().header)
 
 
@@ -159,12 +148,10 @@ def _bytes_to_hex(value: Any) -> Any:
 
 
 def genesis_to_json(genesis: Genesis) -> str:
-    """Return the file's text: JSON with named fields, bytes in lower-case hex."""
     return json.dumps(_bytes_to_hex(genesis), indent=2, ensure_ascii=False) + "\n"
 
 
 def _named(kind: type[Wire], value: Any) -> list[Any]:
-    """Turn a JSON object with named fields into the array form of `kind`, refusing unknown and missing fields."""
     names = kind.__struct_fields__
     if not isinstance(value, dict) or set(value) != set(names):
         raise BlockRobotError("GENESIS_INVALID", f"The part {kind.__name__} of the genesis file has wrong fields.")
@@ -172,7 +159,6 @@ def _named(kind: type[Wire], value: Any) -> list[Any]:
 
 
 def _from_hex(kind: Any, value: Any) -> Any:
-    """Read hexadecimal text where the field's type says bytes."""
     if kind is bytes:
         return bytes.fromhex(value)
     if kind == tuple[bytes, ...]:
@@ -181,7 +167,7 @@ def _from_hex(kind: Any, value: Any) -> Any:
 
 
 def genesis_from_json(text: str) -> Genesis:
-    """Read a genesis file. Raises GENESIS_INVALID with what is wrong."""
+    """Parse a genesis file. Raises GENESIS_INVALID."""
     try:
         raw = read_json_text(text)
         fields = dict(zip(Genesis.__struct_fields__, _named(Genesis, raw), strict=True))

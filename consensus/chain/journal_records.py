@@ -1,8 +1,4 @@
-"""The journal's records: what a producer must know after a crash to never contradict itself. Must never lose a vote.
-
-One kind of record for all occasions, so that reading back is a merge in which every field only moves forward: a
-journal that was cut short at any record is a state in which the producer had not yet spoken what came after.
-"""
+"""Journal records that keep a restarted producer consistent; merged, every field only moves forward."""
 
 from __future__ import annotations
 
@@ -25,7 +21,7 @@ SILENCE_OUTDATED = "outdated"
 
 
 class SigningLockout(Wire, frozen=True):
-    """Why a producer must stay silent: until a block above `above_round` of `epoch` is final (None: not known yet)."""
+    """Signing lockout until a block above `above_round` of `epoch` is final (None: unknown)."""
 
     reason: str
     epoch: int
@@ -33,7 +29,7 @@ class SigningLockout(Wire, frozen=True):
 
 
 class JournalRecord(Wire, frozen=True):
-    """One entry. `blocks` are those not journalled before, oldest first; `proposed_id` names one's own among them."""
+    """One entry; `blocks` are newly journalled, oldest first, `proposed_id` one's own."""
 
     kind: str
     epoch: int
@@ -49,7 +45,7 @@ class JournalRecord(Wire, frozen=True):
 
 @dataclass(slots=True)
 class JournalState:
-    """What a journal says when read to its end: the newest of everything, by round."""
+    """The merged journal: the newest of everything, by round."""
 
     last_voted_round: int = 0
     high_qc: QuorumCertificate | None = None
@@ -65,7 +61,6 @@ class JournalState:
 
 
 def encode_block_record(epoch: int, block: Block) -> bytes:
-    """Return a record that holds one block and nothing else."""
     record = JournalRecord(
         kind=KIND_BLOCK,
         epoch=epoch,
@@ -82,7 +77,6 @@ def encode_block_record(epoch: int, block: Block) -> bytes:
 
 
 def encode_silence_record(epoch: int, last_voted_round: int, mark: SigningLockout | None) -> bytes:
-    """Return a record that begins a silence, changes it, or ends it (None)."""
     record = JournalRecord(
         kind=KIND_SILENCE,
         epoch=epoch,
@@ -99,14 +93,13 @@ def encode_silence_record(epoch: int, last_voted_round: int, mark: SigningLockou
 
 
 def encode_restored_record() -> bytes:
-    """Return the record that an operator's `--restored` puts behind the journal, or into a new one in its place."""
     return encode_silence_record(0, 0, SigningLockout(reason=SILENCE_RESTORED, epoch=0, above_round=None))
 
 
 def read_journal(records: Iterable[bytes], epoch: int) -> JournalState:
-    """Merge the records of `epoch`, in order; a silence lasts over epochs. Raises ENCODING_* for what is no record.
+    """Merge the records of `epoch` in order. Raises ENCODING_*.
 
-    Records of earlier epochs limit nothing (R24). Those of later ones are handed on for the core that they are meant for.
+    Lockouts span epochs; earlier epochs' records limit nothing (R24), later ones are passed on.
     """
     state = JournalState(newest_epoch=epoch)
     for data in records:

@@ -1,8 +1,7 @@
-"""What a wallet, robot or auditor needs to believe a node: the genesis file and this module. Must never trust a node.
+"""The light client: proves headers and values without trusting nodes.
 
-A header is final if it and a child of the next round are both certified (R8); a value is the ledger's if a proof leads
-from it to the state root of a final header (R19). The newest header seen is pinned, so that no node can take its user
-back in time (R20). Who may certify changes with the epoch, so a client follows the epochs one by one (R26).
+Finality needs a certified next-round child (R8), values a state proof (R19). Pinning prevents rollback (R20); epochs
+are followed in order (R26).
 """
 
 from __future__ import annotations
@@ -27,12 +26,9 @@ def _require(condition: bool, detail: str) -> None:
 
 
 def verify_finality(proof: FinalityProof, schedule: Schedule, chain_id: bytes, round_zero_id: bytes) -> Header:
-    """Return the header that the proof shows to be final (R8, R19, R22).
+    """Return the header proven final (R8, R19, R22); `round_zero_id` is genesis or the boundary.
 
-    `round_zero_id` is the block that round 0 of the schedule's epoch certifies: genesis, or the boundary before it.
-    Raises PROOF_OTHER_EPOCH if the header is not of the schedule's epoch, PROOF_INVALID if the headers are not of one
-    chain ending in consecutive rounds or only close the epoch, CERTIFICATE_INVALID if a certificate is not a quorum's,
-    ENCODING_* if the bytes are no headers.
+    Raises PROOF_OTHER_EPOCH, PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*.
     """
     raw = [proof.header_bytes, *proof.through, proof.child_header_bytes]
     headers = [decode(data, Header) for data in raw]
@@ -62,15 +58,15 @@ def verify_finality(proof: FinalityProof, schedule: Schedule, chain_id: bytes, r
 
 
 class LightClient:
-    """Follows one chain from its genesis file through its epochs; pins the newest header that it verified."""
+    """Follows one chain through its epochs, pinning the newest verified header."""
 
     def __init__(
         self, genesis: Genesis, pinned_header_bytes: bytes | None = None, epochs: Sequence[EpochProof] = ()
     ) -> None:
-        """Begin at genesis, or where an earlier client was: with the header that it kept and its `epochs`.
+        """Start at genesis, or from a kept header and its `epochs`.
 
-        Without the epochs up to the pinned header's, nothing is accepted until `advance` was given them. Raises
-        ENCODING_*, and what `advance` raises.
+        Without all epochs up to the header's, nothing is accepted before `advance`. Raises ENCODING_*, and as
+        `advance`.
         """
         self._chain_id = genesis.chain_id
         self._epoch = genesis.epoch
@@ -86,37 +82,28 @@ class LightClient:
 
     @property
     def header(self) -> Header:
-        """The newest header that was verified."""
         return self._header
 
     @property
     def header_id(self) -> bytes:
-        """The 32-byte id of the pinned header."""
         return sha256(self._header_bytes)
 
     @property
     def pinned_header_bytes(self) -> bytes:
-        """The pinned header's bytes, for a client that keeps them between runs."""
         return self._header_bytes
 
     @property
     def epoch(self) -> Epoch:
-        """The epoch that the client is in: it believes headers of this one only."""
         return self._epoch
 
     @property
     def epochs(self) -> tuple[EpochProof, ...]:
-        """The proofs that led here from genesis, for a client that keeps them between runs."""
         return tuple(self._epochs)
 
     def advance(self, proof: EpochProof) -> Epoch:
-        """Follow the chain into its next epoch (R26); return the epoch that the client is in then.
+        """Enter the next epoch (R26); a known one is not reverified. Return the current epoch.
 
-        An epoch that the client has already entered changes nothing, and its certificates are not verified again: who
-        keeps a proof must see that the client went forward with it. Raises PROOF_OTHER_EPOCH if those between are
-        missing, PROOF_INVALID if the boundary names another epoch, contradicts what was pinned, or is not the one by
-        which the client entered that epoch, GENESIS_INVALID if the epoch has no producers, and what `verify_finality`
-        raises.
+        Raises PROOF_OTHER_EPOCH for gaps, PROOF_INVALID, GENESIS_INVALID without producers, and as `verify_finality`.
         """
         if proof.epoch.number <= self._epoch.number:
             self._require_known(proof)
@@ -155,10 +142,10 @@ class LightClient:
         )
 
     def accept(self, proof: FinalityProof) -> Header:
-        """Verify a proof and pin its header, if it is newer (R20); return the header.
+        """Verify a proof, pin its header if newer (R20) and return it.
 
-        Raises PROOF_OTHER_EPOCH for a header of a later epoch (`advance` first), PROOF_STALE for an older header,
-        PROOF_INVALID for one that contradicts the pinned one, and what `verify_finality` raises.
+        Raises PROOF_OTHER_EPOCH (call `advance` first), PROOF_STALE, PROOF_INVALID for a contradiction, and as
+        `verify_finality`.
         """
         epoch = decode(proof.header_bytes, Header).epoch
         if epoch < self._epoch.number:
@@ -172,10 +159,9 @@ class LightClient:
         return header
 
     def verify_state(self, proof: FinalityProof, key: bytes, value: bytes | None, state_proof: Proof) -> Any:
-        """Return the decoded value that the flat key holds in the state after the proof's header; None if absent.
+        """Return the decoded value of a flat key after the proof's header; None if absent.
 
-        `value` is what the node claims: encoded bytes, or None for an absent key. Raises what `accept` raises,
-        PROOF_INVALID if the state proof does not lead to the header's state root, and ENCODING_* for no value.
+        `value` is the node's claim (encoded bytes or None). Raises as `accept`, PROOF_INVALID, ENCODING_*.
         """
         header = self.accept(proof)
         verify_proof(header.state_root, key, value, state_proof)
@@ -185,7 +171,6 @@ class LightClient:
         return BlockRobotError("PROOF_STALE", f"{detail} Height {self._header.height} was final before.")
 
     def _is_older(self, header: Header) -> bool:
-        """Tell whether a header comes before the pinned one in all that only grows: height, and epoch with round."""
         pinned = self._header
         return header.height < pinned.height and (header.epoch, header.round) < (pinned.epoch, pinned.round)
 

@@ -1,4 +1,4 @@
-"""Whether what peers sent is genuine: signatures, certificates, ranges. Must never raise for anything a peer can send."""
+"""Authenticity checks of peer messages; raise for nothing a peer can send."""
 
 from __future__ import annotations
 
@@ -14,18 +14,16 @@ ROUND_MAX = 1 << 53
 
 
 class MessageChecks:
-    """The checks of one epoch of one chain."""
+    """The checks of one chain's epoch."""
 
     def __init__(self, chain_id: bytes, schedule: Schedule, round_zero_id: bytes, check: SignatureCheck) -> None:
         self._chain_id, self._schedule, self._round_zero_id = chain_id, schedule, round_zero_id
         self._check = check
 
     def has_producer(self, index: int | None) -> bool:
-        """Tell whether the index is one of the schedule's."""
         return index is not None and 0 <= index < len(self._schedule.producers)
 
     def of_qc(self, qc: QuorumCertificate) -> bool:
-        """Tell whether a quorum of this epoch made the certificate."""
         try:
             verify_qc(qc, self._schedule, self._chain_id, self._round_zero_id, self._check)
         except BlockRobotError:
@@ -33,7 +31,6 @@ class MessageChecks:
         return qc.round < ROUND_MAX
 
     def of_tc(self, tc: TimeoutCertificate) -> bool:
-        """Tell whether a quorum of this epoch gave the round up."""
         try:
             verify_tc(tc, self._schedule, self._chain_id, self._check)
         except BlockRobotError:
@@ -41,14 +38,12 @@ class MessageChecks:
         return tc.round < ROUND_MAX
 
     def of_vote(self, vote: Vote) -> bool:
-        """Tell whether the producer named in the vote signed it. The caller has checked its index and round."""
         if len(vote.block_id) != HASH_SIZE_BYTES:
             return False
         parts = vote_parts(self._chain_id, vote.epoch, vote.round, vote.block_id)
         return self._check(self._schedule.producers[vote.index], VOTE_TAG, vote.signature, *parts)
 
     def of_timeout(self, timeout: Timeout) -> bool:
-        """Tell whether a producer of this epoch signed the timeout; its certificates are looked at apart."""
         if not self.has_producer(timeout.index) or timeout.epoch != self._schedule.epoch:
             return False
         if not 0 <= timeout.qc.round < timeout.round < ROUND_MAX:
@@ -57,11 +52,9 @@ class MessageChecks:
         return self._check(self._schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts)
 
     def of_word(self, word: Word, index: int) -> bool:
-        """Tell whether this producer of the epoch signed the word."""
         return is_genuine(word, self._chain_id, self._schedule.producers[index])
 
     def of_block(self, block: Block, header: Header) -> bool:
-        """Tell whether the block is well formed, its leader's, and carries genuine certificates (R14)."""
         try:
             check_block(
                 block,

@@ -1,8 +1,4 @@
-"""What producers say to each other about rounds, and the exact bytes that they sign. Must never be signed unjournalled.
-
-Every signed string names chain, epoch and round under its own domain tag, so that a vote can pass neither for a
-timeout nor for a vote on another chain or in another epoch.
-"""
+"""Messages between producers; each signature covers chain, epoch and round under its own tag."""
 
 from __future__ import annotations
 
@@ -24,7 +20,7 @@ SILENT = "silent"
 
 
 class Vote(Wire, frozen=True):
-    """One producer's vote for one block of one round."""
+    """A producer's vote for a block."""
 
     epoch: int
     round: int
@@ -34,7 +30,7 @@ class Vote(Wire, frozen=True):
 
 
 class Timeout(Wire, frozen=True):
-    """One producer gave a round up: with the highest QC it knows and the TC by which it entered the round."""
+    """A producer's timeout, with its highest QC and entering TC."""
 
     epoch: int
     round: int
@@ -45,20 +41,20 @@ class Timeout(Wire, frozen=True):
 
 
 class Proposal(Wire, frozen=True):
-    """A leader's block for its round. The block's header carries the QC and, after a lost round, the TC."""
+    """A leader's block; the header carries QC and, after a lost round, TC."""
 
     block: Block
 
 
 class CertificateNotice(Wire, frozen=True):
-    """The answer to a stale timeout: the highest QC and the TC by which the sender entered its round."""
+    """Answer to a stale timeout: highest QC and entering TC."""
 
     qc: QuorumCertificate
     entered_by: TimeoutCertificate | None
 
 
 class Word(Wire, frozen=True):
-    """Any signed word of a producer, cut down to what was signed. A timeout names no block, the others no QC round."""
+    """A producer's signed word; a timeout names no block, others no QC round."""
 
     kind: str
     epoch: int
@@ -69,16 +65,16 @@ class Word(Wire, frozen=True):
 
 
 class WordsRequest(Wire, frozen=True):
-    """A producer that just started asks what was last heard of it (R33). `asked_at_ms` comes back in the answer."""
+    """A restarted producer's request for its last words (R33); `asked_at_ms` is echoed."""
 
     epoch: int
     asked_at_ms: int
 
 
 class WordsAnswer(Wire, frozen=True):
-    """What the sender holds of the asker (`word`), and of itself: whether it speaks, the last round that it signed in.
+    """The asker's word as known here, and the sender's last signed round.
 
-    `speech` is SPEAKING, ASKING or SILENT. `qc` and `entered_by` prove that the sender may have been in that round.
+    `speech` is SPEAKING, ASKING or SILENT; `qc` and `entered_by` prove the sender's round.
     """
 
     epoch: int
@@ -91,23 +87,20 @@ class WordsAnswer(Wire, frozen=True):
 
 
 def vote_parts(chain_id: bytes, epoch: int, round_number: int, block_id: bytes) -> tuple[bytes, ...]:
-    """Return the parts that a vote signs under VOTE_TAG."""
     return (chain_id, u32(epoch), u64(round_number), block_id)
 
 
 def timeout_parts(chain_id: bytes, epoch: int, round_number: int, qc_round: int) -> tuple[bytes, ...]:
-    """Return the parts that a timeout signs under TIMEOUT_TAG: (chain, epoch, round, qc_round)."""
     return (chain_id, u32(epoch), u64(round_number), u64(qc_round))
 
 
 def sign_vote(key: PrivateKey, chain_id: bytes, epoch: int, round_number: int, block_id: bytes, index: int) -> Vote:
-    """Sign a vote. The caller has journalled it, or journals it before sending."""
+    """Sign a vote; the caller journals it before sending."""
     signature = key.sign_compact(VOTE_TAG, *vote_parts(chain_id, epoch, round_number, block_id))
     return Vote(epoch=epoch, round=round_number, block_id=block_id, index=index, signature=signature)
 
 
 def is_valid_vote(vote: Vote, chain_id: bytes, public_key: bytes) -> bool:
-    """Tell whether the vote was signed by `public_key` (33 bytes)."""
     parts = vote_parts(chain_id, vote.epoch, vote.round, vote.block_id)
     return verify(public_key, VOTE_TAG, vote.signature, *parts)
 
@@ -121,37 +114,32 @@ def sign_timeout(
     entered_by: TimeoutCertificate | None,
     epoch: int,
 ) -> Timeout:
-    """Sign a timeout for `round_number`, naming the round of the highest known QC."""
     parts = timeout_parts(chain_id, epoch, round_number, qc.round)
     signature = key.sign_compact(TIMEOUT_TAG, *parts)
     return Timeout(epoch=epoch, round=round_number, index=index, signature=signature, qc=qc, entered_by=entered_by)
 
 
 def is_valid_timeout_signature(timeout: Timeout, chain_id: bytes, public_key: bytes) -> bool:
-    """Tell whether the timeout itself was signed by `public_key`; its certificates are checked apart."""
     parts = timeout_parts(chain_id, timeout.epoch, timeout.round, timeout.qc.round)
     return verify(public_key, TIMEOUT_TAG, timeout.signature, *parts)
 
 
 def proposal_parts(chain_id: bytes, epoch: int, round_number: int, block_id: bytes) -> tuple[bytes, ...]:
-    """Return the parts that a leader signs under PROPOSAL_TAG."""
     return (chain_id, u32(epoch), u64(round_number), block_id)
 
 
 def sign_block(key: PrivateKey, chain_id: bytes, epoch: int, round_number: int, block_id: bytes) -> bytes:
-    """Return the producer's 64-byte signature of its proposal."""
     return key.sign_compact(PROPOSAL_TAG, *proposal_parts(chain_id, epoch, round_number, block_id))
 
 
 def is_valid_block_signature(
     chain_id: bytes, epoch: int, round_number: int, block_id: bytes, signature: bytes, public_key: bytes
 ) -> bool:
-    """Tell whether `public_key` proposed the block of this id in this round."""
     return verify(public_key, PROPOSAL_TAG, signature, *proposal_parts(chain_id, epoch, round_number, block_id))
 
 
 def is_genuine(word: Word, chain_id: bytes, public_key: bytes) -> bool:
-    """Tell whether the word was signed by `public_key`. Never raises for anything a peer can send."""
+    """Check a word's signature; never raises for peer input."""
     if not 0 <= word.epoch < 1 << 32 or not 0 < word.round < 1 << 53 or not 0 <= word.qc_round < 1 << 53:
         return False
     if word.kind == WORD_TIMEOUT:

@@ -1,4 +1,4 @@
-"""The schedule: who leads which round, and how many make a quorum. Must never look at anything but its arguments."""
+"""The schedule: round leaders and quorum size."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["Epoch", "Schedule", "compute_epoch_hash", "verify_qc", "verify_tc"]
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """The producers of one epoch in the order of their turns (33-byte public keys).
+    """An epoch's producers in turn order (33-byte keys).
 
-    `leaderless` holds the indexes of those that vote but lead nothing; if it names them all, all lead.
+    `leaderless` indexes vote but never lead; if it names all, all lead.
     """
 
     epoch: int
@@ -40,7 +40,7 @@ class Schedule:
 
     @classmethod
     def of(cls, epoch: Epoch) -> Schedule:
-        """Return the schedule of an epoch. Raises GENESIS_INVALID if there is none."""
+        """Return an epoch's schedule. Raises GENESIS_INVALID if there is none."""
         return cls(epoch.number, epoch.producers, epoch.settings.blocks_per_turn, epoch.leaderless)
 
     @property
@@ -55,7 +55,7 @@ class Schedule:
         return (len(self.producers) - 1) // 3
 
     def leader(self, round_number: int) -> int:
-        """Return the index of the leader of a round: round robin over the seats that lead, `blocks_per_turn` each."""
+        """Return the leader's index: round robin over leading seats, `blocks_per_turn` each."""
         turn = round_number // self.blocks_per_turn
         count = len(self.producers)
         if not self.leaderless or len(self.leaderless) == count:
@@ -64,7 +64,6 @@ class Schedule:
         return leaders[turn % len(leaders)]
 
     def index_of(self, public_key: bytes) -> int | None:
-        """Return the producer's index, or None for a key that is not in the schedule."""
         return self.producers.index(public_key) if public_key in self.producers else None
 
 
@@ -81,10 +80,7 @@ def _require_indexes(indexes: list[int], schedule: Schedule) -> None:
 def verify_qc(
     qc: QuorumCertificate, schedule: Schedule, chain_id: bytes, round_zero_id: bytes, check: SignatureCheck = verify
 ) -> None:
-    """Check a quorum certificate. Round 0 certifies only `round_zero_id` (genesis, or the epoch's boundary).
-
-    `check` may remember signatures. Raises CERTIFICATE_INVALID.
-    """
+    """Check a QC; round 0 certifies only `round_zero_id`. Raises CERTIFICATE_INVALID."""
     if qc.epoch != schedule.epoch:
         raise BlockRobotError("CERTIFICATE_INVALID", "The certificate is of another epoch.")
     if qc.round < 0:
@@ -101,7 +97,7 @@ def verify_qc(
 
 
 def verify_tc(tc: TimeoutCertificate, schedule: Schedule, chain_id: bytes, check: SignatureCheck = verify) -> None:
-    """Check a timeout certificate: q different timeouts for its round. Raises CERTIFICATE_INVALID."""
+    """Check q distinct timeouts for the round. Raises CERTIFICATE_INVALID."""
     if tc.epoch != schedule.epoch:
         raise BlockRobotError("CERTIFICATE_INVALID", "The certificate is of another epoch.")
     _require_indexes([timeout.index for timeout in tc.timeouts], schedule)

@@ -1,8 +1,4 @@
-"""What a client signs to open a session at a node. Must never be worth anything at another node or on another chain.
-
-The signature covers the chain, the name of the one node that is asked, that node's single-use challenge and the
-client's key, so a dishonest node cannot pass a challenge of another node on and use the answer there.
-"""
+"""Session signatures over chain, node, single-use challenge and client key, preventing relay."""
 
 from __future__ import annotations
 
@@ -14,10 +10,9 @@ CHALLENGE_SIZE_BYTES = 32
 
 
 def session_parts(chain_id: bytes, node_name: str, challenge: bytes, public_key: bytes) -> tuple[bytes, ...]:
-    """Return the parts signed under SESSION_TAG: chain id || node name || challenge || public key.
+    """Return the parts under SESSION_TAG: chain id, node name, challenge, public key.
 
-    All but the name have a fixed size, so no two different lists of parts make the same bytes.
-    Raises VALUE_INVALID for a wrong size.
+    All but the name have fixed size (unambiguous). Raises VALUE_INVALID.
     """
     if len(chain_id) != 32 or len(challenge) != CHALLENGE_SIZE_BYTES or len(public_key) != PUBLIC_KEY_SIZE_BYTES:
         raise BlockRobotError("VALUE_INVALID", "A part of the session's signed bytes has a wrong size.")
@@ -25,11 +20,11 @@ def session_parts(chain_id: bytes, node_name: str, challenge: bytes, public_key:
 
 
 def sign_session(key: PrivateKey, chain_id: bytes, node_name: str, challenge: bytes) -> bytes:
-    """Return the 65-byte answer to the challenge of the node of this name. Raises VALUE_INVALID."""
+    """Return the 65-byte answer to a node's challenge. Raises VALUE_INVALID."""
     return key.sign(SESSION_TAG, *session_parts(chain_id, node_name, challenge, key.public_key))
 
 
 def verify_session(public_key: bytes, signature: bytes, chain_id: bytes, node_name: str, challenge: bytes) -> None:
-    """Check the answer to a challenge. Raises SIGNATURE_INVALID, SIGNATURE_HIGH_S or VALUE_INVALID."""
+    """Check a challenge answer. Raises SIGNATURE_INVALID, SIGNATURE_HIGH_S or VALUE_INVALID."""
     if recover(SESSION_TAG, signature, *session_parts(chain_id, node_name, challenge, public_key)) != public_key:
         raise BlockRobotError("SIGNATURE_INVALID", "The challenge was not signed by the stated key for this network.")

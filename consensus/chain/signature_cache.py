@@ -1,8 +1,4 @@
-"""Checked signatures, remembered. Must never answer for bytes that it did not check.
-
-The votes of a certificate usually arrived one by one before it, and the certificate comes again in timeouts and
-notices: each signature is checked once. The simulator shares one cache between its nodes.
-"""
+"""A cache of verified signatures; each is checked once."""
 
 from __future__ import annotations
 
@@ -14,22 +10,20 @@ from consensus.primitives.keys import verify
 
 
 class SignatureCheck(Protocol):
-    """Tells whether a 64-byte signature over tagged_hash(tag, *parts) was made by `public_key`: `keys.verify`."""
+    """Verify a 64-byte signature over tagged_hash(tag, *parts), as `keys.verify`."""
 
-    def __call__(self, public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool:
-        """Return True for a genuine signature."""
-        ...
+    def __call__(self, public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool: ...
 
 
 class SignatureCache:
-    """A bounded memory around `keys.verify`; calling it is a `SignatureCheck`. The oldest answers go first."""
+    """A bounded `SignatureCheck` cache around `keys.verify`; oldest entries go first."""
 
     def __init__(self, max_count: int = SIGNATURE_CACHE_MAX_COUNT) -> None:
         self._max_count = max_count
         self._genuine: dict[tuple[bytes, bytes, bytes], None] = {}
 
     def __call__(self, public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool:
-        """Return True for a genuine signature. Only genuine ones are remembered: forgeries cannot fill the memory."""
+        """Verify; only genuine signatures are cached, so forgeries cannot fill it."""
         fingerprint = (public_key, signature, tagged_hash(tag, *parts))
         if fingerprint in self._genuine:
             return True

@@ -1,8 +1,4 @@
-"""Transactions: one signed call of one contract entry. Must never be valid on another chain or after its expiry.
-
-The wire form keeps the signed body as one byte string, so that what was received is hashed, stored and passed on
-without being encoded again. The sender *is* the key recovered from the signature (the paper's public key recovery).
-"""
+"""Transactions: signed calls bound to chain and expiry; the sender is the recovered key."""
 
 from __future__ import annotations
 
@@ -22,7 +18,7 @@ _SIGN_TAG = "blockrobot/sign-tx"
 
 
 class TransactionBody(Wire, frozen=True):
-    """What is signed. `args` is an encoded list of positional arguments; `salt` tells equal calls apart."""
+    """The signed body; `args` is an encoded positional list, `salt` distinguishes equal calls."""
 
     version: int
     chain_id: bytes
@@ -35,7 +31,7 @@ class TransactionBody(Wire, frozen=True):
 
 
 class TransactionWire(Wire, frozen=True):
-    """The bytes on the wire: the signed body and its 65-byte recoverable signature."""
+    """The signed body and its 65-byte recoverable signature."""
 
     body: bytes
     signature: bytes
@@ -43,7 +39,7 @@ class TransactionWire(Wire, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Transaction:
-    """A decoded transaction that keeps the bytes it came from. The signature is checked by `verify_sender`."""
+    """A decoded transaction with its original bytes; `verify_sender` checks the signature."""
 
     wire: bytes
     body: TransactionBody
@@ -52,20 +48,20 @@ class Transaction:
     body_bytes: bytes
 
     def arguments(self) -> list[Any]:
-        """Return the positional arguments. Raises ENCODING_* if they are not an encoded list."""
+        """Return the positional arguments. Raises ENCODING_*."""
         arguments = decode_value(self.body.args)
         if not isinstance(arguments, list):
             raise BlockRobotError("ENCODING_INVALID", "The arguments are not a list.")
         return arguments
 
     def verify_sender(self) -> None:
-        """Check that the recovered key equals the stated sender. Raises SIGNATURE_INVALID or SIGNATURE_HIGH_S."""
+        """Check recovered key against sender. Raises SIGNATURE_INVALID or SIGNATURE_HIGH_S."""
         if recover(_SIGN_TAG, self.signature, self.body_bytes) != self.body.sender:
             raise BlockRobotError("SIGNATURE_INVALID", "The transaction was not signed by its stated sender.")
 
 
 def compute_txid(body_bytes: bytes) -> bytes:
-    """Return the 32-byte transaction id: a hash of the signed body, so re-signing cannot make a second id."""
+    """Return the 32-byte txid; it hashes the body, so re-signing keeps it."""
     return tagged_hash(_ID_TAG, body_bytes)
 
 
@@ -79,7 +75,7 @@ def sign_transaction(
     valid_until_ms: int,
     salt: bytes,
 ) -> Transaction:
-    """Build and sign a transaction. `salt` is 8 fresh random bytes of the caller's (this package draws none)."""
+    """Build and sign a transaction; `salt` is 8 fresh random bytes."""
     body = TransactionBody(
         version=TRANSACTION_VERSION,
         chain_id=chain_id,
@@ -97,10 +93,7 @@ def sign_transaction(
 
 
 def decode_transaction(wire: bytes) -> Transaction:
-    """Read a transaction from the wire and check its form, but neither its signature nor its chain.
-
-    Raises TRANSACTION_TOO_LARGE or ENCODING_*.
-    """
+    """Decode without checking signature or chain. Raises TRANSACTION_TOO_LARGE or ENCODING_*."""
     if len(wire) > TRANSACTION_SIZE_MAX_BYTES:
         raise BlockRobotError(
             "TRANSACTION_TOO_LARGE",

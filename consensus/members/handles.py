@@ -1,8 +1,4 @@
-"""A handle in short, with a checksum: the first 80 bits as bech32m (BIP-350).
-
-The contract `identity` lets no two handles begin alike, so that a short one stands for one member. Any change of up to
-four characters is found.
-"""
+"""Short handles: 80 bits as bech32m (BIP-350); up to four changed characters are detected."""
 
 from __future__ import annotations
 
@@ -32,7 +28,6 @@ _EXPANDED = [ord(letter) >> 5 for letter in PREFIX] + [0] + [ord(letter) & 31 fo
 
 
 def encode_short(handle: bytes) -> str:
-    """Return a handle in short, as `brh1-qpzr-...`: what people read out and type."""
     bits = int.from_bytes(handle[:SHORT_HANDLE_BYTES])
     values = [bits >> 5 * place & 31 for place in reversed(range(_DATA_CHARS))]
     rest = _polymod(_EXPANDED + values + [0] * _CHECKSUM_CHARS) ^ _BECH32M
@@ -43,12 +38,11 @@ def encode_short(handle: bytes) -> str:
 
 
 def is_short(text: str) -> bool:
-    """Tell whether a text means to be a short handle."""
     return text.strip().lower().startswith(f"{PREFIX}1")
 
 
 def decode_short(text: str) -> bytes:
-    """Return the first bytes of a handle; case, spaces and dashes do not matter. Raises HANDLE_MISTYPED."""
+    """Decode a handle's prefix, ignoring case, spaces and dashes. Raises HANDLE_MISTYPED."""
     letters = "".join(text.replace("-", "").split()).lower().removeprefix(f"{PREFIX}1")
     values = [_LETTERS.find(letter) for letter in letters]
     if len(values) != _DATA_CHARS + _CHECKSUM_CHARS or min(values) < 0 or _polymod(_EXPANDED + values) != _BECH32M:

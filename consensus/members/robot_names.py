@@ -1,4 +1,4 @@
-"""What an organisation calls a robot, and where it is: public words on the chain, never the robot's own."""
+"""Robot names and places, published on the chain by organisations."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ ROBOT_PLACE_MAX_CHARS = 48
 
 @dataclass(frozen=True, slots=True)
 class RobotName:
-    """A robot's name, and its place, which may be empty."""
+    """A robot's name and place, possibly empty."""
 
     name: str
     place: str
 
 
 def read_robot_name(value: Any) -> RobotName | None:
-    """Read what the chain holds; None where there is nothing that can be shown."""
     if not isinstance(value, dict):
         return None
     name, place = value.get("name"), value.get("place")

@@ -1,9 +1,4 @@
-"""A robot's roster of the day: tag -> handle and keys, signed, sealed to the robot.
-
-A row is found by HMAC(roster key, UID), so the file alone gives no tag away, and a robot never asks a node about one
-person. Each row can carry a proof of the member's state on the chain, so a dishonest registrar cannot slip in keys
-of his own unnoticed.
-"""
+"""A robot's signed, sealed daily roster; rows are found by HMAC(roster key, UID), and proofs expose forged keys."""
 
 from __future__ import annotations
 
@@ -28,9 +23,9 @@ ROSTER_KEY_BYTES = 32
 
 
 class RosterRow(Wire, frozen=True):
-    """One person: `tag` = HMAC of the card's UID (32), handle 32, S and V 33, X 32.
+    """One person: `tag` = HMAC of card UID (32 bytes), handle 32, S and V 33, X 32.
 
-    `proof` is an encoded `RowProof`, or empty. What the person consents to is asked of the chain, never of a roster.
+    `proof` is an encoded `RowProof` or empty; consent is read from the chain.
     """
 
     tag: bytes
@@ -42,7 +37,7 @@ class RosterRow(Wire, frozen=True):
 
 
 class RowProof(Wire, frozen=True):
-    """What shows a row to be the chain's: the member key, its encoded state and the pages that lead to it."""
+    """A row's proof: member key, encoded state and trie pages."""
 
     member: bytes
     value: bytes
@@ -50,7 +45,7 @@ class RowProof(Wire, frozen=True):
 
 
 class Roster(Wire, frozen=True):
-    """The roster of one robot (its member key, 33 bytes), with the HMAC key of its rows. Times in ms."""
+    """One robot's roster (member key, 33 bytes) and row HMAC key; times in ms."""
 
     version: int
     chain_id: bytes
@@ -62,19 +57,19 @@ class Roster(Wire, frozen=True):
 
 
 class SignedRoster(Wire, frozen=True):
-    """The roster's bytes and the registrar's 65-byte recoverable signature over them."""
+    """Roster bytes and the registrar's 65-byte recoverable signature."""
 
     roster: bytes
     signature: bytes
 
 
 def roster_tag(key: bytes, uid: str) -> bytes:
-    """Return HMAC-SHA256(roster key, UID), 32 bytes. Case and surrounding space of the UID do not matter."""
+    """Return HMAC-SHA256(roster key, UID), 32 bytes; UID case and outer space are ignored."""
     return hmac.new(key, uid.strip().upper().encode(), hashlib.sha256).digest()
 
 
 def seal_roster(roster: Roster, registrar: PrivateKey, robot_sealing: bytes) -> bytes:
-    """Sign the roster and seal it to the robot's X25519 key. Raises ROSTER_INVALID for one outside its limits."""
+    """Sign and seal the roster to the robot's X25519 key. Raises ROSTER_INVALID."""
     _check_form(roster)
     data = encode(roster)
     return seal_to(robot_sealing, encode(SignedRoster(roster=data, signature=registrar.sign(ROSTER_TAG, data))))
@@ -101,10 +96,7 @@ def _is_bad_row(row: RosterRow) -> bool:
 
 
 def is_usable(row: RosterRow) -> bool:
-    """Tell whether something can be recorded for this person: the keys are points, and X one that can be sealed to.
-
-    The chain takes keys by their size. Somebody with others must not end a run: nobody is known by such a row.
-    """
+    """Return whether a row's keys are valid; the chain checks only their size."""
     try:
         seal_to(row.sealing, b"")
     except BlockRobotError:
@@ -121,10 +113,9 @@ def open_roster(
     robot: bytes | None = None,
     chain_id: bytes | None = None,
 ) -> Roster:
-    """Open a sealed roster with the robot's X25519 private key and check signer, form and age.
+    """Open a sealed roster; check signer, form and age, and `robot` and `chain_id` if given.
 
-    `registrars` are the 33-byte keys that may sign. `robot` and `chain_id`, if given, must be those of the roster.
-    Raises ROSTER_INVALID, or ROSTER_EXPIRED for one that is out of date or not yet valid.
+    `registrars` are allowed 33-byte keys. Raises ROSTER_INVALID, ROSTER_EXPIRED (also if not yet valid).
     """
     try:
         signed = decode(open_sealed(sealing_private, sealed), SignedRoster)
@@ -145,10 +136,7 @@ def open_roster(
 
 
 def verify_row(row: RosterRow, state_root: bytes) -> bytes:
-    """Check a row against a state root (32 bytes) and return the member key that it belongs to.
-
-    Raises ROSTER_INVALID if the row has no proof, the proof fails, or the chain says otherwise than the row.
-    """
+    """Check a row against a 32-byte state root; return its member key. Raises ROSTER_INVALID."""
     try:
         shown = decode(row.proof, RowProof)
         verify_proof(state_root, MEMBER.key(shown.member), shown.value, shown.proof)

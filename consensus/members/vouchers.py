@@ -1,9 +1,7 @@
-"""Enrolment: the registrar's voucher, the card's one-time key and code.
+"""Enrolment: the registrar's voucher, and the card's one-time key and code.
 
-A card holds a random handle, a one-time secret e (public E) and the registrar's signature over (chain,
-handle, E, role, expiry). Who registers signs with e over (chain, handle, his four keys): whoever merely
-sees that transaction cannot register the handle for himself. Every signed message is a plain concatenation
-of fixed-size fields, the only text last, so that the contract builds the same bytes.
+The card's secret e signs the four keys, so an observer cannot steal the handle. Messages concatenate fixed-size fields,
+text last, as the contract does.
 """
 
 from __future__ import annotations
@@ -40,7 +38,7 @@ _MISREAD = str.maketrans({"0": "O", "1": "I", "8": "B"})
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """What a card's code holds. The one-time secret never shows in its `repr`."""
+    """A card code's contents; `repr` hides the one-time secret."""
 
     handle: bytes
     card_secret: bytes = field(repr=False)
@@ -50,7 +48,6 @@ class Card:
 
     @property
     def card_public(self) -> bytes:
-        """E, 33 bytes."""
         return PrivateKey(self.card_secret).public_key
 
 
@@ -60,7 +57,7 @@ def _require_sizes(*pairs: tuple[bytes, int]) -> None:
 
 
 def voucher_message(chain_id: bytes, handle: bytes, card_public: bytes, role: str, not_after_ms: int) -> bytes:
-    """Return what the registrar signs: chain 32, handle 32, E 33, expiry u64, role. Raises VALUE_INVALID."""
+    """Return the voucher message: chain 32, handle 32, E 33, expiry u64, role. Raises VALUE_INVALID."""
     _require_sizes((chain_id, HASH_SIZE_BYTES), (handle, HANDLE_SIZE_BYTES), (card_public, PUBLIC_KEY_SIZE_BYTES))
     if role not in ROLES or not 0 <= not_after_ms < 1 << 53:
         raise BlockRobotError("VALUE_INVALID", f"A voucher is for one of {', '.join(ROLES)}, with an expiry in ms.")
@@ -68,7 +65,7 @@ def voucher_message(chain_id: bytes, handle: bytes, card_public: bytes, role: st
 
 
 def card_message(chain_id: bytes, handle: bytes, member: bytes, spend: bytes, view: bytes, sealing: bytes) -> bytes:
-    """Return what the card's key signs: chain 32, handle 32, M, S, V 33 each, X 32. Raises VALUE_INVALID."""
+    """Return the card key's message: chain 32, handle 32, M, S, V 33 each, X 32. Raises VALUE_INVALID."""
     _require_sizes((chain_id, HASH_SIZE_BYTES), (handle, HANDLE_SIZE_BYTES), (sealing, 32))
     _require_sizes(*((key, PUBLIC_KEY_SIZE_BYTES) for key in (member, spend, view)))
     return chain_id + handle + member + spend + view + sealing
@@ -77,10 +74,7 @@ def card_message(chain_id: bytes, handle: bytes, member: bytes, spend: bytes, vi
 def rotation_message(
     chain_id: bytes, handle: bytes, member: bytes, new_member: bytes, spend: bytes, view: bytes, sealing: bytes
 ) -> bytes:
-    """Return what a member's new key signs to take over: chain, handle, old M, new M, S, V, X.
-
-    Raises VALUE_INVALID.
-    """
+    """Return the rotation message: chain, handle, old M, new M, S, V, X. Raises VALUE_INVALID."""
     _require_sizes((member, PUBLIC_KEY_SIZE_BYTES))
     rest = card_message(chain_id, handle, new_member, spend, view, sealing)
     head = HASH_SIZE_BYTES + HANDLE_SIZE_BYTES
@@ -90,10 +84,6 @@ def rotation_message(
 def issue_card(
     registrar: PrivateKey, *, chain_id: bytes, handle: bytes, card_secret: bytes, role: str, not_after_ms: int
 ) -> Card:
-    """Sign a voucher and return the card.
-
-    `handle` and `card_secret` are 32 fresh random bytes each of the caller's.
-    """
     card_public = PrivateKey(card_secret).public_key
     message = voucher_message(chain_id, handle, card_public, role, not_after_ms)
     return Card(
@@ -106,7 +96,7 @@ def issue_card(
 
 
 def recover_registrar(card: Card, chain_id: bytes) -> bytes:
-    """Return the registrar's key (33 bytes) that signed this card's voucher. Raises VOUCHER_INVALID."""
+    """Return the signing registrar's 33-byte key. Raises VOUCHER_INVALID."""
     message = voucher_message(chain_id, card.handle, card.card_public, card.role, card.not_after_ms)
     try:
         return recover(VOUCHER_TAG, card.voucher_signature, message)
@@ -115,7 +105,6 @@ def recover_registrar(card: Card, chain_id: bytes) -> bytes:
 
 
 def sign_card(card: Card, *, chain_id: bytes, member: bytes, spend: bytes, view: bytes, sealing: bytes) -> bytes:
-    """Return the card key's 65-byte signature that binds the handle to these four public keys."""
     message = card_message(chain_id, card.handle, member, spend, view, sealing)
     return PrivateKey(card.card_secret).sign(CARD_TAG, message)
 
@@ -123,13 +112,11 @@ def sign_card(card: Card, *, chain_id: bytes, member: bytes, spend: bytes, view:
 def sign_rotation(
     new_key: PrivateKey, *, chain_id: bytes, handle: bytes, member: bytes, spend: bytes, view: bytes, sealing: bytes
 ) -> bytes:
-    """Return the new member key's 65-byte signature by which it agrees to follow `member`."""
     message = rotation_message(chain_id, handle, member, new_key.public_key, spend, view, sealing)
     return new_key.sign(ROTATION_TAG, message)
 
 
 def encode_card_code(card: Card) -> str:
-    """Return the card's code: `BR1-` and groups of base32 letters, the last bytes a checksum."""
     _require_sizes(
         (card.handle, HANDLE_SIZE_BYTES),
         (card.card_secret, PRIVATE_KEY_SIZE_BYTES),
@@ -143,10 +130,7 @@ def encode_card_code(card: Card) -> str:
 
 
 def decode_card_code(code: str, now_ms: int | None = None) -> Card:
-    """Read a card's code; case, spaces and dashes do not matter.
-
-    Raises VOUCHER_INVALID for a damaged one, VOUCHER_EXPIRED if `now_ms` is given and lies after the card's expiry.
-    """
+    """Decode a card code, ignoring case, spaces and dashes. Raises VOUCHER_INVALID, or VOUCHER_EXPIRED at `now_ms`."""
     letters = "".join(code.split()).upper()
     if len(letters) > _CODE_MAX_CHARS or not letters.startswith(CODE_PREFIX):
         raise BlockRobotError("VOUCHER_INVALID", f"An enrolment code begins with {CODE_PREFIX}.")

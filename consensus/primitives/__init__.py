@@ -1,1 +1,1 @@
-"""The ground floor: canonical bytes, hashes, keys and Merkle proofs."""
+"""Canonical encoding, hashes, keys and Merkle proofs."""

@@ -1,8 +1,6 @@
-"""The canonical encoding: MessagePack, one byte string for one value.
+"""Canonical MessagePack: one byte string per value, anything else rejected.
 
-Two families: *structs* (`Wire` subclasses, arrays in field order) for protocol messages, and *values* for contract
-state, arguments and events (None, bool, int below 2^256 in magnitude, str, bytes, list, dict).
-Whatever does not encode again to the very same bytes is rejected.
+Structs are `Wire` arrays in field order; values None, bool, int below 2^256 in magnitude, str, bytes, list, dict.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ W = TypeVar("W", bound="Wire")
 
 
 class Wire(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, gc=False):
-    """Base of every protocol message: an immutable array in field order."""
+    """Base of protocol messages: an immutable array in field order."""
 
 
 _encoder = msgspec.msgpack.Encoder()
@@ -35,15 +33,11 @@ _decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
 
 
 def encode(message: Wire) -> bytes:
-    """Return the canonical bytes of a struct."""
     return _encoder.encode(message)
 
 
 def decode(data: bytes, kind: type[W]) -> W:
-    """Read a struct of type `kind` from its canonical bytes.
-
-    Raises ENCODING_INVALID if the bytes are not such a struct, ENCODING_NOT_CANONICAL if they are not its one form.
-    """
+    """Decode a canonical struct. Raises ENCODING_INVALID, or ENCODING_NOT_CANONICAL for another form."""
     decoder = _decoders.get(kind)
     if decoder is None:
         decoder = _decoders[kind] = msgspec.msgpack.Decoder(kind)
@@ -82,7 +76,6 @@ def _prepare_dict(value: dict[Any, Any], depth: int) -> Any:
 
 @lru_cache(maxsize=256)
 def sort_keys(keys: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return keys of one dict in order; most dicts of the state have the keys of a few shapes, again and again."""
     return tuple(sorted(keys, key=_encoder.encode))
 
 
@@ -102,7 +95,7 @@ def _prepare(value: Any, depth: int) -> Any:
 
 
 def encode_value(value: Any) -> bytes:
-    """Return the canonical bytes of a contract value. Raises VALUE_INVALID for what is none.
+    """Return a value's canonical bytes. Raises VALUE_INVALID.
 
     Dicts are sorted by encoded key; integers beyond 64 bits are extension 1, minimal two's complement.
     """
@@ -113,10 +106,7 @@ def encode_value(value: Any) -> bytes:
 
 
 def encode_ordered(value: Any) -> bytes | None:
-    """Return the canonical bytes of a scalar, a text, or a dict or list of nothing else, its keys in order.
-
-    Only for what has been checked already. None if an integer needs the form for large ones.
-    """
+    """Encode a checked scalar, or a flat dict or list with ordered keys; None for large integers."""
     try:
         return _encode(value)
     except (OverflowError, UnicodeEncodeError):
@@ -124,10 +114,7 @@ def encode_ordered(value: Any) -> bytes | None:
 
 
 def encoder_of_dicts(keys: tuple[Any, ...]) -> Callable[[tuple[Any, ...]], bytes | None]:
-    """Return what encodes dicts with these keys, which are in order, from their items: as `encode_ordered` does.
-
-    A map is encoded as an array of its keys and items by turns, but for the first bytes, which say how many there are.
-    """
+    """Return an `encode_ordered` for dicts with these ordered keys, taking their items."""
     count = len(keys)
     if not count:
         return lambda _: _encode({})
@@ -149,12 +136,10 @@ def encoder_of_dicts(keys: tuple[Any, ...]) -> Callable[[tuple[Any, ...]], bytes
 
 
 def _is_flat(value: Any) -> bool:
-    """Tell whether a value holds nothing but what the encoder writes in one form only: no dicts, no lists in lists."""
     return type(value) in _FLAT_KINDS or (type(value) is list and _FLAT_KINDS.issuperset(map(type, value)))
 
 
 def _encode_decoded(value: Any) -> bytes:
-    """Return the canonical bytes of what has just been decoded."""
     data = encode_ordered(value) if _is_flat(value) else None
     return encode_value(value) if data is None else data
 
@@ -169,7 +154,7 @@ _value_decoder = msgspec.msgpack.Decoder(ext_hook=_read_extension)
 
 
 def decode_value(data: bytes) -> Any:
-    """Read a contract value from its canonical bytes (lists for arrays). Raises ENCODING_* as `decode` does."""
+    """Decode a canonical value. Raises ENCODING_* as `decode`."""
     try:
         value = _value_decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, TypeError) as error:
@@ -184,18 +169,15 @@ def decode_value(data: bytes) -> Any:
 
 
 def decode_stored_value(data: bytes) -> Any:
-    """Read bytes that `encode_value` made on this side of the wall, without checking their form again.
-
-    For reads of one's own state only: what comes from outside goes through `decode_value`.
-    """
+    """Decode trusted bytes of one's own `encode_value` without checking form."""
     return _value_decoder.decode(data)
 
 
 def u32(number: int) -> bytes:
-    """Return `number` as 4 bytes, big-endian (so that keys sort as numbers do)."""
+    """Return `number` as 4 bytes, big-endian."""
     return number.to_bytes(4, "big")
 
 
 def u64(number: int) -> bytes:
-    """Return `number` as 8 bytes, big-endian (so that keys sort as numbers do)."""
+    """Return `number` as 8 bytes, big-endian."""
     return number.to_bytes(8, "big")

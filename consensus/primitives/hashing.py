@@ -11,7 +11,6 @@ HASH_SIZE_BYTES = 32
 
 
 def sha256(data: bytes) -> bytes:
-    """Return the 32-byte SHA-256 of `data`."""
     return hashlib.sha256(data).digest()
 
 
@@ -22,7 +21,6 @@ def _tag_state(tag: str) -> Any:
 
 
 def tagged_hasher(tag: str) -> Callable[[bytes], bytes]:
-    """Return `tagged_hash` for one tag and one part, with the work on the tag done: for hashing by the thousand."""
     begin = _tag_state(tag).copy
 
     def hash_part(part: bytes) -> bytes:
@@ -35,10 +33,9 @@ def tagged_hasher(tag: str) -> Callable[[bytes], bytes]:
 
 
 def tagged_hash(tag: str, *parts: bytes) -> bytes:
-    """Return SHA256(SHA256(tag) || SHA256(tag) || parts...), 32 bytes.
+    """Return SHA256(SHA256(tag) || SHA256(tag) || parts...), 32 bytes (BIP-340).
 
-    The tag separates the domains (BIP-340): equal bytes under two tags never collide. Parts are concatenated as they
-    are, so callers pass at most one part of variable length, and that one last.
+    Parts are concatenated: pass at most one of variable length, last.
     """
     state = _tag_state(tag).copy()
     for part in parts:

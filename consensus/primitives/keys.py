@@ -1,8 +1,4 @@
-"""secp256k1 keys, recoverable signatures and point arithmetic (libsecp256k1).
-
-Every signature is over a tagged hash, so that bytes signed for one purpose say nothing under another. Only the low
-form of s is accepted (BIP-62, EIP-2): a signature cannot be rewritten by a stranger into a second valid one.
-"""
+"""secp256k1 keys, recoverable low-s signatures (BIP-62, EIP-2) over tagged hashes, and point arithmetic."""
 
 from __future__ import annotations
 
@@ -28,7 +24,7 @@ class PrivateKey:
     __slots__ = ("_secret", "public_key")
 
     def __init__(self, secret: bytes) -> None:
-        """Take a 32-byte secret scalar. Raises KEY_INVALID if it is not in [1, n-1]."""
+        """Take a 32-byte secret. Raises KEY_INVALID outside [1, n-1]."""
         if len(secret) != PRIVATE_KEY_SIZE_BYTES:
             raise BlockRobotError("KEY_INVALID", "A private key has 32 bytes.")
         try:
@@ -42,26 +38,18 @@ class PrivateKey:
 
     @property
     def secret(self) -> bytes:
-        """The 32 secret bytes."""
         return self._secret
 
     def sign(self, tag: str, *parts: bytes) -> bytes:
-        """Return the 65-byte recoverable signature (r || s || recovery id) over tagged_hash(tag, *parts).
-
-        Nonces are deterministic (RFC 6979); libsecp256k1 always makes the low s.
-        """
+        """Return the 65-byte low-s signature (r || s || recovery id), deterministic by RFC 6979."""
         signature, recovery_id = recovery.sign(tagged_hash(tag, *parts), self._secret, verify=False)
         return signature + bytes((recovery_id,))
 
     def sign_compact(self, tag: str, *parts: bytes) -> bytes:
-        """Return the 64-byte signature (r || s) for a verifier who knows the key."""
         return self.sign(tag, *parts)[:COMPACT_SIGNATURE_SIZE_BYTES]
 
     def shared_point(self, public_key: bytes) -> bytes:
-        """Return secret * public_key as 33 compressed bytes (a Diffie-Hellman point, ERC-5564), in constant time.
-
-        Raises KEY_INVALID if `public_key` is no point.
-        """
+        """Return secret * public_key, 33 bytes (ERC-5564), in constant time. Raises KEY_INVALID."""
         try:
             return ecdh.shared_point(_require_size(public_key), self._secret)
         except ValueError:
@@ -74,10 +62,7 @@ def _require_low_s(signature: bytes) -> None:
 
 
 def recover(tag: str, signature: bytes, *parts: bytes) -> bytes:
-    """Return the 33-byte public key that made this 65-byte signature over tagged_hash(tag, *parts).
-
-    Raises SIGNATURE_INVALID or SIGNATURE_HIGH_S.
-    """
+    """Return the signer's 33-byte key. Raises SIGNATURE_INVALID or SIGNATURE_HIGH_S."""
     if len(signature) != SIGNATURE_SIZE_BYTES:
         raise BlockRobotError("SIGNATURE_INVALID", "A recoverable signature has 65 bytes.")
     _require_low_s(signature)
@@ -90,7 +75,6 @@ def recover(tag: str, signature: bytes, *parts: bytes) -> bytes:
 
 
 def verify(public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool:
-    """Tell whether the 64-byte low-s signature over tagged_hash(tag, *parts) was made by `public_key`."""
     if len(signature) != COMPACT_SIGNATURE_SIZE_BYTES or signature[32:64] > _HALF_ORDER:
         return False
     try:
@@ -112,7 +96,6 @@ def _require_size(public_key: bytes) -> bytes:
 
 
 def _parse_cached(public_key: bytes) -> CData:
-    """Parse a key once: decompressing costs a square root, and producers sign again and again."""
     key = _parsed.get(public_key)
     if key is None:
         if len(_parsed) >= _PARSED_MAX_COUNT:
@@ -122,12 +105,11 @@ def _parse_cached(public_key: bytes) -> CData:
 
 
 def is_public_key(data: bytes) -> bool:
-    """Tell whether `data` is a compressed point of the curve (33 bytes)."""
     return len(data) == PUBLIC_KEY_SIZE_BYTES and keys.pubkey_verify(data)
 
 
 def point_add(first: bytes, second: bytes) -> bytes:
-    """Return the sum of two compressed points. Raises KEY_INVALID if either is none, or the sum is infinity."""
+    """Add two compressed points. Raises KEY_INVALID, also for infinity."""
     try:
         return keys.pubkey_combine([_require_size(first), _require_size(second)])
     except ValueError:
@@ -140,7 +122,7 @@ def point_of(scalar: bytes) -> bytes:
 
 
 def scalar_add(first: bytes, second: bytes) -> bytes:
-    """Return (first + second) mod n as 32 bytes. Raises KEY_INVALID if the sum is zero."""
+    """Return (first + second) mod n, 32 bytes. Raises KEY_INVALID for zero."""
     total = (int.from_bytes(first, "big") + int.from_bytes(second, "big")) % GROUP_ORDER
     if total == 0:
         raise BlockRobotError("KEY_INVALID", "The sum of two scalars is zero.")
@@ -148,5 +130,5 @@ def scalar_add(first: bytes, second: bytes) -> bytes:
 
 
 def scalar_from_hash(digest: bytes) -> bytes:
-    """Reduce a 32-byte hash to a scalar in [1, n-1] (zero, which nobody can find, becomes 1)."""
+    """Reduce a 32-byte hash to [1, n-1]; zero becomes 1."""
     return ((int.from_bytes(digest, "big") % GROUP_ORDER) or 1).to_bytes(32, "big")

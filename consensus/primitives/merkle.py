@@ -1,7 +1,6 @@
-"""Merkle trees over lists of 32-byte leaves.
+"""Merkle trees over 32-byte leaves.
 
-Leaves and inner nodes are hashed under different tags, the number of leaves is hashed into the root, and a node
-without a partner is promoted as it is (never paired with itself), so no two lists share a root.
+Leaves and nodes have different tags, the count is hashed in, unpaired nodes are promoted: roots are unique.
 """
 
 from __future__ import annotations
@@ -35,10 +34,7 @@ def _leaf_level(leaves: Sequence[bytes]) -> list[bytes]:
 
 
 def merkle_root(leaves: Sequence[bytes]) -> bytes:
-    """Return the 32-byte root of a list of 32-byte leaves; the empty list has a root of its own.
-
-    Raises VALUE_INVALID for a leaf of another size.
-    """
+    """Return the 32-byte root; the empty list has its own. Raises VALUE_INVALID."""
     level = _leaf_level(leaves)
     while len(level) > 1:
         level = _level_above(level)
@@ -46,7 +42,7 @@ def merkle_root(leaves: Sequence[bytes]) -> bytes:
 
 
 def merkle_proof(leaves: Sequence[bytes], index: int) -> list[bytes]:
-    """Return the siblings on the way from leaf `index` to the root, lowest first. Raises VALUE_INVALID outside the list."""
+    """Return the siblings from leaf to root, lowest first. Raises VALUE_INVALID."""
     if not 0 <= index < len(leaves):
         raise BlockRobotError("VALUE_INVALID", f"There is no leaf {index} in a list of {len(leaves)}.")
     level = _leaf_level(leaves)
@@ -61,7 +57,6 @@ def merkle_proof(leaves: Sequence[bytes], index: int) -> list[bytes]:
 
 
 def verify_merkle_proof(root: bytes, leaf: bytes, index: int, count: int, proof: Sequence[bytes]) -> bool:
-    """Tell whether `leaf` stands at `index` in the list of `count` leaves that has this root."""
     if not 0 <= index < count < 1 << 32 or len(leaf) != HASH_SIZE_BYTES:
         return False
     node, width, used = tagged_hash(_LEAF, leaf), count, 0

@@ -1,12 +1,7 @@
-"""The state trie as a verifier sees it: how pages hash and what a proof shows.
+"""The state trie for verifiers: radix 16 over SHA-256(flat key).
 
-A radix-16 trie over SHA-256(flat key), one nibble a level. A page exists wherever two or more keys share a nibble path
-(and at the root); a key that is alone below a slot stands inline in that slot. So the pages, and with them the root,
-follow from the content only, whatever the order of writes.
-
-A page is `leaf bitmap (u16) | branch bitmap (u16) | slots in order`; an inline leaf is `SHA-256(key) | value hash`
-(64 bytes), a branch is the hash of the page below (32 bytes). A page hashes whole, under its own tag. A proof is the
-pages from the root to the slot that decides.
+Pages exist at the root and where keys share a nibble path; lone keys are inline. A page is `leaf bitmap (u16) | branch
+bitmap (u16) | slots`: leaf `SHA-256(key) | value hash`, branch the child's hash.
 """
 
 from __future__ import annotations
@@ -24,7 +19,7 @@ EMPTY_PAGE = bytes(PAGE_HEADER_BYTES)
 
 
 class Proof(Wire, frozen=True):
-    """The pages from the root down to the slot that shows a key present or absent."""
+    """Pages from the root to the deciding slot."""
 
     pages: tuple[bytes, ...]
 
@@ -40,10 +35,7 @@ EMPTY_ROOT = hash_page(EMPTY_PAGE)
 
 
 def read_slot(page: bytes, nibble: int) -> bytes | None:
-    """Return what stands in a slot: None, a branch's hash (32 bytes) or an inline leaf (64 bytes).
-
-    The page must be well formed: a writer reads only its own pages, a verifier checks with `is_page` first.
-    """
+    """Return None, branch hash (32 bytes) or inline leaf (64); untrusted pages need `is_page` first."""
     leaves = page[0] << 8 | page[1]
     branches = page[2] << 8 | page[3]
     bit = 1 << nibble
@@ -55,7 +47,6 @@ def read_slot(page: bytes, nibble: int) -> bytes | None:
 
 
 def is_page(page: bytes) -> bool:
-    """Tell whether the bytes have the form of a page: disjoint bitmaps and exactly the slots that they name."""
     if len(page) < PAGE_HEADER_BYTES:
         return False
     leaves = page[0] << 8 | page[1]
@@ -65,13 +56,11 @@ def is_page(page: bytes) -> bool:
 
 
 def nibble_at(path: bytes, depth: int) -> int:
-    """Return nibble `depth` (0 to 63) of a 32-byte path."""
     byte = path[depth >> 1]
     return byte & 0x0F if depth & 1 else byte >> 4
 
 
 def _find_leaf(root: bytes, path: bytes, proof: Proof) -> bytes | None:
-    """Follow `path` through the proof's pages; return the leaf (of whatever key) or None for an empty slot."""
     expected = root
     last = len(proof.pages) - 1
     if not 0 <= last < PATH_NIBBLES_COUNT:
@@ -89,10 +78,7 @@ def _find_leaf(root: bytes, path: bytes, proof: Proof) -> bytes | None:
 
 
 def verify_proof(root: bytes, key: bytes, value: bytes | None, proof: Proof) -> None:
-    """Check that under `root` (32 bytes) the flat key holds `value`, or is absent if `value` is None.
-
-    Raises PROOF_INVALID if the proof does not show exactly that.
-    """
+    """Check that a key holds `value` (None: is absent) under `root`. Raises PROOF_INVALID."""
     path = sha256(key)
     leaf = _find_leaf(root, path, proof)
     if value is None:

@@ -1,4 +1,4 @@
-"""Which blocks are missing, and when to ask for them again. Must never ask without end for the same thing at once."""
+"""Decides which missing blocks to request, and when again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from consensus.protocol.effects import TIMER_FETCH, CancelTimer, Effect, FetchBl
 
 
 class Fetcher:
-    """Asks for the first missing ancestor of the blocks that matter, again every `retry_ms` until it is there."""
+    """Requests the first missing ancestors, again every `retry_ms`."""
 
     def __init__(self, own_index: int | None, retry_ms: int) -> None:
         self._own_index = own_index
@@ -18,19 +18,17 @@ class Fetcher:
         self._above_height = 0
 
     def note_progress(self, connected: list[BlockNode]) -> None:
-        """Blocks arrived and connected: what is still missing lies above them, and may be asked for at once."""
         if connected and self._asked is not None:
             self._asked = b""
             self._above_height = max(node.header.height for node in connected)
 
     def retry(self) -> None:
-        """The answer did not come: ask for everything above the finalized head again."""
+        """No answer: request everything above the finalized head again."""
         self._above_height = 0
         if self._asked is not None:
             self._asked = b""
 
     def ask(self, tree: BlockTree, wanted: list[bytes], everyone: int, round_number: int) -> list[Effect]:
-        """Return what to ask for now, if anything. `everyone` is the number of producers."""
         missing: tuple[bytes, QuorumCertificate | None] | None = None
         for block_id in wanted:
             missing = missing or tree.missing_ancestor(block_id)

@@ -1,7 +1,4 @@
-"""The unfinalized blocks: a tree above the finalized head, certificates, and blocks whose parent is missing.
-
-Must never hold a block twice, lose the finalized head, or grow beyond its limits.
-"""
+"""A bounded tree of unfinalized blocks, with certificates and orphans."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from consensus.limits import ORPHAN_BLOCKS_MAX_COUNT, TREE_BLOCKS_MAX_COUNT
 
 
 class Execution(Enum):
-    """How far the node is with executing a block. FAILED: it could not be, which says nothing about the block (R41)."""
+    """A block's execution state; FAILED says nothing about the block (R41)."""
 
     WAITING = auto()
     RUNNING = auto()
@@ -25,7 +22,7 @@ class Execution(Enum):
 
 @dataclass(slots=True, eq=False)
 class BlockNode:
-    """A block in the tree, decoded once. `parent` is None for the root and for orphans. `withheld`: not to be voted for."""
+    """A decoded block; `parent` is None for root and orphans, `withheld` forbids voting."""
 
     block: Block
     block_id: bytes
@@ -39,7 +36,7 @@ class BlockNode:
 
 @dataclass(frozen=True, slots=True)
 class TwoChain:
-    """A finalized block, and the certified child of the next round that proves it."""
+    """A finalized block and its proving certified child of the next round."""
 
     final: BlockNode
     child: BlockNode
@@ -47,12 +44,12 @@ class TwoChain:
 
 
 def make_node(block: Block, now_ms: int) -> BlockNode:
-    """Decode a block. Raises ENCODING_* if its header is none."""
+    """Decode a block. Raises ENCODING_*."""
     return BlockNode(block=block, block_id=block.block_id, header=block.header, arrived_ms=now_ms)
 
 
 class BlockTree:
-    """All that is known above the finalized head (`root`), in the epoch of that head's certificate."""
+    """Blocks above the finalized head (`root`), in its certificate's epoch."""
 
     def __init__(self, finalized: Block, finalized_qc: QuorumCertificate) -> None:
         self.epoch = finalized_qc.epoch
@@ -65,15 +62,13 @@ class BlockTree:
 
     @property
     def root_round(self) -> int:
-        """The round of the finalized head; 0 if it is of an earlier epoch (R23)."""
+        """Return the finalized head's round; 0 for an earlier epoch (R23)."""
         return self.root.header.round if self.root.header.epoch == self.epoch else GENESIS_ROUND
 
     def get(self, block_id: bytes) -> BlockNode | None:
-        """Return the connected block of this id."""
         return self.nodes.get(block_id)
 
     def may_add(self, block_id: bytes, header: Header) -> bool:
-        """Tell whether the block is new and has room: one uncertified block a round (R14), within the limits."""
         if block_id in self.nodes or block_id in self.orphans:
             return False
         if header.round <= self.root_round or header.height <= self.root.header.height:
@@ -83,7 +78,7 @@ class BlockTree:
         return block_id in self.certificates or self._first_of_round.get(header.round, block_id) == block_id
 
     def add(self, node: BlockNode) -> list[BlockNode]:
-        """Add a block; return it and the orphans that it connects, parents first (nothing if it is an orphan)."""
+        """Add a block; return it and connected orphans, parents first ([] for an orphan)."""
         self._first_of_round.setdefault(node.header.round, node.block_id)
         if node.header.parent_id not in self.nodes:
             self._add_orphan(node)
@@ -115,7 +110,7 @@ class BlockTree:
         return connected
 
     def certify(self, qc: QuorumCertificate) -> bool:
-        """Remember a checked certificate; tell whether it is the first for its block."""
+        """Store a checked QC; return whether it is its block's first."""
         if qc.block_id in self.certificates or (qc.round <= self.root_round and qc.block_id not in self.nodes):
             return False
         if len(self.certificates) >= 2 * TREE_BLOCKS_MAX_COUNT:
@@ -124,7 +119,7 @@ class BlockTree:
         return True
 
     def branch(self, block_id: bytes) -> list[BlockNode] | None:
-        """Return the blocks above the root up to this one, oldest first; None if it is not connected."""
+        """Return blocks above the root to this one, oldest first; None if unconnected."""
         node = self.nodes.get(block_id)
         if node is None:
             return None
@@ -136,7 +131,7 @@ class BlockTree:
         return path
 
     def two_chains(self) -> list[TwoChain]:
-        """Return every executed block above the root that is final by the two-chain rule (R8), oldest first."""
+        """Return executed blocks final by the two-chain rule (R8), oldest first."""
         found: list[TwoChain] = []
         for node in self.nodes.values():
             parent = node.parent
@@ -148,7 +143,6 @@ class BlockTree:
         return sorted(found, key=lambda chain: chain.final.header.round)
 
     def contradicts_root(self, node: BlockNode) -> bool:
-        """Tell whether a certified block of a later round leaves the chain below the root: no honest quorum does (R18)."""
         root, header = self.root, node.header
         if node.block_id not in self.certificates or node.block_id in self.nodes or header.round <= self.root_round:
             return False
@@ -156,7 +150,7 @@ class BlockTree:
         return is_sibling or header.height <= root.header.height
 
     def missing_ancestor(self, block_id: bytes) -> tuple[bytes, QuorumCertificate | None] | None:
-        """Return the id (and certificate) of the first block missing on the way down, None if all are connected."""
+        """Return the first missing ancestor's id and QC, None if all connect."""
         qc = self.certificates.get(block_id)
         while block_id not in self.nodes:
             orphan = self.orphans.get(block_id)
@@ -166,7 +160,7 @@ class BlockTree:
         return None
 
     def advance_root(self, head: BlockNode) -> list[BlockNode]:
-        """Make a connected block the root; drop what does not descend from it. Return what became final."""
+        """Make a connected block the root, prune, and return newly final blocks."""
         path = self.branch(head.block_id)
         if path is None:
             raise AssertionError("the new root is not connected")
@@ -186,7 +180,6 @@ class BlockTree:
         return path
 
     def replace_root(self, head: Block, now_ms: int) -> list[BlockNode]:
-        """Make a block from elsewhere the root; return the orphans that it connects, parents first."""
         self.root = make_node(head, now_ms)
         self.root.execution = Execution.VALID
         self.nodes = {self.root.block_id: self.root}

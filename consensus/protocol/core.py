@@ -1,8 +1,6 @@
-"""The consensus core: Jolteon as a state machine, `handle(event) -> [effects]`. Must never read a clock, draw a random
-number, do I/O, or sign anything that does not stand behind a `Persist` of the same bytes.
+"""The consensus core: Jolteon as a pure state machine, `handle(event) -> [effects]`.
 
-The rules R1... quoted here are those of `consensus/README.md`. The driver (a node, or the simulator) carries out the
-effects of all calls in one order.
+No clock, randomness or I/O; `Persist` precedes sending. Rules: `consensus/README.md`.
 """
 
 from __future__ import annotations
@@ -23,15 +21,12 @@ _LATE_VOTE_ROUNDS = 2
 
 
 class Core(MessageHandler):
-    """One node's part in consensus. Without a key, or with one outside the schedule, it only follows.
-
-    It is made as `CoreState` is, and driven by `handle`. On start it asks what others last heard of it (R33).
-    """
+    """One node's consensus; without a scheduled key it only follows."""
 
     # Events
 
     def handle(self, event: Event) -> list[Effect]:
-        """Take one event; return what to do, in order. A halted core does nothing, an ended one only answers (R22)."""
+        """Return an event's effects in order; halted: none, ended: answers only (R22)."""
         if self.halted:
             return []
         self._now_ms = event.now_ms
@@ -73,7 +68,6 @@ class Core(MessageHandler):
                 self._on_started()
 
     def _settle(self) -> None:
-        """Derive from the new state what else is to be done: commit, propose, wait, fetch."""
         if self._dirty and not self.has_ended:
             self._commit()
         if self.has_ended:
@@ -97,7 +91,6 @@ class Core(MessageHandler):
         self._effects += self._fetcher.ask(self._tree, wanted, len(self._schedule.producers), self.round)
 
     def _on_started(self) -> None:
-        """R13: say again what was said, byte for byte, and execute the journal's blocks."""
         self._effects += self._pacemaker.heartbeat()
         self._effects += self._voter.returning.begin(self._now_ms)
         if self._voter.has_left and self.silence is not None:
@@ -112,7 +105,6 @@ class Core(MessageHandler):
         self._execute_children(self._tree.root)
 
     def _last_words(self) -> list[Message]:
-        """Return what a peer that was away may have missed from this node."""
         proposed_id = self._voter.proposed_id
         proposed = None if proposed_id is None else self.block(proposed_id)
         notice = CertificateNotice(qc=self.high_qc, entered_by=self.entered_by)
@@ -143,7 +135,6 @@ class Core(MessageHandler):
     # Certificates and rounds
 
     def _accept_qc(self, qc: QuorumCertificate) -> bool:
-        """Check a certificate and use it; tell whether it is genuine."""
         if self._tree.certificates.get(qc.block_id) == qc:
             return True
         is_genuine = self._genuine.of_qc(qc)
@@ -169,7 +160,6 @@ class Core(MessageHandler):
             self._enter(qc.round + 1, None)
 
     def _accept_tc(self, tc: TimeoutCertificate | None) -> None:
-        """R7: a TC leads into the next round, if the QC that it speaks of is known here."""
         if tc is None or tc.round < self.round or not self._genuine.of_tc(tc):
             return
         self._hear_tc(tc)
@@ -188,7 +178,6 @@ class Core(MessageHandler):
         self._witness.enter(round_number)
 
     def _answer_stale(self, index: int | None, *, always: bool) -> None:
-        """R6: bring a peer that is behind up to date; for anything but timeouts once a round and peer."""
         if index is None or index == self.index or not self._genuine.has_producer(index):
             return
         if always or self._noticed.get(index) != self.round:
@@ -207,12 +196,10 @@ class Core(MessageHandler):
                 self._answer_stale(sender, always=False)
 
     def _on_fetched(self, blocks: tuple[Block, ...]) -> None:
-        """Newest first, so that each block's certificate is known when the block comes."""
         for block in reversed(blocks):
             self._add_block(block)
 
     def _add_block(self, block: Block, sender: int | None = None) -> BlockNode | None:
-        """Check a block and put it into the tree if it has room there; return it if it is genuine and not known."""
         try:
             node = make_node(block, self._now_ms)
         except BlockRobotError:
@@ -238,7 +225,6 @@ class Core(MessageHandler):
         self._on_connected(connected)
 
     def _check_fork(self, node: BlockNode) -> None:
-        """R18: a quorum that contradicts the finalized chain is a broken promise; go no further."""
         if not self.has_ended and self._tree.contradicts_root(node):
             self._halt("A quorum certified a block that contradicts the finalized chain.")
 
@@ -265,7 +251,6 @@ class Core(MessageHandler):
             self._effects.append(effects.ExecuteBlock(block=node.block, certified=certified))
 
     def _execute_failed(self) -> None:
-        """R41: others could execute what they certified: try again."""
         for node in list(self._tree.nodes.values()):
             if node.execution is Execution.FAILED and node.block_id in self._tree.certificates:
                 self._execute(node)
@@ -298,19 +283,16 @@ class Core(MessageHandler):
     # Votes
 
     def _try_vote(self, node: BlockNode) -> None:
-        """Vote for an executed block if the safety kernel lets it, unless it gives up what can be done (R42)."""
         branch = self._tree.branch(node.block_id)
         if branch and not node.withheld and self._voter.may_vote(node, branch, self.round, self._now_ms):
             self._vote(branch, is_own=False)
 
     def _speak_again(self) -> None:
-        """R33, R35: the producer may sign again: perhaps this round's block waits for its vote."""
         for node in list(self._tree.nodes.values()):
             if node.execution is Execution.VALID and node.header.round == self.round:
                 self._try_vote(node)
 
     def _on_words_answered(self, answer: WordsAnswer, sender: int | None) -> None:
-        """R33: others say what they last heard of this producer, and how far they are."""
         if sender == self.index or not self._genuine.has_producer(sender) or sender is None:
             return
         if not self._voter.returning.is_answer(answer) or not self._accept_qc(answer.qc):
@@ -351,7 +333,6 @@ class Core(MessageHandler):
     # Timeouts
 
     def _time_out(self) -> None:
-        """R6: give the round up, once."""
         spoken = self._voter.time_out(self.round, self.high_qc, self.entered_by)
         if spoken is not None:
             timeout, words = spoken
@@ -383,7 +364,6 @@ class Core(MessageHandler):
     # Finality
 
     def _commit(self) -> None:
-        """R8: finalize the highest block that has a certified child of the next round, with its ancestors."""
         chains = self._tree.two_chains()
         if chains:
             if have_contradiction(self._tree, chains):
@@ -401,7 +381,6 @@ class Core(MessageHandler):
         self._note_end()
 
     def _on_finalized_elsewhere(self, head: Block, qc: QuorumCertificate) -> None:
-        """R16: sync stored blocks durably; go on above them."""
         node = self._tree.get(head.block_id)
         if head.header.height > self._tree.root.header.height:
             self._dirty = True
@@ -424,7 +403,6 @@ class Core(MessageHandler):
     # Leading
 
     def _lead(self) -> None:
-        """R2, R3: propose once, if this node leads the round, may speak in it and has a reason."""
         parent = self._tree.get(self.high_qc.block_id)
         if (
             self.index is None
@@ -458,7 +436,6 @@ class Core(MessageHandler):
         )
 
     def _on_built(self, event: events.BlockBuilt) -> None:
-        """Propose the block, unless the round is over or given up by now."""
         if event.round != self.round or not self._leading.is_building(self.round):
             return
         if event.block is None:

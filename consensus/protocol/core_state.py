@@ -1,7 +1,4 @@
-"""Where a node stands in consensus: its round, its certificates, its tree, and what others may look at.
-
-Must never act: what follows from an event is `core.py`'s.
-"""
+"""A node's consensus state: round, certificates and tree; actions are in `core.py`."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ from consensus.protocol.voter import Voter
 
 
 class CoreState:
-    """The state of one core, restored from the store's head and the journal."""
+    """One core's state, restored from store head and journal."""
 
     def __init__(
         self,
@@ -41,12 +38,10 @@ class CoreState:
         check: SignatureCheck | None = None,
         before: CoreState | None = None,
     ) -> None:
-        """Begin above `finalized`, the head of the synced store, certified by `finalized_qc`, in the schedule's epoch.
+        """Begin above `finalized`, the synced store's head, in the schedule's epoch.
 
-        `round_zero_id` is the block that round 0 of the epoch certifies: genesis, or the boundary before (R23).
-        `journal` holds the records read back, in order. `before` is this process's core of the epoch before, if there
-        is one: who speaks in it need not ask (R36), and what its journal knew of this epoch is said (R37). Raises
-        ENCODING_* for a record that is none.
+        `round_zero_id`: genesis or boundary (R23). `before`: the previous epoch's core; speaking in it skips asking
+        (R36, R37). Raises ENCODING_*.
         """
         if finalized_qc.epoch != schedule.epoch:
             raise AssertionError("the certificate of the finalized head is of another epoch")
@@ -84,7 +79,6 @@ class CoreState:
         self._note_end()
 
     def _restore(self, restored: JournalState, finalized_qc: QuorumCertificate) -> None:
-        """R13: go on where the journal ends. Journalled blocks were checked when they were journalled."""
         self.high_qc = finalized_qc
         if restored.high_qc is not None and restored.high_qc.round > finalized_qc.round:
             self.high_qc = restored.high_qc
@@ -100,7 +94,6 @@ class CoreState:
                 self._tree.add(node)
 
     def _recall(self, restored: JournalState, finalized: Block, finalized_qc: QuorumCertificate) -> None:
-        """R33: the certificates at hand name the newest words of others; and one's own, should the journal lack them."""
         self._witness.enter(self.round)
         self._witness.note_blocks([finalized, *restored.blocks.values()])
         for qc in (finalized_qc, self.high_qc):
@@ -113,7 +106,6 @@ class CoreState:
             self._voter.last_voted_round = max(self._voter.last_voted_round, head.round + 1)
 
     def _note_end(self) -> None:
-        """R22: with its boundary final this epoch is over."""
         head = self._tree.root.header
         self._voter.has_ended = head.epoch > self.epoch or (head.epoch == self.epoch and head.is_boundary)
 
@@ -121,52 +113,42 @@ class CoreState:
 
     @property
     def epoch(self) -> int:
-        """The epoch of the schedule."""
         return self._schedule.epoch
 
     @property
     def schedule(self) -> Schedule:
-        """The producers of the epoch."""
         return self._schedule
 
     @property
     def index(self) -> int | None:
-        """This node's place in the schedule, None for a follower."""
         return self._voter.index
 
     @property
     def last_voted_round(self) -> int:
-        """The last round in which this node voted or gave up: it votes only above it."""
         return self._voter.last_voted_round
 
     @property
     def leader(self) -> int:
-        """The index of this round's leader."""
         return self._schedule.leader(self.round)
 
     @property
     def finalized(self) -> Header:
-        """The header of the finalized head."""
         return self._tree.root.header
 
     @property
     def finalized_id(self) -> bytes:
-        """The id of the finalized head."""
         return self._tree.root.block_id
 
     @property
     def has_ended(self) -> bool:
-        """True once the boundary of this epoch is final (R22): the driver makes a core for the next one."""
         return self._voter.has_ended
 
     @property
     def has_timed_out(self) -> bool:
-        """True if this node gave up the current round."""
         return self._voter.has_timed_out(self.round)
 
     @property
     def is_busy(self) -> bool:
-        """R10: whether there is anything to wait for."""
         branch = self._certified_branch()
         return (
             self._pending
@@ -179,16 +161,14 @@ class CoreState:
         )
 
     def certified_branch(self) -> list[bytes]:
-        """Return the ids of the certified blocks above the finalized head, oldest first (empty while some miss)."""
+        """Return certified ids above the finalized head, oldest first (empty if any miss)."""
         return [node.block_id for node in self._certified_branch() or []]
 
     def block(self, block_id: bytes) -> Block | None:
-        """Return a block above the synced store, for a peer that asks."""
         node = self._tree.get(block_id) or self._tree.orphans.get(block_id)
         return self._voter.journalist.get_unstored(block_id) if node is None else node.block
 
     def branch(self, block_id: bytes, above_height: int) -> list[Block]:
-        """Return this block and its known ancestors above a height, oldest first, for a peer that asks."""
         path = self._tree.branch(block_id)
         if path is None:
             return []
@@ -196,17 +176,15 @@ class CoreState:
         return [node.block for node in ancestry if node.header.height > above_height]
 
     def forget_journalled(self, stored_height: int) -> None:
-        """The synced store holds every block up to this height: the journal need not (R12)."""
+        """The synced store holds all blocks to this height; unjournal them (R12)."""
         self._voter.journalist.forget(stored_height)
 
     def journal_snapshot(self) -> tuple[bytes, ...]:
-        """Return the fewest records that say what the journal must say now; they replace it whole."""
         blocks = [*self._tree.nodes.values(), *self._tree.orphans.values()]
         own = self._voter.snapshot(blocks, self.high_qc, self.entered_by)
         return (*self._later_records, *own)  # the own ones last: the last word about a silence is theirs
 
     def _certified_branch(self) -> list[BlockNode] | None:
-        """Return the certified blocks above the finalized head, oldest first; None while some are missing."""
         if self._dirty:
             self._branch = self._tree.branch(self.high_qc.block_id)
         return self._branch

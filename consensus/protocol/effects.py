@@ -1,8 +1,4 @@
-"""What the consensus core wants done, in order: its only outputs. Must never be reordered around a `Persist`.
-
-The driver carries the effects of one event out one after another; whatever stands behind a `Persist` waits until those
-bytes are on the disk (journal, then speak).
-"""
+"""Consensus core effects, executed in order, none before a pending `Persist`."""
 
 from __future__ import annotations
 
@@ -25,14 +21,14 @@ TIMER_EXECUTE = "execute"
 
 @dataclass(frozen=True, slots=True)
 class Persist:
-    """Append these journal records (canonical bytes) and sync them before the next effect."""
+    """Append and sync journal records before the next effect."""
 
     records: tuple[bytes, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Broadcast:
-    """Send to all producers and followers, not to oneself (the core has already counted its own)."""
+    """Send to all producers and followers except oneself."""
 
     message: Message
 
@@ -47,9 +43,9 @@ class SendTo:
 
 @dataclass(frozen=True, slots=True)
 class ExecuteBlock:
-    """Execute the block on its parent and answer with `BlockExecuted`. The parent is finalized or was executed.
+    """Execute on the executed or finalized parent; answer with `BlockExecuted`.
 
-    A block that is `certified` was executed by others: whatever it takes to execute it here is to be given (R41).
+    `certified` blocks get all resources needed: others executed them (R41).
     """
 
     block: Block
@@ -58,10 +54,9 @@ class ExecuteBlock:
 
 @dataclass(frozen=True, slots=True)
 class BuildBlock:
-    """Take transactions (none if `empty`), execute, fill in and sign the header, answer with `BlockBuilt`.
+    """Build (no transactions if `empty`), execute and sign; answer with `BlockBuilt`.
 
-    The timestamp is max(parent's + 1, the node's clock). `closing` (always `empty` too) goes into the header as
-    `is_closing`: nothing is executed, the state root is the parent's.
+    Timestamp: max(parent's + 1, clock). `closing` sets `is_closing`: nothing executed, parent's state root.
     """
 
     epoch: int
@@ -78,11 +73,9 @@ class BuildBlock:
 
 @dataclass(frozen=True, slots=True)
 class CommitBlocks:
-    """These blocks are final, oldest first. `proof` is the two-chain proof of the last of them.
+    """Final blocks, oldest first; `proof` is the last one's two-chain proof.
 
-    The driver stores them durably; it may report later, in its own time, what the synced store holds
-    (`Core.forget_journalled`). If the last one is a boundary, this core has ended (`Core.has_ended`), and once the store
-    is synced the driver makes one for the next epoch.
+    A final boundary ends this core; once synced, make the next.
     """
 
     blocks: tuple[Block, ...]
@@ -91,7 +84,7 @@ class CommitBlocks:
 
 @dataclass(frozen=True, slots=True)
 class FetchBlocks:
-    """Ask the given producers (signers of the certificate) for this block and its missing ancestors."""
+    """Ask the certificate's signers for a block and missing ancestors."""
 
     block_id: bytes
     above_height: int
@@ -100,7 +93,7 @@ class FetchBlocks:
 
 @dataclass(frozen=True, slots=True)
 class SetTimer:
-    """Start (or start again) the timer of this kind; `round` comes back in `TimerFired`."""
+    """Restart this kind's timer; `TimerFired` returns `round`."""
 
     kind: str
     round: int
@@ -109,35 +102,35 @@ class SetTimer:
 
 @dataclass(frozen=True, slots=True)
 class CancelTimer:
-    """Stop the timer of this kind, if it runs."""
+    """Stop this kind's timer."""
 
     kind: str
 
 
 @dataclass(frozen=True, slots=True)
 class BlockCertified:
-    """A block of the tree has a quorum: its transactions are on the certified branch (for the mempool)."""
+    """A block has a quorum; for the mempool."""
 
     block_id: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class ProposalLost:
-    """The round of this node's own block was lost: perhaps others could not execute what it held (R41)."""
+    """The own block's round was lost, perhaps unexecutable by others (R41)."""
 
     block_id: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class EvidenceFound:
-    """A producer said two different things in one round (R30). The driver brings it before the contract `producers`."""
+    """Equivocation found (R30); report it to the contract `producers`."""
 
     evidence: Evidence
 
 
 @dataclass(frozen=True, slots=True)
 class LockoutChanged:
-    """This producer signs nothing, for this reason and until then; or, both empty, it may sign again (for the log)."""
+    """The signing lockout and its reason; both empty when lifted (logged)."""
 
     reason: str
     until: str
@@ -145,7 +138,7 @@ class LockoutChanged:
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """A certified block comes out otherwise here, or the chain forked: stop signing, serve reads, raise the alarm."""
+    """Diverging execution or fork: stop signing, serve reads, raise the alarm."""
 
     reason: str
 

@@ -1,4 +1,4 @@
-"""What happens to the consensus core: its only inputs. Must never carry anything that the core could not replay."""
+"""Consensus core events, its only inputs; all are replayable."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote,
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """The node begins (or begins again). `now_ms` is the node's wall clock, as in every event."""
+    """The node starts; `now_ms` is its wall clock, as in every event."""
 
     now_ms: int
 
 
 @dataclass(frozen=True, slots=True)
 class ProposalReceived:
-    """A peer's proposal. `sender` is the producer index behind the authenticated connection, or None."""
+    """A peer's proposal; `sender` is the authenticated producer index or None."""
 
     proposal: Proposal
     sender: int | None
@@ -26,7 +26,7 @@ class ProposalReceived:
 
 @dataclass(frozen=True, slots=True)
 class VoteReceived:
-    """A peer's vote. `sender` is the producer index behind the authenticated connection, or None."""
+    """A peer's vote; `sender` as in `ProposalReceived`."""
 
     vote: Vote
     now_ms: int
@@ -35,7 +35,7 @@ class VoteReceived:
 
 @dataclass(frozen=True, slots=True)
 class TimeoutReceived:
-    """A peer's timeout. `sender` is the producer index of the connection, or None."""
+    """A peer's timeout; `sender` as in `ProposalReceived`."""
 
     timeout: Timeout
     sender: int | None
@@ -52,7 +52,7 @@ class NoticeReceived:
 
 @dataclass(frozen=True, slots=True)
 class WordsAsked:
-    """A producer that just started asks what was last heard of it. `sender` is the index behind the connection."""
+    """A restarted producer asks for its last words; `sender` is authenticated."""
 
     request: WordsRequest
     sender: int | None
@@ -61,7 +61,7 @@ class WordsAsked:
 
 @dataclass(frozen=True, slots=True)
 class WordsAnswered:
-    """A producer's answer to `WordsRequest`. `sender` is the index behind the connection."""
+    """An answer to `WordsRequest`; `sender` is authenticated."""
 
     answer: WordsAnswer
     sender: int | None
@@ -70,10 +70,10 @@ class WordsAnswered:
 
 @dataclass(frozen=True, slots=True)
 class BlockExecuted:
-    """The answer to `ExecuteBlock`. `valid`: executed, transactions admissible on that branch, roots equal.
+    """Answer to `ExecuteBlock`; `valid`: executed, admissible, roots equal.
 
-    `fault`: it could not be executed, which says nothing about the block: no vote, and a certified one is executed again
-    (R41). `withheld`: valid, but it gives up a change that this node could carry out: no vote (R42).
+    `fault`: not executable here, retried if certified (R41). `withheld`: gives up a feasible change (R42). Neither gets
+    a vote.
     """
 
     block_id: bytes
@@ -85,7 +85,7 @@ class BlockExecuted:
 
 @dataclass(frozen=True, slots=True)
 class BlockBuilt:
-    """The answer to `BuildBlock`: the signed block, already executed, or None if none could be built."""
+    """Answer to `BuildBlock`: signed, executed block or None."""
 
     round: int
     block: Block | None
@@ -94,7 +94,7 @@ class BlockBuilt:
 
 @dataclass(frozen=True, slots=True)
 class BlocksFetched:
-    """Blocks that were asked for by `FetchBlocks`, oldest first. They are checked like any others."""
+    """Blocks from `FetchBlocks`, oldest first, unchecked."""
 
     blocks: tuple[Block, ...]
     now_ms: int
@@ -102,7 +102,7 @@ class BlocksFetched:
 
 @dataclass(frozen=True, slots=True)
 class FinalizedElsewhere:
-    """Sync installed finalized blocks (checked against their certificates): the core continues above them."""
+    """Sync installed checked final blocks; continue above them."""
 
     head: Block
     qc: QuorumCertificate
@@ -111,7 +111,7 @@ class FinalizedElsewhere:
 
 @dataclass(frozen=True, slots=True)
 class TimerFired:
-    """A timer that the core had set ran out. `kind` and `round` are those of the `SetTimer`."""
+    """A timer fired; `kind` and `round` are from `SetTimer`."""
 
     kind: str
     round: int
@@ -120,7 +120,7 @@ class TimerFired:
 
 @dataclass(frozen=True, slots=True)
 class WorkChanged:
-    """Whether the mempool holds an admissible transaction outside the certified branch."""
+    """Whether the mempool has an admissible transaction outside the certified branch."""
 
     pending: bool
     now_ms: int
@@ -128,7 +128,7 @@ class WorkChanged:
 
 @dataclass(frozen=True, slots=True)
 class PeerConnected:
-    """A producer's connection came up: the core sends it what it may have missed."""
+    """A producer connected; the core sends what it may have missed."""
 
     index: int
     now_ms: int

@@ -1,7 +1,4 @@
-"""What the journal holds and what it may forget. Must never let a block go that the synced store does not have.
-
-The core asks for a record before it speaks; the driver writes and syncs it, and only then sends (R12).
-"""
+"""What the journal keeps: blocks stay until the synced store has them (R12)."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from consensus.protocol.block_tree import BlockNode
 
 
 class JournalBuilder:
-    """Keeps the set of journalled blocks, and the finalized ones that the store has not yet synced."""
+    """Tracks journalled blocks and finalized ones not yet synced."""
 
     def __init__(self, epoch: int, restored: JournalState) -> None:
         self._epoch = epoch
@@ -25,25 +22,21 @@ class JournalBuilder:
 
     @property
     def is_behind(self) -> bool:
-        """True if the store lags so far behind that the node must not sign any more."""
+        """Return whether the store lags too far behind for signing."""
         return len(self._unstored) >= UNSTORED_BLOCKS_MAX_COUNT
 
     def unstored(self) -> list[BlockNode]:
-        """Return the finalized blocks that the synced store may not hold yet, oldest first."""
         return list(self._unstored.values())
 
     def get_unstored(self, block_id: bytes) -> Block | None:
-        """Return a finalized block that the synced store may not hold yet."""
         node = self._unstored.get(block_id)
         return None if node is None else node.block
 
     def note_finalized(self, nodes: Sequence[BlockNode]) -> None:
-        """These blocks went to the store; until it has synced them the journal keeps them."""
         for node in nodes:
             self._unstored[node.block_id] = node
 
     def forget(self, stored_height: int) -> None:
-        """The synced store holds everything up to this height."""
         for block_id, node in list(self._unstored.items()):
             if node.header.height <= stored_height:
                 del self._unstored[block_id]
@@ -61,7 +54,6 @@ class JournalBuilder:
         vote: Vote | None = None,
         timeout: Timeout | None = None,
     ) -> bytes:
-        """Return the record of a proposal, vote or timeout, with those blocks of the branch not journalled before."""
         ancestry = [*self._unstored.values(), *branch] if branch else []
         fresh = [node for node in ancestry if node.block_id not in self._journalled]
         self._journalled.update(node.block_id for node in fresh)
@@ -81,7 +73,6 @@ class JournalBuilder:
         )
 
     def snapshot(self, tree: Sequence[BlockNode], state: JournalState) -> tuple[bytes, ...]:
-        """Return the fewest records that say the same: the blocks still needed, then the state."""
         needed = {node.block_id: node for node in [*self._unstored.values(), *tree]}
         kept = [node for block_id, node in needed.items() if block_id in self._journalled]
         kept.sort(key=lambda node: node.header.height)

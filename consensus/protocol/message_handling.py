@@ -1,7 +1,4 @@
-"""What a node does with words as such: who contradicts himself, who asks for his own, what this node itself forgot.
-
-Must never sign: it may only keep the node from signing.
-"""
+"""Handling of producers' words: equivocation, requests, own forgotten words; only prevents signing."""
 
 from __future__ import annotations
 
@@ -15,11 +12,10 @@ from consensus.protocol.signing_guard import LockoutStatus
 
 
 class MessageHandler(CoreState):
-    """The part of the core that listens (R30 to R36)."""
+    """The core's listening part (R30 to R36)."""
 
     @property
     def silence(self) -> LockoutStatus | None:
-        """Why this producer signs nothing, and until when; None if it may sign."""
         if self._voter.has_left:
             until = f"its ledger reaches epoch {self._voter.newest_epoch}, of which its journal speaks"
             return LockoutStatus(SILENCE_OUTDATED, until)
@@ -34,21 +30,18 @@ class MessageHandler(CoreState):
         self._note_evidence(self._witness.hear_proposal(block, header, block_id, sender))
 
     def _is_genuine_vote(self, vote: Vote) -> bool:
-        """Check a vote whatever the watch may look at; a genuine one is heard in any case (R31)."""
         is_genuine = self._genuine.of_vote(vote)
         if is_genuine:
             self._note_evidence(self._witness.note_vote(vote))
         return is_genuine
 
     def _is_genuine_block(self, block: Block, header: Header, block_id: bytes) -> bool:
-        """Check a block whatever the watch may look at; a genuine one is heard in any case (R31)."""
         is_genuine = self._genuine.of_block(block, header)
         if is_genuine:
             self._note_evidence(self._witness.note_proposal(block, header, block_id))
         return is_genuine
 
     def _confront(self, round_number: int) -> None:
-        """R39: whoever voted for another block of a round than the one held here is shown this one."""
         if self.index is None:
             return
         block_id, voters = self._witness.confront(round_number)
@@ -73,7 +66,7 @@ class MessageHandler(CoreState):
     # Words of this node's own
 
     def _doubt_own_memory(self) -> None:
-        """R34: a word of one's own that the journal does not know comes from a life that was forgotten."""
+        """R34: an own word missing from the journal means lost memory."""
         for word in self._witness.take_own_words():
             if not self._voter.remembers(word):
                 self._doubt(word.round)
@@ -84,7 +77,6 @@ class MessageHandler(CoreState):
         self._follow(mark, returning.doubt(forgotten_round))
 
     def _follow(self, mark_before: SigningLockout | None, consequences: list[Effect]) -> None:
-        """Journal a changed mark, then do what follows."""
         mark = self._voter.returning.mark
         if mark != mark_before:
             record = encode_silence_record(self.epoch, self._voter.last_voted_round, mark)
@@ -100,7 +92,6 @@ class MessageHandler(CoreState):
     # Asking and answering
 
     def _on_words_asked(self, request: WordsRequest, sender: int | None) -> None:
-        """R33: tell a producer what was last heard of it. A follower's memory is not asked for."""
         if request.epoch != self.epoch or self.index is None or sender is None or sender == self.index:
             return
         answer = WordsAnswer(
@@ -115,7 +106,6 @@ class MessageHandler(CoreState):
         self._effects.append(SendTo(index=sender, message=answer))
 
     def _hear_answer(self, answer: WordsAnswer, sender: int, proven_round: int) -> bool:
-        """R33, R34: take an answer whose certificates lead into `proven_round`; tell whether this node speaks again."""
         returning = self._voter.returning
         if not 0 <= answer.signed_round <= proven_round:
             return False
@@ -126,7 +116,6 @@ class MessageHandler(CoreState):
         return was_barred and not returning.bars
 
     def _end_silence(self) -> bool:
-        """R35: speak again, if the chain went on without this node far enough; tell whether it does."""
         returning = self._voter.returning
         mark = returning.mark
         if mark is None or not returning.may_end(self._tree.root.header):

@@ -1,9 +1,4 @@
-"""What this node heard the producers say: the newest word of each, and any second word. Must never grow without bound.
-
-The first genuine word of a kind, round and producer is kept for the rounds around the node's own; a later one that
-differs is evidence (R30), also where everything else ignores it. The newest word of each producer is kept for the day
-when it comes back without its memory (R33).
-"""
+"""A bounded log of producers' words: first per round for evidence (R30), newest for restarts (R33)."""
 
 from __future__ import annotations
 
@@ -22,8 +17,6 @@ _RANK = {WORD_PROPOSAL: 0, WORD_VOTE: 1, WORD_TIMEOUT: 2}
 
 @dataclass(slots=True)
 class _Heard:
-    """The first genuine word of a kind, round and producer; `block_id` is empty before there is one."""
-
     block_id: bytes = b""
     signature: bytes = b""
     is_accused: bool = False
@@ -33,7 +26,7 @@ class _Heard:
 
 
 class MessageLog:
-    """The memory of one epoch. `own_index` is never accused: what it said is the journal's matter."""
+    """One epoch's log; `own_index` is never accused."""
 
     def __init__(self, chain_id: bytes, schedule: Schedule, own_index: int | None, check: SignatureCheck) -> None:
         self._chain_id, self._schedule, self._own_index, self._check = chain_id, schedule, own_index, check
@@ -43,32 +36,26 @@ class MessageLog:
         self._own_words: list[Word] = []
 
     def enter(self, round_number: int) -> None:
-        """The node is in this round: forget what is far below it."""
         self._round = round_number
         low = round_number - EVIDENCE_ROUNDS_KEPT_COUNT
         for old in [number for number in self._rounds if number < low]:
             del self._rounds[old]
 
     def newest(self, index: int | None) -> Word | None:
-        """Return the newest genuine word heard of a producer in this epoch."""
         return None if index is None else self._newest.get(index)
 
     def take_own_words(self) -> list[Word]:
-        """Return the node's own words that were heard since this was last asked (R34)."""
         words, self._own_words = self._own_words, []
         return words
 
     # Words that might not be genuine
 
     def hear_vote(self, vote: Vote, sender: int | None) -> list[Evidence]:
-        """Take a vote with an index of the schedule; its signature is looked at only if it says something new.
-
-        `sender` is the producer behind the authenticated connection: nobody's forgeries count against another (R31).
-        """
+        """Log a vote, verifying only new information; `sender` is authenticated, isolating forgers (R31)."""
         return self._hear(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature, sender)
 
     def hear_proposal(self, block: Block, header: Header, block_id: bytes, sender: int | None) -> list[Evidence]:
-        """Take a block of this chain as its leader's word; the body and the certificates do not matter here."""
+        """Log a block as its leader's word, ignoring body and certificates."""
         if header.epoch != self._schedule.epoch or not 0 <= header.producer < len(self._schedule.producers):
             return []
         return self._hear(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature, sender)
@@ -98,7 +85,6 @@ class MessageLog:
         return []
 
     def _heard(self, kind: str, round_number: int, index: int) -> _Heard:
-        """Return what was heard of a kind, round and producer, an empty note if nothing was."""
         words = self._rounds.get(round_number)
         if words is None:
             words = self._rounds[round_number] = {}
@@ -108,7 +94,7 @@ class MessageLog:
         return heard
 
     def confront(self, round_number: int) -> tuple[bytes, list[int]]:
-        """Return the proposal first heard of a round, and who voted for another one there; each is named once (R39)."""
+        """Return a round's first proposal and voters for another, each once (R39)."""
         words = self._rounds.get(round_number, {})
         held = words.get((WORD_PROPOSAL, self._schedule.leader(round_number)))
         if held is None or not held.block_id:
@@ -124,31 +110,25 @@ class MessageLog:
     # Genuine words
 
     def note_vote(self, vote: Vote) -> list[Evidence]:
-        """A vote that was found genuine elsewhere: it costs no check."""
         return self._note(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature)
 
     def note_proposal(self, block: Block, header: Header, block_id: bytes) -> list[Evidence]:
-        """A block that was found genuine elsewhere: it costs no check."""
         return self._note(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature)
 
     def note_timeout(self, timeout: Timeout) -> None:
-        """A genuine timeout."""
         self._note_timeout(timeout.round, timeout.index, timeout.qc.round, timeout.signature)
 
     def note_tc(self, tc: TimeoutCertificate) -> None:
-        """A genuine certificate: the timeouts in it."""
         for entry in tc.timeouts:
             self._note_timeout(tc.round, entry.index, entry.qc_round, entry.signature)
 
     def note_qc(self, qc: QuorumCertificate) -> list[Evidence]:
-        """A genuine certificate: the votes in it."""
         found: list[Evidence] = []
         for vote in qc.votes:
             found += self._note(WORD_VOTE, qc.round, vote.index, qc.block_id, vote.signature)
         return found
 
     def note_blocks(self, blocks: Iterable[Block]) -> None:
-        """Genuine blocks (the journal's and the store's), with the certificates in them."""
         for block in blocks:
             header = block.header
             if header.epoch == self._schedule.epoch and header.round > 0:

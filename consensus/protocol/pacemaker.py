@@ -1,7 +1,4 @@
-"""When a round is given up and when a leader proposes: timers only. Must never decide anything that safety needs.
-
-Timers run only while there is something to wait for (R10), so an idle network is silent.
-"""
+"""Pacemaker timers for rounds and proposals, without safety; idle networks are silent (R10)."""
 
 from __future__ import annotations
 
@@ -27,13 +24,13 @@ _EXPONENT_MAX = 20
 
 
 def compute_timeout_ms(settings: ChainSettings, round_number: int, finalized_round: int, certified_above: int) -> int:
-    """Return base * 2^k, capped (R9): k = the rounds lost since finality, those of certified blocks not counted."""
+    """Return base * 2^k, capped (R9); k = uncertified rounds since finality."""
     lost = (round_number - 1 - finalized_round) - certified_above
     return min(settings.timeout_cap_ms, settings.base_timeout_ms << max(0, min(lost, _EXPONENT_MAX)))
 
 
 class Pacemaker:
-    """Which timers run, which leaders are silent, and whether a heartbeat is due."""
+    """Running timers, silent leaders and due heartbeats."""
 
     def __init__(self, settings: ChainSettings, schedule: Schedule) -> None:
         self._settings = settings
@@ -48,39 +45,34 @@ class Pacemaker:
 
     @property
     def is_manual(self) -> bool:
-        """True if blocks are made only when the driver says so."""
         return self.interval_ms is None
 
     def note_tc(self, tc: TimeoutCertificate) -> None:
-        """A round was lost: its leader is silent if it has not even timed out with the others."""
+        """A round was lost: its leader is silent unless it timed out too."""
         leader = self._schedule.leader(tc.round)
         if all(timeout.index != leader for timeout in tc.timeouts):
             self._silent.add(leader)
 
     def note_word_of(self, index: int) -> None:
-        """A producer spoke: it is not silent."""
         self._silent.discard(index)
 
     def note_qc(self, qc: QuorumCertificate) -> None:
-        """A round was certified: its leader spoke."""
         self._silent.discard(self._schedule.leader(qc.round))
 
     def round_delay_ms(self, round_number: int, finalized_round: int, certified_above: int) -> int:
-        """Return how long to wait in this round; short if its leader was silent since it lost its last turn (R11)."""
+        """Return the round's wait; short after a silent leader's lost turn (R11)."""
         delay = compute_timeout_ms(self._settings, round_number, finalized_round, certified_above)
         if self._schedule.leader(round_number) in self._silent:
             delay = max(1, delay // SILENT_LEADER_DIVISOR)
         return delay + (self.interval_ms or 0)
 
     def heartbeat(self) -> list[Effect]:
-        """Begin to wait for the next heartbeat: something was just finalized, or the node starts."""
         self.heartbeat_due = False
         if self.is_manual:
             return []
         return [SetTimer(kind=TIMER_HEARTBEAT, round=0, delay_ms=self._settings.heartbeat_ms)]
 
     def stop(self) -> list[Effect]:
-        """The epoch is over (R22): no timer runs any more."""
         if self._is_stopped:
             return []
         self._is_stopped = True
@@ -88,7 +80,6 @@ class Pacemaker:
         return [CancelTimer(kind=kind) for kind in kinds]
 
     def fired(self, kind: str) -> None:
-        """A timer ran out: it does not run any more."""
         if self._running is not None and self._running[0] == kind:
             self._running = None
         if kind == TIMER_PROPOSE:
@@ -97,24 +88,20 @@ class Pacemaker:
             self.heartbeat_due = True
 
     def wait_to_propose(self, round_number: int, delay_ms: int) -> list[Effect]:
-        """Start the timer after which the leader looks again whether to propose."""
         if self._proposing == round_number or self.is_manual:
             return []
         self._proposing = round_number
         return [SetTimer(kind=TIMER_PROPOSE, round=round_number, delay_ms=max(1, delay_ms))]
 
     def wait_to_execute(self) -> list[Effect]:
-        """R41: start the timer after which certified blocks that could not be executed are executed again."""
         delay_ms = min(EXECUTION_RETRY_MAX_MS, EXECUTION_RETRY_MIN_MS << min(self._failures_count, _EXPONENT_MAX))
         self._failures_count += 1
         return [SetTimer(kind=TIMER_EXECUTE, round=0, delay_ms=delay_ms)]
 
     def note_executed(self) -> None:
-        """A block was executed: the next one that cannot be is not made to wait for long."""
         self._failures_count = 0
 
     def run(self, round_number: int, *, busy: bool, timed_out: bool, delay_ms: int) -> list[Effect]:
-        """Bring the timer of the round, or of resending, in line with what the node is doing."""
         wanted: tuple[str, int] | None = None
         if busy and not self.is_manual:
             wanted = (TIMER_RESEND if timed_out else TIMER_ROUND, round_number)

@@ -1,4 +1,4 @@
-"""When a leader proposes, and on what. Must never decide whether a block is safe: voters do."""
+"""When and on what a leader proposes; voters judge safety."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from consensus.protocol.pacemaker import Pacemaker
 
 
 class Proposer:
-    """The leader's turn: at most one block is being built in a round."""
+    """The leader's turn: at most one block per round."""
 
     def __init__(self, settings: ChainSettings, pacemaker: Pacemaker) -> None:
         self._settings = settings
@@ -21,19 +21,16 @@ class Proposer:
         self._has_failed = False
 
     def push(self, round_number: int) -> None:
-        """Manual production: the driver wants a block in this round."""
         self._pushed_round = round_number
 
     def is_building(self, round_number: int) -> bool:
-        """Tell whether a block of this round is being built, or was."""
         return self._building_round >= round_number
 
     def note_failure(self) -> None:
-        """No block could be built: not again before the timer says so, or leader and executor would spin."""
+        """Building failed: wait for the timer, avoiding a busy loop."""
         self._has_failed = True
 
     def retry(self) -> None:
-        """The timer ran out: after a failure the leader may build again in the same round."""
         if self._has_failed:
             self._building_round = 0
         self._has_failed = False
@@ -48,10 +45,9 @@ class Proposer:
         at_once: bool,
         round_number: int,
     ) -> int | None:
-        """R3: return in how many ms to propose on `parent`, None if there is no reason to.
+        """R3: return the ms until proposing on `parent`, None without reason.
 
-        `branch` holds the certified unfinalized blocks; `at_once` says that the round began with a TC or that somebody
-        has already given it up.
+        `branch` is certified and unfinalized; `at_once`: the round began with a TC or timeout.
         """
         interval_ms = self._pacemaker.interval_ms
         if interval_ms is None:
@@ -77,10 +73,7 @@ class Proposer:
         epoch: int,
         producer: int,
     ) -> BuildBlock:
-        """Return the order for a block of this round on `parent`, whose certificate `qc` is the highest known.
-
-        R21: nothing but closing blocks follow a boundary in its epoch.
-        """
+        """Order a block on `parent` with highest QC `qc`; only closing ones follow boundaries (R21)."""
         closing = parent.header.ends_epoch and parent.header.epoch == epoch
         self._building_round = round_number
         self._has_failed = False

@@ -1,9 +1,5 @@
-"""Whether a producer may speak: not before others said what they last heard of it. Must never trust its own memory alone.
-
-A data directory put back from a backup has forgotten what was signed since. On start a producer asks (R33), and
-speaks only above every round that it can have signed in (R40). If it forgot something, or is told so by its operator
-(`--restored`), it is silent until the chain has gone on without it above those rounds (R34, R35). The mark of silence
-stands in the journal.
+"""Decides whether a restarted producer may sign: above possibly signed rounds (R40), or silent after memory loss (R34,
+R35).
 """
 
 from __future__ import annotations
@@ -20,14 +16,14 @@ _FIRST_ROUND = 1
 
 
 class LockoutStatus(NamedTuple):
-    """Why a producer signs nothing (a word), and the rest of the sentence "it signs nothing until ..."."""
+    """Why a producer signs nothing, and the end of "it signs nothing until ..."."""
 
     reason: str
     until: str
 
 
 class SigningGuard:
-    """One producer's way back, in one epoch. A follower has nothing to say; a lone producer has nobody to ask."""
+    """A producer's return in one epoch; followers and lone producers need none."""
 
     def __init__(
         self,
@@ -39,9 +35,9 @@ class SigningGuard:
         asks: bool = True,
         signs_above_round: int = 0,
     ) -> None:
-        """Begin with the journal's mark. `asks` is False only if this process spoke in the epoch before (R36).
+        """Begin with the journal's lockout; `asks` is False only after speaking in the previous epoch (R36).
 
-        `signs_above_round` is then what it may still have forgotten of this epoch (R40).
+        `signs_above_round` bounds what may be forgotten then (R40).
         """
         self._epoch, self._retry_ms = schedule.epoch, base_timeout_ms
         self._producers = frozenset(schedule.producers)
@@ -61,24 +57,20 @@ class SigningGuard:
 
     @property
     def speech(self) -> str:
-        """SPEAKING, ASKING or SILENT, as others are told."""
         if self.mark is not None and self._has_others:
             return SILENT
         return ASKING if self._is_asking else SPEAKING
 
     @property
     def bars(self) -> bool:
-        """True while this producer must sign nothing."""
         return self._has_others and (self._is_asking or self.mark is not None)
 
     @property
     def is_waiting(self) -> bool:
-        """True while others' answers are still needed."""
         return self._is_asking or (self._has_others and self.mark is not None and self.mark.above_round is None)
 
     @property
     def report(self) -> LockoutStatus | None:
-        """Why this producer signs nothing, and until when; None if it may."""
         if not self.bars:
             return None
         mark = self.mark
@@ -100,31 +92,27 @@ class SigningGuard:
     # Asking
 
     def begin(self, now_ms: int) -> list[Effect]:
-        """R33: ask everybody. `now_ms` tells the answers of this life from those of an earlier one."""
+        """R33: ask everybody; `now_ms` identifies this run's answers."""
         self._asked_at_ms = now_ms
         if not self.bars:
             return []
         return [self._changed(), *self.ask_again()]
 
     def ask_again(self) -> list[Effect]:
-        """Ask everybody, and again after the base interval."""
         if not self.is_waiting:
             return []
         return [Broadcast(self._request()), SetTimer(kind=TIMER_ASK, round=0, delay_ms=self._retry_ms)]
 
     def ask(self, index: int) -> list[Effect]:
-        """Ask a producer whose connection came up."""
         return [SendTo(index=index, message=self._request())] if self.is_waiting else []
 
     def _request(self) -> WordsRequest:
         return WordsRequest(epoch=self._epoch, asked_at_ms=self._asked_at_ms)
 
     def is_answer(self, answer: WordsAnswer) -> bool:
-        """Tell whether this answers what was asked in this life and is still of use."""
         return self.is_waiting and (answer.epoch, answer.asked_at_ms) == (self._epoch, self._asked_at_ms)
 
     def take(self, sender: int, answer: WordsAnswer, last_voted_round: int) -> list[Effect]:
-        """R33, R34: count an answer whose rounds are proven. The caller has looked at the word in it."""
         before = (self._is_asking, self.mark)
         self._willing.discard(sender)
         self._silent.discard(sender)
@@ -151,17 +139,13 @@ class SigningGuard:
         return effects
 
     def _first_safe_round(self) -> int:
-        """R40: a quorum led into every round that this producer can have signed in, and one of it was among the asked.
-
-        Where nobody has signed anything since genesis there is nothing to forget but the first round.
-        """
+        """R40: a quorum, overlapping those asked, led into every possibly signed round."""
         is_beginning = self._epoch == 0 and self._highest_told_round == 0
         return _FIRST_ROUND if is_beginning else self._highest_told_round + 2
 
     # Silence
 
     def doubt(self, forgotten_round: int) -> list[Effect]:
-        """R34: a genuine word of this producer that it does not remember, of this round, came back to it."""
         mark = self.mark
         if not self._has_others:
             return []
@@ -172,7 +156,7 @@ class SigningGuard:
         return [self._changed(), *self.ask_again()]
 
     def may_end(self, finalized: Header) -> bool:
-        """R35: tell whether the chain has gone on without this producer above every round that it can have signed in."""
+        """R35: return whether the chain passed every possibly signed round."""
         mark = self.mark
         if mark is None or self._is_alone:
             return mark is not None
@@ -180,7 +164,6 @@ class SigningGuard:
         return is_above and finalized.epoch == self._epoch == mark.epoch
 
     def end(self) -> list[Effect]:
-        """Speak again (once the answers are in)."""
         self.mark = None
         return [self._changed()]
 
@@ -191,11 +174,8 @@ class SigningGuard:
     # The next epoch
 
     def next(self, schedule: Schedule, index: int | None, base_timeout_ms: int, *, boundary_round: int) -> SigningGuard:
-        """R36: return what goes on in the next epoch. Who spoke in this one, in this process, need not ask again.
-
-        If the boundary lies so low that it may have spoken above it before, and forgotten it (R40), that was in the
-        first round at most if the same producers go on: a quorum of the next epoch would have left this one, and one of
-        those who were asked with it. Of other producers it has to ask.
+        """R36: return the next epoch's guard; who spoke here need not ask, unless producers change after a low boundary
+        (R40).
         """
         is_following = schedule.epoch == self._epoch + 1
         same_producers = is_following and self._producers == frozenset(schedule.producers)
@@ -207,11 +187,7 @@ class SigningGuard:
 
 
 def _carried(mark: SigningLockout | None, epoch: int, *, same_producers: bool) -> SigningLockout | None:
-    """R36: a silence that began in an earlier epoch goes on in this one.
-
-    With the last rounds known it lasts until a block above the first round of this epoch is final, if those who told them
-    are the producers of both epochs; others might have led this producer farther than anybody told, so it asks again.
-    """
+    """R36: carry a lockout into this epoch; with changed producers or unknown rounds ask again."""
     if mark is None or mark.epoch >= epoch:
         return mark
     is_bounded = same_producers and mark.above_round is not None

@@ -1,8 +1,4 @@
-"""Votes and timeouts on their way to a certificate. Must never count a producer twice, nor grow without bound.
-
-Callers have checked signatures and ranges of indexes. For each round the first word of a producer counts; a second,
-different one is ignored here.
-"""
+"""Bounded collectors of checked votes and timeouts; one per producer and round."""
 
 from __future__ import annotations
 
@@ -18,11 +14,10 @@ class VoteCollector:
         self._rounds: dict[int, dict[int, Vote]] = {}
 
     def has(self, vote: Vote) -> bool:
-        """Tell whether a vote of this producer in this round was counted already."""
         return vote.index in self._rounds.get(vote.round, {})
 
     def add(self, vote: Vote) -> QuorumCertificate | None:
-        """Count a vote; return the certificate if it completes one (exactly q votes, sorted by index)."""
+        """Count a vote; return a completed QC (exactly q votes, sorted by index)."""
         votes = self._rounds.setdefault(vote.round, {})
         if vote.index in votes:
             return None
@@ -34,7 +29,6 @@ class VoteCollector:
         return QuorumCertificate(epoch=vote.epoch, round=vote.round, block_id=vote.block_id, votes=signatures)
 
     def forget_up_to(self, round_number: int) -> None:
-        """Drop the votes of this round and of those below it."""
         for old in [number for number in self._rounds if number <= round_number]:
             del self._rounds[old]
 
@@ -43,14 +37,14 @@ class VoteCollector:
 
 
 class TimeoutCollector:
-    """The timeouts of one round: the node's own."""
+    """The timeouts of the node's own round."""
 
     def __init__(self, quorum: int) -> None:
         self._quorum = quorum
         self._timeouts: dict[int, Timeout] = {}
 
     def add(self, timeout: Timeout) -> TimeoutCertificate | None:
-        """Count a timeout; return the certificate if it completes one (exactly q timeouts, sorted by index)."""
+        """Count a timeout; return a completed TC (exactly q, sorted by index)."""
         if timeout.index in self._timeouts:
             return None
         self._timeouts[timeout.index] = timeout
@@ -63,7 +57,6 @@ class TimeoutCollector:
         return TimeoutCertificate(epoch=timeout.epoch, round=timeout.round, timeouts=signatures)
 
     def clear(self) -> None:
-        """Forget all: the round is over."""
         self._timeouts.clear()
 
     def __len__(self) -> int:

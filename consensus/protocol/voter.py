@@ -1,8 +1,4 @@
-"""The safety kernel: the only place that signs votes and timeouts. Must never say two things in one round, nor anything
-before the record of it.
-
-It holds what the journal must bring back: the last voted round, and the last words byte for byte.
-"""
+"""The safety kernel, the only signer of votes and timeouts: one per round, journalled first."""
 
 from __future__ import annotations
 
@@ -21,7 +17,7 @@ from consensus.protocol.signing_guard import SigningGuard
 
 
 class Voter:
-    """What one producer has said, and what it may still say. A follower may say nothing."""
+    """What one producer signed and may still sign; followers sign nothing."""
 
     def __init__(
         self,
@@ -44,31 +40,24 @@ class Voter:
         self.has_ended = False
 
     def may_sign(self, round_number: int) -> bool:
-        """R4, R40: tell whether nothing can have been said yet in this round or later, and the producer may sign at all."""
+        """R4, R40: whether signing is allowed, with nothing possibly signed in this or later rounds."""
         spoken_round = max(self.last_voted_round, self.returning.signs_above_round)
         return self.index is not None and not self._is_barred and round_number > spoken_round
 
     def may_have_signed(self, round_number: int) -> bool:
-        """R40: tell whether this producer knows of no word of its own in this round, and may have forgotten one."""
         is_open = self.index is not None and not self._is_barred
         return is_open and self.last_voted_round < round_number <= self.returning.signs_above_round
 
     @property
     def _is_barred(self) -> bool:
-        """True if this producer may sign nothing: its epoch is over (R22), its disk is behind (R12), it forgot (R33)."""
         return self.has_ended or self.has_left or self.journalist.is_behind or self.returning.bars
 
     @property
     def has_left(self) -> bool:
-        """R22, R37: true if the journal speaks of a later epoch: this one is over for the producer, whatever it stored."""
         return self.index is not None and self.newest_epoch > self._epoch
 
     def remembers(self, word: Word) -> bool:
-        """R34: tell whether this producer knows that it said this, or said something in a later round.
-
-        If it said nothing in the last voted round, that is where its last silence ended: whatever it said there lies
-        below the block that ended it (R35).
-        """
+        """R34: whether this word, or one of a later round, is remembered (R35)."""
         if word.round != self.last_voted_round:
             return word.round < self.last_voted_round
         vote, timeout = self.last_vote, self.last_timeout
@@ -79,11 +68,10 @@ class Voter:
         return given_up == word.qc_round if word.kind == WORD_TIMEOUT else voted_id == word.block_id
 
     def has_timed_out(self, round_number: int) -> bool:
-        """Tell whether this producer gave the round up."""
         return self.last_timeout is not None and self.last_timeout.round == round_number
 
     def may_vote(self, node: BlockNode, branch: list[BlockNode], round_number: int, now_ms: int) -> bool:
-        """R4, R5: tell whether the executed block, at the end of `branch`, deserves this producer's vote now."""
+        """R4, R5: whether the executed block ending `branch` may be voted for."""
         header = node.header
         return (
             header.round == round_number
@@ -101,10 +89,7 @@ class Voter:
         *,
         is_own: bool = False,
     ) -> tuple[Vote, list[Effect]]:
-        """R12: journal the last block of the branch and the vote for it, then speak; propose it first if it is own.
-
-        The caller has asked `may_vote` (or `may_sign`, for an own block).
-        """
+        """R12: journal the block and vote, then send. Requires `may_vote` (or `may_sign` for an own block)."""
         node = branch[-1]
         if self._key is None or self.index is None or not self.may_sign(node.header.round):
             raise AssertionError("this producer may not speak in this round")
@@ -131,7 +116,7 @@ class Voter:
     def time_out(
         self, round_number: int, high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
     ) -> tuple[Timeout, list[Effect]] | None:
-        """R6: give the round up; from now on this producer votes for nothing in it. None if it may not sign."""
+        """R6: give the round up, barring votes in it; None if signing is barred."""
         is_silent = self._is_barred or self.has_timed_out(round_number)
         if self._key is None or self.index is None or is_silent:
             return None
@@ -153,7 +138,7 @@ class Voter:
     def latest_messages(
         self, round_number: int, high_qc_round: int, proposed: Block | None
     ) -> list[Proposal | Vote | Timeout]:
-        """R13: return what was said last and still matters, byte for byte. `proposed` is the block of `proposed_id`."""
+        """R13: return the last relevant messages byte for byte; `proposed` is `proposed_id`'s block."""
         words: list[Proposal | Vote | Timeout] = []
         if self.index is None:
             return words
@@ -168,7 +153,6 @@ class Voter:
     def snapshot(
         self, tree: list[BlockNode], high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
     ) -> tuple[bytes, ...]:
-        """Return the fewest journal records that say what the journal must say now."""
         state = JournalState(
             last_voted_round=self.last_voted_round,
             high_qc=high_qc,

@@ -1,1 +1,1 @@
-"""What robot, wallet and custodian share: vouchers, owner keys, commitments, envelopes."""
+"""Vouchers, owner keys, commitments and envelopes shared by robot, wallet and custodian."""

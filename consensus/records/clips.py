@@ -1,4 +1,4 @@
-"""Clips on the wire: what a robot uploads to a custodian and what an owner gets back."""
+"""Clip messages: robot uploads and owner downloads."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from consensus.records.envelopes import NONCE_BYTES, RECORD_ID_BYTES, SEALED_KEY
 
 
 class ClipUpload(Wire, frozen=True):
-    """One clip for a custodian: three lists of equal length, a place for each frame.
+    """A clip for a custodian: three lists of equal length, one place per frame.
 
-    `txid` is the record's transaction and `valid_until_ms` its expiry; `sealed_keys` are data keys sealed to the owner,
-    whose visit is the one under `owner` (33 bytes).
+    `txid` is the record's transaction, `valid_until_ms` its expiry; `sealed_keys` are sealed to the owner of visit
+    `owner` (33 bytes).
     """
 
     record_id: bytes
@@ -27,12 +27,12 @@ class ClipUpload(Wire, frozen=True):
 
     @property
     def size_bytes(self) -> int:
-        """The bytes of its ciphertexts and keys, which a quota counts."""
+        """Return bytes of ciphertexts and keys, as quotas count."""
         return sum(map(len, self.ciphertexts)) + sum(map(len, self.sealed_keys))
 
 
 class FrameDownload(Wire, frozen=True):
-    """One frame as a custodian holds it. An erased one keeps its place, with empty bytes."""
+    """One frame of a custodian; empty bytes if erased."""
 
     index: int
     erased: bool
@@ -41,7 +41,7 @@ class FrameDownload(Wire, frozen=True):
 
 
 class ClipDownload(Wire, frozen=True):
-    """One clip from a custodian: every frame in order, and the leaves under both roots on the chain."""
+    """A custodian's clip: frames in order and leaves under both roots."""
 
     record_id: bytes
     txid: bytes
@@ -67,7 +67,7 @@ def _check_leaves(leaves: list[bytes]) -> None:
 
 
 def check_clip_upload(upload: ClipUpload) -> None:
-    """Check sizes and counts of an upload against the limits of the protocol. Raises UPLOAD_INVALID."""
+    """Check sizes and counts against protocol limits. Raises UPLOAD_INVALID."""
     count = len(upload.ciphertexts)
     if len(upload.record_id) != RECORD_ID_BYTES or len(upload.txid) != HASH_SIZE_BYTES:
         raise _refuse("A record id has 16 bytes and a txid 32.")
@@ -85,10 +85,9 @@ def check_clip_upload(upload: ClipUpload) -> None:
 
 
 def check_clip_download(download: ClipDownload, commitment_root_: bytes, ciphertext_root_: bytes) -> list[int]:
-    """Check a download against the two roots of its record and return the indexes of corrupted frames.
+    """Check against both roots; return frames not matching their ciphertext leaf. Plaintexts remain unchecked.
 
-    Raises UPLOAD_INVALID for a wrong form, PROOF_INVALID if the leaves do not lead to the roots. A frame is corrupted
-    if its bytes do not make its ciphertext leaf; what it shows is then still to be checked with its data key.
+    Raises UPLOAD_INVALID, PROOF_INVALID.
     """
     count = len(download.frames)
     if not 1 <= count <= CLIP_FRAMES_MAX_COUNT or [frame.index for frame in download.frames] != list(range(count)):

@@ -1,8 +1,4 @@
-"""Opens one sealed box for somebody else, without the key that opens them all.
-
-A sealed box (libsodium) has a one-time key of its own; what its owner shares with that key opens this box and no other.
-So a person can show a stranger that a record's metadata is what the robot sealed on the chain.
-"""
+"""Disclosure of one sealed box (libsodium) by its one-time shared key, which opens no other."""
 
 from __future__ import annotations
 
@@ -21,7 +17,7 @@ _NONCE_BYTES = 24
 
 
 def derive_box_key(sealing_private: bytes, sealed: bytes) -> bytes:
-    """Return the 32-byte key of one sealed box. Raises ENVELOPE_INVALID for what is no box."""
+    """Return a sealed box's 32-byte key. Raises ENVELOPE_INVALID."""
     if len(sealing_private) != SEALING_KEY_BYTES or len(sealed) < SEALED_BOX_OVERHEAD_BYTES:
         raise BlockRobotError("ENVELOPE_INVALID")
     try:
@@ -31,10 +27,7 @@ def derive_box_key(sealing_private: bytes, sealed: bytes) -> bytes:
 
 
 def open_disclosed_metadata(sealing_public: bytes, box_key: bytes, sealed: bytes) -> bytes:
-    """Return a record's metadata from the sealed box on the chain, its box key and its owner's public sealing key.
-
-    Raises ENVELOPE_INVALID if the three do not belong together.
-    """
+    """Open metadata with its box key and the owner's public sealing key. Raises ENVELOPE_INVALID."""
     sizes = (len(sealing_public), len(box_key), len(sealed))
     if sizes != (SEALING_KEY_BYTES, BOX_KEY_BYTES, SEALED_METADATA_BYTES):
         raise BlockRobotError("ENVELOPE_INVALID", "The box, its key or its owner's key has a wrong size.")

@@ -1,8 +1,4 @@
-"""Envelopes: a frame under its own data key, and that key sealed to the owner.
-
-Keys and nonces come from the caller, since this package draws no randomness. One exception: a sealed box (libsodium)
-draws its one-time key itself, and offers no way to pass one in; nothing that parties must agree on depends on it.
-"""
+"""Envelopes: frames under data keys sealed to the owner; callers supply keys and nonces."""
 
 from __future__ import annotations
 
@@ -34,7 +30,7 @@ def _associated_data(record_id: bytes, index: int) -> bytes:
 
 
 def seal_bytes(key: bytes, nonce: bytes, record_id: bytes, index: int, plaintext: bytes) -> bytes:
-    """Return nonce || XChaCha20-Poly1305(plaintext), bound to a record and a frame. Key 32 bytes, nonce 24, fresh."""
+    """Return nonce || XChaCha20-Poly1305(plaintext), bound to record and frame; fresh key 32 bytes, nonce 24."""
     if len(key) != DATA_KEY_BYTES or len(nonce) != NONCE_BYTES:
         raise BlockRobotError("KEY_INVALID", "An envelope takes a key of 32 bytes and a nonce of 24.")
     associated = _associated_data(record_id, index)
@@ -42,7 +38,7 @@ def seal_bytes(key: bytes, nonce: bytes, record_id: bytes, index: int, plaintext
 
 
 def open_bytes(key: bytes, record_id: bytes, index: int, sealed: bytes) -> bytes:
-    """Return the plaintext of `seal_bytes`. Raises ENVELOPE_INVALID for another key, record, frame or changed bytes."""
+    """Open `seal_bytes`. Raises ENVELOPE_INVALID for another key, place or bytes."""
     associated = _associated_data(record_id, index)
     if len(key) != DATA_KEY_BYTES or len(sealed) < NONCE_BYTES + TAG_BYTES:
         raise BlockRobotError("ENVELOPE_INVALID")
@@ -56,20 +52,17 @@ def open_bytes(key: bytes, record_id: bytes, index: int, sealed: bytes) -> bytes
 
 
 def seal_frame(data_key: bytes, nonce: bytes, record_id: bytes, index: int, plaintext: bytes) -> bytes:
-    """Return the ciphertext of a frame, padded in steps first. Raises UPLOAD_INVALID if the frame is too large."""
+    """Pad and seal a frame. Raises UPLOAD_INVALID if too large."""
     return seal_bytes(data_key, nonce, record_id, index, pad(plaintext))
 
 
 def open_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes) -> bytes:
-    """Return a frame's plaintext. Raises ENVELOPE_INVALID if the key, the place or the bytes are not the sealed ones."""
+    """Open a frame. Raises ENVELOPE_INVALID for another key, place or bytes."""
     return unpad(open_bytes(data_key, record_id, index, ciphertext))
 
 
 def seal_to(sealing_public: bytes, plaintext: bytes) -> bytes:
-    """Return a sealed box (48 bytes longer) that only the holder of the X25519 private key opens. Draws a one-time key.
-
-    Raises KEY_INVALID for a public key that is not 32 bytes or is a point of low order.
-    """
+    """Return a sealed box for an X25519 key, 48 bytes longer. Raises KEY_INVALID, also for low order."""
     if len(sealing_public) != SEALING_KEY_BYTES:
         raise BlockRobotError("KEY_INVALID", "A sealing key has 32 bytes.")
     try:
@@ -80,7 +73,7 @@ def seal_to(sealing_public: bytes, plaintext: bytes) -> bytes:
 
 
 def open_sealed(sealing_private: bytes, sealed: bytes) -> bytes:
-    """Return the plaintext of `seal_to`. Raises ENVELOPE_INVALID if this key does not open it."""
+    """Open `seal_to`. Raises ENVELOPE_INVALID."""
     if len(sealing_private) != SEALING_KEY_BYTES or len(sealed) < SEALED_BOX_OVERHEAD_BYTES:
         raise BlockRobotError("ENVELOPE_INVALID")
     try:
@@ -91,26 +84,26 @@ def open_sealed(sealing_private: bytes, sealed: bytes) -> bytes:
 
 
 def seal_data_key(sealing_public: bytes, data_key: bytes) -> bytes:
-    """Return a frame's 32-byte data key sealed to its owner, 80 bytes. Raises KEY_INVALID."""
+    """Seal a 32-byte data key to its owner, 80 bytes. Raises KEY_INVALID."""
     if len(data_key) != DATA_KEY_BYTES:
         raise BlockRobotError("KEY_INVALID", "A data key has 32 bytes.")
     return seal_to(sealing_public, data_key)
 
 
 def open_data_key(sealing_private: bytes, sealed_key: bytes) -> bytes:
-    """Return the data key of `seal_data_key`. Raises ENVELOPE_INVALID."""
+    """Open `seal_data_key`. Raises ENVELOPE_INVALID."""
     if len(sealed_key) != SEALED_KEY_BYTES:
         raise BlockRobotError("ENVELOPE_INVALID", f"A sealed key has {len(sealed_key)} bytes instead of 80.")
     return open_sealed(sealing_private, sealed_key)
 
 
 def seal_metadata(sealing_public: bytes, plaintext: bytes) -> bytes:
-    """Return a record's metadata sealed to its owner, always 560 bytes. Raises UPLOAD_INVALID if it does not fit."""
+    """Seal metadata to its owner, always 560 bytes. Raises UPLOAD_INVALID."""
     return seal_to(sealing_public, pad_to(plaintext, SEALED_METADATA_BYTES - SEALED_BOX_OVERHEAD_BYTES))
 
 
 def open_metadata(sealing_private: bytes, sealed: bytes) -> bytes:
-    """Return the metadata of `seal_metadata`. Raises ENVELOPE_INVALID."""
+    """Open `seal_metadata`. Raises ENVELOPE_INVALID."""
     if len(sealed) != SEALED_METADATA_BYTES:
         raise BlockRobotError("ENVELOPE_INVALID", f"Sealed metadata has {len(sealed)} bytes instead of 560.")
     return unpad_from(open_sealed(sealing_private, sealed))

@@ -1,7 +1,4 @@
-"""The salt of a grant, which its owner and its grantee both derive, and nobody else.
-
-With it the grantee shows custodians that she is the one whose handle the grant holds a hash of (`sharing`).
-"""
+"""The grant salt, known to owner and grantee, opening the grantee's hash to custodians."""
 
 from __future__ import annotations
 
@@ -13,10 +10,10 @@ _SALT_TAG = "blockrobot/grant-salt"
 
 
 def derive_grant_salt(private: PrivateKey, public: bytes, *, chain_id: bytes, owner: bytes) -> bytes:
-    """Return the 32-byte salt of a grant of the visit `owner`.
+    """Return the 32-byte salt of a grant of visit `owner`.
 
-    The owner derives it from the ephemeral secret and the grantee's public view key, the grantee from her private view
-    key and the ephemeral that stands on the chain. Raises KEY_INVALID for what is no point, VALUE_INVALID for wrong sizes.
+    From ephemeral secret and public view key, or private view key and on-chain ephemeral. Raises KEY_INVALID,
+    VALUE_INVALID.
     """
     if len(chain_id) != HASH_SIZE_BYTES or len(owner) != PUBLIC_KEY_SIZE_BYTES:
         raise BlockRobotError("VALUE_INVALID", "A chain id has 32 bytes and an owner key 33.")

@@ -1,8 +1,4 @@
-"""What a record says to its owner alone: sensor, exact times, place in the visit.
-
-Each record names the hash of the one before in its visit, so that a wallet notices one that is missing or exchanged.
-It is sealed, at a fixed size, by `records/envelopes.py`.
-"""
+"""Owner-only record metadata; a hash chain within the visit reveals gaps."""
 
 from __future__ import annotations
 
@@ -27,9 +23,9 @@ MOMENT_MAX_MS = 253_370_764_800_000
 
 
 class RecordMetadata(Wire, frozen=True):
-    """One record's metadata. Times are the robot's clock in ms; `withheld` counts frames kept back, by reason.
+    """One record's metadata; times are the robot's ms, `withheld` counts frames by reason.
 
-    `previous_hash` is `compute_metadata_hash` of the record before in the visit, 32 zero bytes for the first.
+    `previous_hash` is the previous record's `compute_metadata_hash`, 32 zero bytes for the first.
     """
 
     sensor: str
@@ -44,15 +40,11 @@ class RecordMetadata(Wire, frozen=True):
 
 
 def compute_metadata_hash(metadata: RecordMetadata) -> bytes:
-    """Return the 32-byte hash by which the next record of the visit names this one."""
     return tagged_hash(_METADATA_TAG, encode(metadata))
 
 
 def check_metadata(metadata: RecordMetadata) -> None:
-    """Check sizes, order and letters. Raises VALUE_INVALID. What passes fits into the sealed form, and can be shown.
-
-    The words are codes, in letters that no terminal takes for a command.
-    """
+    """Check sizes, order and characters (terminal-safe codes). Raises VALUE_INVALID."""
     words = (metadata.sensor, *(reason for reason, _ in metadata.withheld))
     if (
         not 0 < len(metadata.sensor) <= SENSOR_MAX_CHARS
@@ -70,11 +62,7 @@ def check_metadata(metadata: RecordMetadata) -> None:
 
 
 def find_chain_gaps(records: Sequence[RecordMetadata]) -> list[int]:
-    """Return the places in a visit (from 0) that are missing or do not follow from the record before.
-
-    `records` are those of one visit in the order of `index_in_visit`. A tail that is missing whole shows only against
-    the count in the visit's closing.
-    """
+    """Return missing or unlinked places (from 0); a missing tail needs the closing's count."""
     gaps: set[int] = set()
     expected, previous_hash = 0, NO_PREVIOUS
     for metadata in records:

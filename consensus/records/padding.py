@@ -1,8 +1,4 @@
-"""Padding in steps, so that the size of a ciphertext links nothing.
-
-A padded text is a 4-byte length, the plaintext, and zeros up to the next step; each step is about a quarter larger
-than the one before. Unpadding is strict: the step must be the smallest that fits and every filler byte zero.
-"""
+"""Stepped padding: 4-byte length, plaintext, zeros; steps grow by a quarter, unpadding is strict."""
 
 from __future__ import annotations
 
@@ -30,7 +26,7 @@ PADDING_STEPS_BYTES = _compute_steps()
 
 
 def pad(plaintext: bytes) -> bytes:
-    """Return the plaintext padded to the smallest step. Raises UPLOAD_INVALID if it is larger than the largest."""
+    """Pad to the smallest step. Raises UPLOAD_INVALID if too large."""
     place = bisect_left(PADDING_STEPS_BYTES, _LENGTH_BYTES + len(plaintext))
     if place == len(PADDING_STEPS_BYTES):
         raise BlockRobotError("UPLOAD_INVALID", f"A frame of {len(plaintext)} bytes is larger than a clip may hold.")
@@ -38,7 +34,7 @@ def pad(plaintext: bytes) -> bytes:
 
 
 def unpad(padded: bytes) -> bytes:
-    """Return the plaintext of `pad`. Raises ENVELOPE_INVALID for anything that `pad` does not make."""
+    """Strictly undo `pad`. Raises ENVELOPE_INVALID."""
     place = bisect_left(PADDING_STEPS_BYTES, len(padded))
     if place == len(PADDING_STEPS_BYTES) or PADDING_STEPS_BYTES[place] != len(padded):
         raise BlockRobotError("ENVELOPE_INVALID", f"{len(padded)} bytes is no size of a padded text.")
@@ -49,7 +45,7 @@ def unpad(padded: bytes) -> bytes:
 
 
 def pad_to(plaintext: bytes, size_bytes: int) -> bytes:
-    """Return the plaintext padded to exactly `size_bytes`. Raises UPLOAD_INVALID if it does not fit."""
+    """Pad to exactly `size_bytes`. Raises UPLOAD_INVALID if too large."""
     filler = size_bytes - _LENGTH_BYTES - len(plaintext)
     if filler < 0:
         raise BlockRobotError("UPLOAD_INVALID", f"{len(plaintext)} bytes do not fit into {size_bytes}.")
@@ -57,7 +53,7 @@ def pad_to(plaintext: bytes, size_bytes: int) -> bytes:
 
 
 def unpad_from(padded: bytes) -> bytes:
-    """Return the plaintext of `pad_to`. Raises ENVELOPE_INVALID for a wrong length or a filler that is not zero."""
+    """Undo `pad_to`. Raises ENVELOPE_INVALID for wrong length or filler."""
     end = _LENGTH_BYTES + int.from_bytes(padded[:_LENGTH_BYTES], "big")
     if len(padded) < _LENGTH_BYTES or end > len(padded) or padded[end:].strip(b"\x00"):
         raise BlockRobotError("ENVELOPE_INVALID", "The padding of a text is damaged.")

@@ -1,7 +1,6 @@
-"""PNG files of the kinds that are kept: one rule for who keeps and who shows them.
+"""Strict PNG checks, which keep other data off custodians and wallets.
 
-A custodian keeps empty frames for anybody with a session, so a robot must not be able to leave other things there; a
-wallet decodes nothing that is not a picture and nothing else. Format: https://www.w3.org/TR/png-3/
+Format: https://www.w3.org/TR/png-3/
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _KNOWN_CHUNKS = frozenset({b"IHDR", b"IDAT", b"IEND"})
 
 @dataclass(frozen=True, slots=True)
 class PngKind:
-    """A kind of PNG: the bits of a sample, the header's colour type, the bytes of a pixel, and what to call it."""
+    """A PNG kind: sample bits, colour type, pixel bytes and name."""
 
     bits: int
     colour: int
@@ -42,12 +41,10 @@ def _refuse(detail: str) -> BlockRobotError:
 
 
 def most_parts(size_bytes: int) -> int:
-    """Return how many parts a PNG of this size may have: more than any encoder writes."""
     return PARTS_SPARE_COUNT + size_bytes // PART_USUAL_MIN_BYTES
 
 
 def _read_chunks(content: bytes) -> list[tuple[bytes, bytes]]:
-    """Return kinds and data of a file's chunks, all of them of the few kinds that a picture needs."""
     at, most = len(_SIGNATURE), most_parts(len(content))
     chunks: list[tuple[bytes, bytes]] = []
     while at < len(content):
@@ -65,12 +62,12 @@ def _read_chunks(content: bytes) -> list[tuple[bytes, bytes]]:
 
 
 def check_depth_png(content: bytes) -> tuple[int, int]:
-    """Return width and height of a depth picture. Raises BACKGROUND_NOT_A_PICTURE for anything else."""
+    """Return a depth picture's width and height. Raises BACKGROUND_NOT_A_PICTURE."""
     return check_png(content, DEPTH)
 
 
 def check_png(content: bytes, kind: PngKind) -> tuple[int, int]:
-    """Return width and height of a PNG of a kind, whole. Raises BACKGROUND_NOT_A_PICTURE for anything else."""
+    """Return a whole PNG's width and height. Raises BACKGROUND_NOT_A_PICTURE."""
     if not content.startswith(_SIGNATURE):
         raise _refuse("It is no PNG file.")
     chunks = _read_chunks(content)

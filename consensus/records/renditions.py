@@ -1,4 +1,4 @@
-"""A rendition's frame as it is sealed: its owner's pixels, and which recorded empty frame they stand on."""
+"""A rendition frame: the owner's pixels and their recorded empty frame."""
 
 from __future__ import annotations
 
@@ -18,16 +18,13 @@ PICTURE_SIDE_MAX_PIXELS = 8192
 
 
 class Rendition(Wire, frozen=True):
-    """One frame as its owner may see it.
+    """One frame as its owner may see it; times are the robot's wall clock.
 
-    `pixels` is a PNG of 16 bits (millimetres) of the box at (x, y) with box_width x box_height pixels, 0 where a pixel
-    is not the owner's. `width` x `height` is the whole frame. A box of no pixels: withheld, nothing to show.
-    `background_id` is the SHA-256 of the empty frame's PNG bytes. Times are the robot's wall clock.
+    `pixels`: 16-bit PNG (millimetres) of the box at (x, y), 0 outside the owner; empty means withheld. `width` x
+    `height`: whole frame; `background_id`: empty frame's PNG SHA-256.
 
-    Other senses have no background (32 zero bytes) and other encodings: `png-rgba`, the owner's colour pixels of the
-    box, transparent where they are not hers; `jpeg`, a whole colour image on which only she is; `label`, an object of
-    JSON with `label` and perhaps `confidence`; `wav`, a sound file. The last two have a frame of 1 x 1 and no box.
-    Without any bytes in `pixels`, whatever the encoding, there is nothing to show.
+    Other senses have 32 zero bytes there: `png-rgba` (box), `jpeg` (whole), `label` (JSON), `wav`; the last two are 1 x
+    1 without box.
     """
 
     version: int
@@ -45,12 +42,11 @@ class Rendition(Wire, frozen=True):
 
 
 def encode_rendition(rendition: Rendition) -> bytes:
-    """Return the plaintext that is committed to, padded and sealed."""
     return encode(rendition)
 
 
 def decode_rendition(plaintext: bytes) -> Rendition:
-    """Read a rendition and check that its box lies in its frame, and its time in a calendar. Raises RENDITION_CORRUPTED."""
+    """Decode; check box and time. Raises RENDITION_CORRUPTED."""
     try:
         rendition = decode(plaintext, Rendition)
     except BlockRobotError as error:

@@ -1,9 +1,4 @@
-"""What owner, grantee and custodians exchange when a record is shared: one-time keys, packages of data keys, split keys.
-
-The owner seals the data
-keys of a record to the grantee's X and closes that with a key T of its own; T is split so that any two custodians'
-parts join to it and one's say nothing. Random bytes come from the caller.
-"""
+"""Sharing messages: data keys sealed to the grantee and encrypted under T, which any two custodians' parts restore."""
 
 from __future__ import annotations
 
@@ -37,19 +32,15 @@ _PACKAGE_PLACE = 0
 
 
 class KeyPart(Wire, frozen=True):
-    """What one custodian holds of T for the pair that it makes with `custodian` (33 bytes): a value of 32 bytes.
-
-    A custodian that is the only one of the network holds T itself, under its own key.
-    """
+    """A custodian's 32-byte part of T, paired with `custodian` (33 bytes); T itself if alone."""
 
     custodian: bytes
     value: bytes
 
 
 class GrantUpload(Wire, frozen=True):
-    """One record of a grant for one custodian: the package, and this custodian's parts of T.
-
-    `grant_txid` is the grant's transaction and so its id, `valid_until_ms` the expiry of that transaction.
+    """A record's package and one custodian's parts; `grant_txid` is the grant id, `valid_until_ms` its transaction's
+    expiry.
     """
 
     grant_txid: bytes
@@ -60,10 +51,7 @@ class GrantUpload(Wire, frozen=True):
 
 
 class SharedRequest(Wire, frozen=True):
-    """What a grantee asks a custodian under a final access of hers: a record, and who she is for `member_hash`.
-
-    Without `with_frames` the answer has package and parts only, which is all that is needed of a second custodian.
-    """
+    """A grantee's request under a final access, proving `member_hash`; without `with_frames`, package and parts only."""
 
     record_id: bytes
     access_id: bytes
@@ -73,7 +61,7 @@ class SharedRequest(Wire, frozen=True):
 
 
 class SharedFrame(Wire, frozen=True):
-    """One frame for a grantee: not the key that is sealed to the owner, only its SHA-256, which makes the leaf."""
+    """A grantee's frame, with the owner-sealed key's SHA-256 for the leaf."""
 
     index: int
     erased: bool
@@ -82,7 +70,7 @@ class SharedFrame(Wire, frozen=True):
 
 
 class SharedDownload(Wire, frozen=True):
-    """A shared clip from one custodian (33 bytes): frames, leaves under the roots on the chain, package and parts."""
+    """A custodian's (33 bytes) shared clip: frames, leaves, package and parts."""
 
     record_id: bytes
     custodian: bytes
@@ -108,10 +96,9 @@ class _KeyPack(Wire, frozen=True):
 
 
 def open_grant_keys(ephemeral_secret: bytes, view: bytes, spend: bytes, *, chain_id: bytes, owner: bytes) -> VisitKeys:
-    """Return the one-time keys of a grant: `owner` of the result is the grantee's key G. `owner` is the visit's O.
+    """Return a grant's one-time keys: result `owner` is G, argument `owner` the visit's O.
 
-    `view` and `spend` are the grantee's; `ephemeral_secret` is 32 fresh random bytes that the caller forgets. Raises
-    KEY_INVALID if a key is no point of the curve.
+    `view` and `spend` are the grantee's; `ephemeral_secret` is 32 fresh bytes to forget. Raises KEY_INVALID.
     """
     return open_visit_keys(ephemeral_secret, view, spend, chain_id=chain_id, robot=owner)
 
@@ -119,19 +106,19 @@ def open_grant_keys(ephemeral_secret: bytes, view: bytes, spend: bytes, *, chain
 def scan_grant(
     view: PrivateKey, spend_public: bytes, ephemeral: bytes, view_tag: int, *, chain_id: bytes, owner: bytes
 ) -> bytes | None:
-    """Return the key G that this grant has if it is ours, or None if it cannot be; compare with the granted one."""
+    """Return the candidate key G, to compare with the grant's; None if not ours."""
     return scan_announcement(view, spend_public, ephemeral, view_tag, chain_id=chain_id, robot=owner)
 
 
 def derive_grantee_key(
     spend: PrivateKey, view: PrivateKey, ephemeral: bytes, *, chain_id: bytes, owner: bytes
 ) -> PrivateKey:
-    """Return the private key of a grant's G. It is derived when needed and never stored. Raises KEY_INVALID."""
+    """Derive G's private key; it is never stored. Raises KEY_INVALID."""
     return derive_owner_key(spend, view, ephemeral, chain_id=chain_id, robot=owner)
 
 
 def hash_grant_member(salt: bytes, handle: bytes) -> bytes:
-    """Return the 32 bytes that stand on the chain for the grantee. Raises VALUE_INVALID for wrong sizes."""
+    """Return the grantee's 32-byte on-chain hash. Raises VALUE_INVALID."""
     if len(salt) != GRANT_SALT_BYTES or len(handle) != HANDLE_BYTES:
         raise BlockRobotError("VALUE_INVALID", "The salt of a grant and a handle have 32 bytes each.")
     return tagged_hash(_MEMBER, salt, handle)
@@ -145,17 +132,17 @@ def _xor(left: bytes, right: bytes) -> bytes:
 
 
 def count_masks(custodian_count: int) -> int:
-    """Return how many random masks of 32 bytes `split_share_key` takes: one for each pair of custodians."""
+    """Return the number of 32-byte masks: one per custodian pair."""
     return custodian_count * (custodian_count - 1) // 2
 
 
 def split_share_key(
     share_key: bytes, custodians: Sequence[bytes], masks: Sequence[bytes]
 ) -> dict[bytes, list[KeyPart]]:
-    """Return each custodian's parts of T: any two custodians' join to it, one's alone are random bytes.
+    """Split T: any two custodians' parts restore it, one's are random.
 
-    `custodians` are member keys of 33 bytes, each once; `masks` as many fresh random values of 32 bytes as `count_masks`
-    says. With a single custodian its part is T itself. Raises VALUE_INVALID.
+    `custodians` are distinct 33-byte keys, `masks` `count_masks` fresh 32-byte values; a single custodian gets T.
+    Raises VALUE_INVALID.
     """
     sizes = [len(share_key), *map(len, masks)]
     if any(size != SHARE_KEY_BYTES for size in sizes) or len(masks) != count_masks(len(custodians)):
@@ -173,12 +160,7 @@ def split_share_key(
 
 
 def join_parts(held: Mapping[bytes, Sequence[KeyPart]]) -> list[bytes]:
-    """Return what the parts of these custodians join to, each key once: T, if none of them lies.
-
-    `held` is by the proven key of whoever gave them, not by the key that an answer claims, and of checked form
-    (`check_shared_parts`). Then a custodian whose parts are wrong spoils only the pairs that it is in, so with three
-    there may be several.
-    """
+    """Return candidates for T, several if a custodian lies; `held` is keyed by proven sender, parts already checked."""
     of_pair = {(holder, part.custodian): part.value for holder, parts in held.items() for part in parts}
     found: list[bytes] = []
     for (holder, other), value in sorted(of_pair.items()):
@@ -199,10 +181,9 @@ def join_parts(held: Mapping[bytes, Sequence[KeyPart]]) -> list[bytes]:
 def seal_package(
     share_key: bytes, nonce: bytes, sealing: bytes, *, grantee: bytes, record_id: bytes, keys: Mapping[int, bytes]
 ) -> bytes:
-    """Return the package of a record: its data keys by frame, sealed to the grantee's X, closed with T.
+    """Seal data keys by frame to the grantee's X, encrypted under T.
 
-    `sealing` is her public sealing key, `grantee` her one-time key G, `nonce` 24 fresh random bytes. Raises VALUE_INVALID,
-    KEY_INVALID.
+    `sealing` is their public key, `grantee` G, `nonce` 24 fresh bytes. Raises VALUE_INVALID, KEY_INVALID.
     """
     sized = all(len(key) == DATA_KEY_BYTES and 0 <= index < CLIP_FRAMES_MAX_COUNT for index, key in keys.items())
     if not keys or not sized or len(grantee) != PUBLIC_KEY_SIZE_BYTES:
@@ -214,10 +195,9 @@ def seal_package(
 def open_package(
     candidates: Sequence[bytes], sealing_private: bytes, package: bytes, *, grantee: bytes, record_id: bytes
 ) -> dict[int, bytes]:
-    """Return the data keys of a record by frame, with the first of these keys (`join_parts`) that opens the package.
+    """Open a package with the first fitting candidate; returned keys still need checking per frame.
 
-    Raises GRANT_PARTS_MISSING if there is no key to try, ENVELOPE_INVALID if none opens it or it was made for another
-    grantee or record. Whether the keys open what the robot committed to is for the caller to check, frame by frame.
+    Raises GRANT_PARTS_MISSING without candidates, ENVELOPE_INVALID.
     """
     if not candidates:
         raise BlockRobotError("GRANT_PARTS_MISSING")
@@ -252,7 +232,7 @@ def _check_parts(parts: Sequence[KeyPart]) -> None:
 
 
 def check_grant_upload(upload: GrantUpload) -> None:
-    """Check sizes and counts of an upload. Raises UPLOAD_INVALID."""
+    """Check sizes and counts. Raises UPLOAD_INVALID."""
     if len(upload.record_id) != RECORD_ID_BYTES or len(upload.grant_txid) != HASH_SIZE_BYTES:
         raise _refuse("A record id has 16 bytes and a txid 32.")
     if not 0 < len(upload.package) <= PACKAGE_MAX_BYTES:
@@ -263,7 +243,7 @@ def check_grant_upload(upload: GrantUpload) -> None:
 
 
 def check_shared_parts(download: SharedDownload) -> None:
-    """Check sizes and counts of package and parts in a download, before they are used. Raises UPLOAD_INVALID."""
+    """Check package and parts before use. Raises UPLOAD_INVALID."""
     if not 0 < len(download.package) <= PACKAGE_MAX_BYTES:
         raise _refuse(f"A package has 1 to {PACKAGE_MAX_BYTES} bytes.")
     _check_parts(download.parts)
@@ -272,7 +252,6 @@ def check_shared_parts(download: SharedDownload) -> None:
 def build_shared_download(
     clip: ClipDownload, custodian: bytes, package: bytes, parts: Sequence[KeyPart], *, with_frames: bool
 ) -> SharedDownload:
-    """Return what a grantee gets of a clip. The keys that are sealed to the owner stay behind."""
     frames = [
         SharedFrame(
             index=frame.index,
@@ -294,10 +273,7 @@ def build_shared_download(
 
 
 def check_shared_download(download: SharedDownload, commitment_root_: bytes, ciphertext_root_: bytes) -> list[int]:
-    """Check a download with frames against the two roots of its record; return the indexes of corrupted frames.
-
-    Raises UPLOAD_INVALID for a wrong form, PROOF_INVALID if the leaves do not lead to the roots.
-    """
+    """Return corrupted frame indexes, checking against both roots. Raises UPLOAD_INVALID, PROOF_INVALID."""
     count = len(download.frames)
     if not 1 <= count <= CLIP_FRAMES_MAX_COUNT or [frame.index for frame in download.frames] != list(range(count)):
         raise _refuse("The frames of the clip are not complete and in order.")

@@ -1,7 +1,4 @@
-"""What a consent receipt says, as its two signers and any stranger make it anew from the chain, byte for byte.
-
-The plain names are those of ISO/IEC TS 27560:2023, as public guides to it tell them.
-"""
+"""Consent receipts, reproducible from the chain byte for byte; names of ISO/IEC TS 27560:2023."""
 
 from __future__ import annotations
 
@@ -37,10 +34,9 @@ _REGISTER_ARGUMENTS_COUNT = 10
 
 @dataclass(frozen=True, slots=True)
 class ConsentWord:
-    """One word of a person as the chain holds it. Times in ms, 0 is no bound.
+    """One consent statement; times in ms, 0 is unbounded.
 
-    `seen_height` is the newest block that she knew of: the notice that was in force there is the one she was told.
-    Purposes and sensors that are empty in a no mean all.
+    `seen_height` decides which notice applied; empty lists in a refusal mean all.
     """
 
     chain_id: bytes
@@ -64,10 +60,7 @@ def _invalid(detail: str) -> BlockRobotError:
 
 
 def read_word(transaction: Transaction, receipt: Receipt, *, height: int, index: int, time_ms: int) -> ConsentWord:
-    """Return what a person said in a transaction whose receipt was proved to stand at this place of the chain.
-
-    Raises CONSENT_RECEIPT_INVALID if it was refused, CONSENT_WORD_MISSING if it holds no word of consent.
-    """
+    """Return the statement of a proven transaction. Raises CONSENT_RECEIPT_INVALID (refused), CONSENT_WORD_MISSING."""
     if receipt.txid != transaction.txid or not receipt.ok:
         raise _invalid("The transaction is another one, or the chain refused it.")
     body, arguments = transaction.body, transaction.arguments()
@@ -117,16 +110,13 @@ def _from_height(receipt: Receipt, status: str) -> int:
 
 
 def is_notice_of(row: NoticeRow | None, following: NoticeRow | None, word: ConsentWord) -> bool:
-    """Tell whether a version was in force when she spoke: it had come, and the one after it had not.
-
-    `row` None says that there was none; then `following` is the first version, if there is one by now.
-    """
+    """Return whether a version was in force; `row` None: there was none, `following` the first or None."""
     come = row is None or row.height <= word.seen_height
     return come and (following is None or following.height > word.seen_height)
 
 
 def build_document(word: ConsentWord, organisation: str, published: PublishedNotice | None) -> bytes:
-    """Return the receipt's bytes: JSON with sorted keys and no spaces, ASCII only."""
+    """Return receipt JSON: sorted keys, no spaces, ASCII only."""
     notice = None if published is None else published.notice
     fields: dict[str, Any] = {
         "schema_version": RECEIPT_SCHEMA,
@@ -215,19 +205,17 @@ def _of_notice(notice: Notice) -> dict[str, Any]:
 
 
 def sign_as_controller(key: PrivateKey, document: bytes) -> bytes:
-    """Return the signature (64 bytes) of a node that speaks for the controller; equal documents get equal ones."""
     return key.sign_compact(CONTROLLER_TAG, document)
 
 
 def sign_as_person(key: PrivateKey, document: bytes, controller_signature: bytes) -> bytes:
-    """Return the person's signature (64 bytes) over the document and what the controller signed."""
     return key.sign_compact(PERSON_TAG, document, controller_signature)
 
 
 def require_signatures(
     document: bytes, *, controller: bytes, controller_signature: bytes, person: bytes, person_signature: bytes | None
 ) -> None:
-    """Raise CONSENT_RECEIPT_INVALID unless both sides signed these bytes (None: the person has not signed yet)."""
+    """Raise CONSENT_RECEIPT_INVALID unless both signed (None: person not yet)."""
     if not verify(controller, CONTROLLER_TAG, controller_signature, document):
         raise _invalid("The organisation's node did not sign it.")
     if person_signature is None:

@@ -1,7 +1,4 @@
-"""What the contract `consent` keeps of a person, read: choices as steps.
-
-A choice is about one purpose and one sensor; its steps say from which height on what holds (see the contract).
-"""
+"""Reads the contract `consent`: height-dependent steps per purpose and sensor."""
 
 from __future__ import annotations
 
@@ -16,10 +13,10 @@ _STEP_TYPES = [int, str, int, int, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """From `height` on `status` holds. `since_ms`: when a no was said, or since when a consent holds without a break.
+    """From `height` on `status` holds; `since_ms`: refusal time, or start of unbroken consent.
 
-    Pictures may be taken from `from_ms` to before `until_ms`, chain time in ms; 0 is no bound. `mandate` is the id of the
-    mandate under which it was said for the person; empty if she said it herself.
+    Recording is allowed from `from_ms` to before `until_ms` (chain ms, 0 unbounded). `mandate` is its id, empty for the
+    person themselves.
     """
 
     height: int
@@ -34,10 +31,6 @@ Choices = dict[tuple[str, str], tuple[Step, ...]]
 
 
 def read_choices(value: Any) -> Choices:
-    """Return the steps by (purpose, sensor) of a proved state value; None is nothing said.
-
-    What a later version of the contract may write in another form is left out: that is no consent.
-    """
     return dict(_each(value))
 
 
@@ -53,7 +46,7 @@ def _is_step(step: Any) -> bool:
 
 
 def find_consent(steps: tuple[Step, ...], height: int) -> Step | None:
-    """Return the consent that holds at a height, or None. A no counts as soon as it is seen, before its height too."""
+    """Return the consent at a height, or None; refusals count at once, even earlier."""
     held = None
     for step in steps:
         if step.height <= height:

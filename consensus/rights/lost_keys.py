@@ -1,8 +1,4 @@
-"""The codes and bounds by which two officers erase for somebody whose key is lost.
-
-What stands on the chain stands there for ever, so a reason is a code from this list. The contract `officers` knows the
-same.
-"""
+"""Codes and bounds for lost-key erasure by two officers; same as contract `officers`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The codes and bounds of mandates, and the commitment to a guardian's papers.
-
-The reason is a code from a list, and is committed to with the papers: on the chain it would be a word about somebody's
-health, for ever. The contract `mandates` knows the same bounds.
-"""
+"""Codes and bounds of mandates (same as contract `mandates`); health-revealing reasons are only committed to."""
 
 from __future__ import annotations
 
@@ -30,5 +26,5 @@ MANDATE_REASONS: dict[str, str] = {
 
 
 def commit_papers(salt: bytes, reason: str, digests: Sequence[bytes]) -> bytes:
-    """Return the 32-byte commitment to a reason and the SHA-256 of each paper, in whatever order they were named."""
+    """Return the 32-byte commitment to reason and paper SHA-256 hashes, in any order."""
     return tagged_hash(PAPERS_TAG, salt, reason.encode().ljust(REASON_FIELD_BYTES, b"\x00"), *sorted(digests))

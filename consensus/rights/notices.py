@@ -1,8 +1,4 @@
-"""What an organisation tells people before anything is recorded of them: a document with a fixed form, and its versions.
-
-The document is JSON with sorted
-keys and no spaces, so that equal words have one hash; the contract `consent` keeps every version with its hash.
-"""
+"""Versioned privacy notices as canonical JSON (sorted keys, no spaces), hashed in contract `consent`."""
 
 from __future__ import annotations
 
@@ -39,7 +35,7 @@ class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Party(_Part, frozen=True):
-    """Who: controller, data protection officer or authority, and how to reach them."""
+    """A controller, data protection officer or authority, with contact."""
 
     name: str
     address: str
@@ -47,7 +43,7 @@ class Party(_Part, frozen=True):
 
 
 class NoticePurpose(_Part, frozen=True):
-    """What for: the purpose's code, its words, on what ground of Art. 6 and 9, by which sensors, how long it is kept."""
+    """A purpose: code, text, grounds (Art. 6 and 9), sensors and retention."""
 
     code: str
     words: str
@@ -58,12 +54,12 @@ class NoticePurpose(_Part, frozen=True):
 
     @property
     def rests_on_consent(self) -> bool:
-        """Whether a person is asked: by Art. 6, or by Art. 9 beside another ground of Art. 6."""
+        """Return whether consent is asked: Art. 6, or Art. 9 beside another ground."""
         return self.lawful_basis == CONSENT_BASIS or self.special_basis == EXPLICIT_CONSENT_BASIS
 
 
 class Category(_Part, frozen=True):
-    """A kind of personal data: what it is, where it comes from (one of `SOURCES`), and who that is in plain words."""
+    """A data category: description, source (of `SOURCES`) and source's name."""
 
     what: str
     source: str
@@ -94,7 +90,7 @@ class Right(_Part, frozen=True):
 
 
 class Notice(_Part, frozen=True):
-    """What people are told. Every field is due; `joint_controllers` may be empty."""
+    """A notice; all fields are required, `joint_controllers` may be empty."""
 
     schema: str
     language: str
@@ -117,7 +113,7 @@ class Notice(_Part, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class NoticeRow:
-    """What the chain says of one version: its number from 1, its hash, and the block that brought it."""
+    """A version on the chain: number from 1, hash and block."""
 
     organisation: str
     version: int
@@ -128,19 +124,18 @@ class NoticeRow:
 
 @dataclass(frozen=True, slots=True)
 class PublishedNotice:
-    """A version with its words, whose hash was compared."""
+    """A version with text matching its hash."""
 
     row: NoticeRow
     notice: Notice
 
 
 def notice_digest(document: bytes) -> bytes:
-    """Return the hash by which the chain names a document."""
     return tagged_hash(NOTICE_TAG, document)
 
 
 def encode_notice(notice: Notice) -> bytes:
-    """Return the document's bytes. Raises NOTICE_INVALID if it says too little or is too long."""
+    """Return the document's bytes. Raises NOTICE_INVALID if incomplete or too long."""
     check_notice(notice)
     document = msgspec.json.encode(notice, order="sorted")
     if len(document) > NOTICE_MAX_BYTES:
@@ -149,7 +144,7 @@ def encode_notice(notice: Notice) -> bytes:
 
 
 def decode_notice(document: bytes) -> Notice:
-    """Read a document. Raises NOTICE_INVALID unless it is one, complete, in its one form."""
+    """Parse a complete, canonical document. Raises NOTICE_INVALID."""
     try:
         notice = read_json_as(document, Notice)
     except TextInvalidError as error:
@@ -160,7 +155,7 @@ def decode_notice(document: bytes) -> Notice:
 
 
 def notice_from(values: Mapping[str, Any]) -> Notice:
-    """Return a notice from plain values, as a TOML file holds them. Raises NOTICE_INVALID with what is missing."""
+    """Return a notice from TOML-like values. Raises NOTICE_INVALID."""
     try:
         notice = msgspec.convert({"schema": NOTICE_SCHEMA, "joint_controllers": [], **values}, Notice)
     except msgspec.ValidationError as error:
@@ -170,7 +165,7 @@ def notice_from(values: Mapping[str, Any]) -> Notice:
 
 
 def check_notice(notice: Notice) -> None:
-    """Raise NOTICE_INVALID unless everything is said that Art. 13 and 14 ask for, in printable words."""
+    """Raise NOTICE_INVALID unless complete by Art. 13 and 14, and printable."""
     for place, text in _texts(msgspec.to_builtins(notice)):
         if not text.strip() or len(text) > TEXT_MAX_CHARS or next(find_hidden(text, "\n"), None) is not None:
             raise BlockRobotError("NOTICE_INVALID", f"{place} is empty, too long or holds what cannot be shown.")
@@ -219,7 +214,7 @@ def _texts(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
 
 
 def read_row(organisation: str, value: Any) -> NoticeRow | None:
-    """Read what the chain holds of a version; None where there is none. Raises NOTICE_INVALID for another form."""
+    """Parse a version; None if absent. Raises NOTICE_INVALID."""
     if value is None:
         return None
     try:
@@ -235,7 +230,7 @@ _ROW_TYPES = [int, bytes, int, int]
 
 
 def read_published(organisation: str, value: Any) -> PublishedNotice | None:
-    """Read a version with its words from the state; None where there is none. Raises NOTICE_INVALID."""
+    """Parse a version with text; None if absent. Raises NOTICE_INVALID."""
     row = read_row(organisation, value)
     if row is None:
         return None
@@ -246,15 +241,13 @@ def read_published(organisation: str, value: Any) -> PublishedNotice | None:
 
 
 def askable_pairs(notice: Notice) -> dict[str, list[str]]:
-    """Return to what a person can consent under a notice: the sensors of each purpose that rests on consent."""
     return {each.code: sorted(each.sensors) for each in notice.purposes if each.rests_on_consent}
 
 
 def require_told(published: PublishedNotice, purposes: Sequence[str], sensors: Sequence[str]) -> None:
-    """Raise unless a person can consent to each of these purposes by each of these sensors under a notice.
+    """Check that consent is possible for these purposes and sensors. Refusals need no check.
 
-    PURPOSE_NOT_TOLD for one that it does not name, CONSENT_NOT_ASKED for one that rests on another ground,
-    SENSOR_NOT_TOLD for a sensor that it does not name for the purpose. A no is never held to this.
+    Raises PURPOSE_NOT_TOLD, CONSENT_NOT_ASKED (other ground), SENSOR_NOT_TOLD.
     """
     named = {each.code: each for each in published.notice.purposes}
     told = f"The notice of {published.row.organisation} (version {published.row.version})"
@@ -295,15 +288,11 @@ NOTICE_LINES: Mapping[str, str] = {
 
 
 def tell_notice(notice: Notice, labels: Mapping[str, str] = NOTICE_LINES) -> list[str]:
-    """Return a notice as entries for people, in the order of Art. 13 and 14; `labels` as NOTICE_LINES, in any language.
-
-    An entry whose words have line feeds has further lines, each marked as such: none can pass for another entry.
-    """
+    """Return entries in order of Art. 13 and 14; continuation lines are marked, preventing forged entries."""
     return [entry for topic in _topics(notice, labels) for entry in topic]
 
 
 def _topics(notice: Notice, labels: Mapping[str, str]) -> list[list[str]]:
-    """Return the entries by what they are about."""
     topics = [
         [labels["controller"].format(party=_party(notice.controller))],
         [labels["joint_controller"].format(party=_party(party)) for party in notice.joint_controllers],
@@ -340,10 +329,7 @@ def _party(party: Party) -> str:
 
 
 def tell_changes(before: Notice, after: Notice) -> list[str]:
-    """Return what changed from one version to another, topic by topic: lines that went (`- `), lines that came (`+ `).
-
-    Entries are compared whole: what costs more on words that somebody chose, people would not read either.
-    """
+    """Return removed (`- `) and added (`+ `) entries by topic."""
     lines: list[str] = []
     for old, new in zip(_topics(before, NOTICE_LINES), _topics(after, NOTICE_LINES), strict=True):
         for mark, entries, others in (("- ", old, new), ("+ ", new, old)):

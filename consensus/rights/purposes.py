@@ -1,8 +1,4 @@
-"""The published list of purposes for which people are recorded and records are looked at.
-
-A purpose stands on the chain for ever, so it is a code from this list; what is said beyond it is sealed. A network's
-genesis file names the codes that it uses.
-"""
+"""The published list of purpose codes; genesis names those used."""
 
 from __future__ import annotations
 
@@ -27,7 +23,7 @@ PURPOSES: dict[str, str] = {
 
 
 def require_purpose(code: str) -> str:
-    """Return the plain sentence of a purpose. Raises PURPOSE_UNKNOWN for a code that is not on the list."""
+    """Return a purpose's sentence. Raises PURPOSE_UNKNOWN."""
     sentence = PURPOSES.get(code)
     if sentence is None:
         raise BlockRobotError("PURPOSE_UNKNOWN", f"{code[:PURPOSE_MAX_CHARS]!r} is no purpose: {', '.join(PURPOSES)}.")
@@ -35,7 +31,7 @@ def require_purpose(code: str) -> str:
 
 
 def require_published(codes: Iterable[str], published: Sequence[str]) -> None:
-    """Fail unless a network publishes all these purposes. Raises PURPOSE_UNKNOWN, naming those that it publishes."""
+    """Require published purposes. Raises PURPOSE_UNKNOWN, naming the published ones."""
     for code in codes:
         if code not in published:
             text = f"{code[:PURPOSE_MAX_CHARS]!r} is no purpose of this network. It publishes: {', '.join(published)}."

@@ -1,7 +1,4 @@
-"""The codes in which people use their rights and officers answer, with plain sentences.
-
-What stands on the chain stands there for ever, so it is a code from these lists. The contract `rights` knows the same.
-"""
+"""Codes and sentences for rights and answers; same as contract `rights`."""
 
 from __future__ import annotations
 
@@ -56,9 +53,9 @@ _CORRECTION = "blockrobot/correction"
 
 
 class Correction(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A correction as its person keeps it and hands it on: what she says, and the salt that proves it is hers.
+    """A correction with its proving salt.
 
-    `salt`, `visit` and `record_ids` are hexadecimal, the last ones empty for the whole visit.
+    `salt`, `visit` and `record_ids` are hexadecimal; empty ids mean the whole visit.
     """
 
     kind: str
@@ -69,7 +66,7 @@ class Correction(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def commit_correction(correction: Correction) -> bytes:
-    """Return the 32-byte commitment of a correction that the chain holds. Raises ValueError for wrong hexadecimal."""
+    """Return the 32-byte on-chain commitment. Raises ValueError for wrong hexadecimal."""
     fields = [correction.kind.encode(), bytes.fromhex(correction.visit), correction.text.encode()]
     fields += [bytes.fromhex(record_id) for record_id in correction.record_ids]
     lengths = b"".join(len(field).to_bytes(4, "big") for field in fields)

@@ -1,7 +1,4 @@
-"""The published list of sensors by which people are recorded.
-
-A sensor stands in consents, on the chain, so it is a code from this list; the contract `consent` has the same one.
-"""
+"""The published list of sensor codes; same as contract `consent`."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ SENSORS: dict[str, str] = {
 
 
 def require_sensor(code: str) -> str:
-    """Return the plain sentence of a sensor. Raises SENSOR_UNKNOWN for a code that is not on the list."""
+    """Return a sensor's sentence. Raises SENSOR_UNKNOWN."""
     sentence = SENSORS.get(code)
     if sentence is None:
         raise BlockRobotError("SENSOR_UNKNOWN", f"{code[:SENSOR_MAX_CHARS]!r} is no sensor: {', '.join(SENSORS)}.")

@@ -1,1 +1,1 @@
-"""What stands on the chain: typed rows, their keys, and the questions that several readers ask. One module a contract."""
+"""Typed state rows, keys and shared queries, one module per contract."""

@@ -1,4 +1,4 @@
-"""What the contract `access` keeps: requests, releases, verdicts and grants; and whether a grant stands."""
+"""State of the contract `access`: requests, releases, verdicts and grants."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ACCESS = "access"
 
 
 class AccessRow(Row, frozen=True):
-    """A request: how many records each custodian released, and why others refused. `grant` only if a grantee asked."""
+    """A request: records released per custodian and refusal reasons; `grant` only for grantees."""
 
     owner: bytes
     records: list[bytes]
@@ -23,7 +23,7 @@ class AccessRow(Row, frozen=True):
 
 
 class VerdictRow(Row, frozen=True):
-    """The owner's last verdict on a record, and the frames that were changed."""
+    """The owner's last verdict on a record, and its changed frames."""
 
     verdict: Literal["verified", "corrupted"]
     frames: list[int]
@@ -31,7 +31,7 @@ class VerdictRow(Row, frozen=True):
 
 
 class GrantRow(Row, frozen=True):
-    """A grant: records of a visit for one key of a grantee, for a purpose and until a time (ms)."""
+    """A grant: a visit's records for one grantee key, purpose and end time (ms)."""
 
     owner: bytes
     records: list[bytes]
@@ -49,7 +49,6 @@ class GrantRow(Row, frozen=True):
     notices: int
 
     def is_open(self, now_ms: int) -> bool:
-        """Whether it was not revoked, and its time is not over."""
         return self.status == "active" and now_ms < self.until_ms
 
 
@@ -68,10 +67,7 @@ LAYOUT = (REQUEST, VERDICT, RELEASE, GRANT, GRANT_NUMBER, GRANT_COUNT, OPEN_GRAN
 
 
 def grant_of(state: Reader, grant_id: bytes, key: bytes, now_ms: int) -> GrantRow | None:
-    """Return the grant of this id if it is this one-time key's: while it stands, and as long after as notices count.
-
-    By its id, never by the key: another grant to the same key, or a visit under it, takes nothing from this one.
-    """
+    """Return the grant if the key's, while open or within notice time; look up by id only."""
     grant = GRANT.at(state, grant_id) if len(grant_id) == HASH else None
     if grant is None or grant.grantee != key or now_ms >= grant.ended_ms + GRANT_NOTICE_MS:
         return None

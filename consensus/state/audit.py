@@ -1,4 +1,4 @@
-"""What the contract `audit` keeps: the numbered entries of each visit, and how many words of a day were said."""
+"""State of the contract `audit`: numbered visit entries and daily counts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ AUDIT = "audit"
 
 
 class EntryRow(Row, frozen=True):
-    """One event of a visit; `record_id` is empty if it is about several, and `data` depends on the kind."""
+    """An event of a visit; `record_id` is empty for several, `data` depends on the kind."""
 
     record_id: bytes
     kind: str
@@ -20,7 +20,7 @@ class EntryRow(Row, frozen=True):
 
 
 class DayRow(ListRow, frozen=True):
-    """How many words were said on the last day (UTC, in days since 1970) on which one was."""
+    """Number of statements on the last day with one (UTC days since 1970)."""
 
     day: int
     count: int
@@ -39,10 +39,8 @@ LAYOUT = (ENTRY, COUNT, DAY_OF_VISIT, DAY_OF_GRANT, DAY_OF_OFFICERS)
 
 
 def entry_keys(owner: bytes, count: int, first: int = 0) -> list[bytes]:
-    """Return the keys of a visit's entries from number `first` to before `count`, in order."""
     return [ENTRY.key(owner, number) for number in range(first, count)]
 
 
 def entry_count(state: Reader, owner: bytes) -> int:
-    """Return how many entries a visit has."""
     return COUNT.at(state, owner) or 0

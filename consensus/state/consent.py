@@ -1,4 +1,4 @@
-"""What the contract `consent` keeps: each person's choices as steps, and the notices of organisations."""
+"""State of the contract `consent`: choices as steps, and notices."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ GIVEN = "given"
 
 
 class StepRow(ListRow, frozen=True):
-    """From `height` on `status` holds: see the contract for the times (ms; 0 is no bound) and the mandate's id."""
+    """From `height` on `status` holds; times in ms (0 is no bound), with the mandate's id."""
 
     height: int
     status: Literal["given", "refused", "withdrawn", "objected"]
@@ -22,7 +22,7 @@ class StepRow(ListRow, frozen=True):
 
 
 class OwnYesRow(ListRow, frozen=True):
-    """How far a person's own yes goes: from `height` on, and in a period (ms; 0 is no bound)."""
+    """A person's own consent: from `height` on, in a period (ms; 0 is no bound)."""
 
     height: int
     from_ms: int
@@ -30,7 +30,7 @@ class OwnYesRow(ListRow, frozen=True):
 
 
 class NoticeRow(Row, frozen=True):
-    """A version of what an organisation tells people."""
+    """A version of an organisation's notice."""
 
     version: int
     hash: bytes
@@ -65,12 +65,10 @@ LAYOUT = (CHOICES, OWN, SAID, CHANGES, NOTICE, NOTICE_TEXT)
 
 
 def step_at(steps: list[StepRow], height: int) -> StepRow | None:
-    """Return the step that holds at a height, or None."""
     return next((step for step in reversed(steps) if step.height <= height), None)
 
 
 def allows(state: Reader, handle: bytes, purpose: str, sensor: str, *, height: int, time_ms: int) -> bool:
-    """Tell whether a consent holds in a block, and its period is open: what the view `allowed` says."""
     steps = (CHOICES.at(state, handle) or {}).get(purpose, {}).get(sensor, [])
     now = step_at(steps, height)
     if now is None or now.status != GIVEN:

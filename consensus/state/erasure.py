@@ -1,4 +1,4 @@
-"""What the contract `erasure` keeps: requests for erasure, and the receipts of custodians."""
+"""State of the contract `erasure`: requests and custodians' receipts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ERASURE = "erasure"
 
 
 class ErasureReceiptRow(Row, frozen=True):
-    """What a custodian confirmed: what it destroyed, what remains, and until when (ms)."""
+    """A custodian's confirmation: what was destroyed, what remains, until when (ms)."""
 
     destroyed_frames: int
     remains: str
@@ -20,7 +20,7 @@ class ErasureReceiptRow(Row, frozen=True):
 
 
 class ErasureRow(Row, frozen=True):
-    """A request for the erasure of records, or of frames of one; `receipts` are by custodian."""
+    """An erasure request for records or one's frames; `receipts` are by custodian."""
 
     owner: bytes
     records: list[bytes]

@@ -1,4 +1,4 @@
-"""What the contract `identity` keeps: members, handles, organisations' keys, custodians; and which role a key has now."""
+"""State of the contract `identity`: members, handles, organisation keys, custodians, roles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SUBJECT = "subject"
 
 
 class MemberRow(Row, frozen=True):
-    """A member: the public keys are empty once the membership ended; `since` (ms) is when it got this status."""
+    """A member; public keys are empty after the membership ended, `since` (ms) dates the status."""
 
     handle: bytes
     role: str
@@ -25,12 +25,11 @@ class MemberRow(Row, frozen=True):
 
     @property
     def is_active(self) -> bool:
-        """Whether the key is a member's still, whatever became of the organisation that let the member in."""
         return self.status == "active"
 
 
 class OrganisationKeysRow(Row, frozen=True):
-    """The keys that speak for an organisation; none once it was removed."""
+    """An organisation's keys; none once it was removed."""
 
     admins: list[bytes]
     registrars: list[bytes]
@@ -44,7 +43,7 @@ class CustodianRow(Row, frozen=True):
 
 
 class RobotNameRow(Row, frozen=True):
-    """What an organisation calls a robot, and since when (ms)."""
+    """An organisation's name for a robot, and since when (ms)."""
 
     name: str
     place: str
@@ -89,10 +88,7 @@ LAYOUT = (
 
 
 def role_now(member: MemberRow | None, removed_ms: int | None) -> str:
-    """Return the role of a member whose organisation was last removed at a time (None: never); empty if she has none.
-
-    Only subjects outlast their organisation; who was registered before its removal stays out, should it come back.
-    """
+    """Return the role after the organisation's last removal (None: never), or empty; only subjects outlast it."""
     if member is None or not member.is_active:
         return ""
     if member.role != SUBJECT and removed_ms is not None and member.since <= removed_ms:
@@ -101,46 +97,39 @@ def role_now(member: MemberRow | None, removed_ms: int | None) -> str:
 
 
 def active_role(state: Reader, member: bytes) -> str:
-    """Return the role that a member key has now, or an empty text: what the view `role_of` says."""
     row = MEMBER.at(state, member)
     return "" if row is None else role_now(row, REMOVED.at(state, row.org))
 
 
 def is_registered(state: Reader, member: bytes) -> bool:
-    """Tell whether the key is an active member's, whatever became of the organisation that let the member in."""
     row = MEMBER.at(state, member)
     return row is not None and row.is_active
 
 
 def member_with(state: Reader, handle: bytes) -> MemberRow | None:
-    """Return the member who has, or had last, this handle; None for a handle of nobody."""
     key = HANDLE.at(state, handle)
     return None if key is None else MEMBER.at(state, key)
 
 
 def handle_from(state: Reader, start: bytes) -> bytes | None:
-    """Return the handle that begins so (10 bytes), or None: the one to which its short form leads."""
     handle = SHORT.at(state, start)
     return handle if handle is not None and handle.startswith(start) else None
 
 
 def handle_of(state: Reader, key: bytes) -> bytes:
-    """Return the handle under which this key is, or was, a member's; empty for a key of no member."""
+    """Return a present or former member's handle, or empty."""
     row = MEMBER.at(state, key)
     return b"" if row is None else row.handle
 
 
 def organisation_of(state: Reader, member: bytes) -> str:
-    """Return the organisation that registered a member, also a former one; empty for a key of no member."""
+    """Return a present or former member's registering organisation, or empty."""
     row = MEMBER.at(state, member)
     return "" if row is None else row.org
 
 
 def office_of(state: Reader, key: bytes) -> tuple[str, str] | None:
-    """Return whose custodian, registrar or admin a key is: the office and a name, in this order; None for no office.
-
-    A custodian's name is its node's, the others' that of their organisation.
-    """
+    """Return (office, name) of a custodian (node's name), registrar or admin (organisation's), or None."""
     custodian = CUSTODIAN.at(state, key)
     if custodian is not None:
         return "custodian", custodian.name
@@ -152,5 +141,4 @@ def office_of(state: Reader, key: bytes) -> tuple[str, str] | None:
 
 
 def custodians(state: Reader) -> list[bytes]:
-    """Return the keys of all who are custodians now, sorted."""
     return CUSTODIANS.read(state) or []

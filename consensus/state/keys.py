@@ -1,7 +1,6 @@
-"""Keys and rows of the ledger's state: how one is built, taken apart, decoded and encoded.
+"""State keys and rows: building, parsing and encoding.
 
-A flat key is the contract's name, a zero byte and the contract's own key. A row that lacks a field, or has one of another
-type, is refused with ENCODING_INVALID.
+A flat key is contract name, zero byte and own key; missing or mistyped fields raise ENCODING_INVALID.
 """
 
 from __future__ import annotations
@@ -32,33 +31,30 @@ ALL_ROWS_COUNT = 1 << 60
 
 
 class Reader(Protocol):
-    """Whatever can be asked for the encoded value under a flat key."""
+    """Reads the encoded value under a flat key."""
 
-    def get(self, key: bytes, /) -> bytes | None:
-        """Return the encoded value, or None."""
-        ...
+    def get(self, key: bytes, /) -> bytes | None: ...
 
 
 class Scanner(Protocol):
-    """Whatever can be asked for all that stands under keys that begin alike."""
+    """Scans values under a key prefix."""
 
     def scan(self, prefix: bytes, limit: int, /) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
+        """Yield up to `limit` (flat key, encoded value) pairs in key order."""
         ...
 
 
 class UnreadError(KeyError):
-    """A query needs a key that was not asked for: its one argument."""
+    """A query needs an unrequested key: its one argument."""
 
 
 class DecodedReader:
-    """Reads decoded values, so that queries can be put to what was proved. A key not asked for is never taken as absent."""
+    """Reads proven decoded values; an unrequested key is never taken as absent."""
 
     def __init__(self, values: Values) -> None:
         self._values = values
 
     def get(self, key: bytes, /) -> bytes | None:
-        """Return the encoded value, or None. Raises UnreadError for a key that was not asked for."""
         if key not in self._values:
             raise UnreadError(key)
         value = self._values[key]
@@ -66,15 +62,15 @@ class DecodedReader:
 
 
 class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of every row that is a map by name. A field with a default is one that some rows do not have."""
+    """Base of map rows; fields with a default may be missing."""
 
 
 class ListRow(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Base of every row, or part of one, that is a list in field order. Fields with a default may be missing at the end."""
+    """Base of list rows in field order; trailing defaults may be missing."""
 
 
 class Rows(Generic[T]):
-    """Rows of one kind that a contract keeps: how they are read and written, and whether a flat key is one of theirs."""
+    """One kind of a contract's rows: reading, writing and key matching."""
 
     def __init__(self, contract: str, name: str, form: Form, kind: Any) -> None:
         self.name = f"{contract} {name}"
@@ -85,21 +81,17 @@ class Rows(Generic[T]):
         self._pattern = re.compile(re.escape(self.flat) + b"".join(map(_pattern_of, form)), re.DOTALL)
 
     def owns(self, key: bytes) -> bool:
-        """Tell whether a flat key is one of these."""
         return self._pattern.fullmatch(key) is not None
 
     def decode(self, data: bytes) -> T:
-        """Read a row from its encoded value, with exactly its fields. Raises ENCODING_INVALID."""
+        """Decode a row with exactly its fields. Raises ENCODING_INVALID."""
         try:
             return self._decoder.decode(data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise self._invalid(error) from None
 
     def convert(self, value: Any) -> T:
-        """Read a row from a decoded value. Raises ENCODING_INVALID.
-
-        Fields that a later version of the contract added say nothing here.
-        """
+        """Convert a decoded value, ignoring later versions' fields. Raises ENCODING_INVALID."""
         if isinstance(value, dict) and isinstance(self.kind, type) and issubclass(self.kind, Row):
             value = {name: value[name] for name in self.kind.__struct_fields__ if name in value}
         try:
@@ -110,7 +102,6 @@ class Rows(Generic[T]):
         return row
 
     def encode(self, row: T) -> bytes:
-        """Return the value under which the contract stores a row."""
         return encode_value(to_value(row))
 
     def _among(self, values: Values, key: bytes) -> T | None:
@@ -118,7 +109,6 @@ class Rows(Generic[T]):
         return None if value is None else self.convert(value)
 
     def _from(self, data: bytes) -> T:
-        """Read a row from its encoded value as `convert` does; what has exactly its fields at once."""
         try:
             return self._decoder.decode(data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -129,30 +119,30 @@ class Rows(Generic[T]):
 
 
 class StateKey(Rows[T]):
-    """One key of a contract, and how the value under it is read."""
+    """One contract key, and how its value is read."""
 
     def __init__(self, contract: str, name: str, kind: Any) -> None:
         super().__init__(contract, name, (), kind)
 
     def read(self, state: Reader) -> T | None:
-        """Return the value, as `convert` reads it, or None. Raises ENCODING_INVALID."""
+        """Return the value or None. Raises ENCODING_INVALID."""
         data = state.get(self.flat)
         return None if data is None else self._from(data)
 
     def among(self, values: Values) -> T | None:
-        """Return the value among decoded ones, as `read` does. Raises KeyError if it was not asked for."""
+        """Return the value among decoded ones. Raises KeyError if unrequested."""
         return self._among(values, self.flat)
 
 
 class Prefix(Rows[T]):
-    """The keys of a contract that begin alike, and how the rows under them are read."""
+    """A contract's keys of one prefix, and their rows."""
 
     def __init__(self, contract: str, name: str, form: Form, kind: Any) -> None:
         super().__init__(contract, name, form, kind)
         self._has_one_part = len(form) == 1
 
     def key(self, *parts: bytes | str | int) -> bytes:
-        """Return the flat key with these parts: bytes and texts as they are, numbers big-endian, so that keys sort."""
+        """Return a flat key: bytes and text as they are, numbers big-endian."""
         if self._has_one_part and type(parts[0]) is bytes:
             return self.flat + parts[0]
         left = iter(parts)
@@ -162,48 +152,41 @@ class Prefix(Rows[T]):
         return key
 
     def start(self, first: bytes) -> bytes:
-        """Return how all keys with this first part begin, to scan them."""
         return self.flat + first
 
     def split(self, key: bytes) -> tuple[bytes, ...]:
-        """Return the parts of a flat key. Raises ENCODING_INVALID for a key of another form."""
+        """Return a flat key's parts. Raises ENCODING_INVALID."""
         found = self._pattern.fullmatch(key)
         if found is None:
             raise BlockRobotError("ENCODING_INVALID", f"{key.hex()} is no key of {self.name}.")
         return found.groups()
 
     def at(self, state: Reader, *parts: bytes | str | int) -> T | None:
-        """Return the row under the key with these parts, as `convert` reads it, or None. Raises ENCODING_INVALID."""
+        """Return the row under these parts, or None. Raises ENCODING_INVALID."""
         # Not by `key`: each call about a sender asks a few of these, and most have nothing.
         data = state.get(self.flat + parts[0] if self._has_one_part and type(parts[0]) is bytes else self.key(*parts))
         return None if data is None else self._from(data)
 
     def among(self, values: Values, *parts: bytes | str | int) -> T | None:
-        """Return the row with these parts among decoded values, as `at` does. Raises KeyError if it was not asked for."""
+        """Return the row among decoded values. Raises KeyError if unrequested."""
         return self._among(values, self.key(*parts))
 
     def has(self, state: Reader, *parts: bytes | str | int) -> bool:
-        """Tell whether anything stands under the key with these parts."""
         return state.get(self.key(*parts)) is not None
 
     def rows(
         self, state: Scanner, first: bytes = b"", limit: int = ALL_ROWS_COUNT
     ) -> Iterator[tuple[tuple[bytes, ...], T]]:
-        """Yield the parts of each key that begins so with its row, as `convert` reads it, in key order.
-
-        Raises ENCODING_INVALID, also for a key of another form.
-        """
+        """Yield key parts and rows in key order. Raises ENCODING_INVALID."""
         for key, data in state.scan(self.start(first), limit):
             yield self.split(key), self._from(data)
 
 
 def flat_prefix(contract: str) -> bytes:
-    """Return what every flat key of this contract starts with."""
     return contract.encode() + b"\x00"
 
 
 def to_value(row: Any) -> Any:
-    """Return the value that a row is to its contract: maps, lists and scalars, without fields that are as by default."""
     value = msgspec.msgpack.decode(msgspec.msgpack.encode(row))
     if isinstance(row, Row):
         for name, default in zip(reversed(row.__struct_fields__), reversed(row.__struct_defaults__), strict=False):

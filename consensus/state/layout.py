@@ -1,4 +1,4 @@
-"""The whole layout of the ledger's state: every key that the system's contracts and the machine write, in one place."""
+"""The state layout: all keys of system contracts and the machine."""
 
 from __future__ import annotations
 
@@ -40,5 +40,4 @@ LAYOUT: tuple[Rows[Any], ...] = tuple(rows for module in MODULES for rows in mod
 
 
 def owners_of(key: bytes) -> list[Rows[Any]]:
-    """Return what a flat key may be; exactly one for a key of the system's contracts."""
     return [each for each in LAYOUT if each.owns(key)]

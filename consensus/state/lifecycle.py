@@ -1,7 +1,4 @@
-"""What the contract `lifecycle` keeps, and the machine under keys of its own: versions of contracts, changes, sources.
-
-Any version of that contract may write what it likes, so the machine reads its rows with care: see the executor.
-"""
+"""State of the contract `lifecycle`, whose rows the machine distrusts: versions, changes, sources."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ MACHINE = "machine"
 
 
 class ChangeRow(Row, frozen=True):
-    """A change that is due at a height or a time (ms)."""
+    """A change due at a height or a time (ms)."""
 
     kind: str
     name: str
@@ -24,13 +21,13 @@ class ChangeRow(Row, frozen=True):
 
 
 class TrialRow(ChangeRow, frozen=True):
-    """A trial: `version` with its source comes back when it ends."""
+    """A trial: `version` with its source returns when it ends."""
 
     source_hash: bytes
 
 
 class VersionRow(Row, frozen=True):
-    """A version of a contract; an entry is [name, kind, parameters, how many are required, type of the result]."""
+    """A contract version; an entry is [name, kind, parameters, required count, result type]."""
 
     source_hash: bytes
     size_bytes: int
@@ -46,14 +43,14 @@ class VersionRow(Row, frozen=True):
 
 
 class SourceRow(Row, frozen=True):
-    """In how many parts a source stands."""
+    """The number of parts of a source."""
 
     parts: int
     size_bytes: int
 
 
 class UploadRow(Row, frozen=True):
-    """A source that is being uploaded, and which of its parts are there."""
+    """A source being uploaded, and its present parts."""
 
     source_hash: bytes
     parts: int
@@ -61,7 +58,7 @@ class UploadRow(Row, frozen=True):
 
 
 class ContractRow(ListRow, frozen=True):
-    """The version of a contract that is in force since a height."""
+    """A contract's version in force since a height."""
 
     version: int
     source_hash: bytes

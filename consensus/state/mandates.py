@@ -1,4 +1,4 @@
-"""What the contract `mandates` keeps: who acts for whom, and what was done under each mandate."""
+"""State of the contract `mandates`: representatives and their acts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Standing = Literal["proposed", "approved", "active", "ended", "lapsed", "resting
 
 
 class MandateRow(Row, frozen=True):
-    """A mandate or a proposal of one. Persons are handles, officers the keys that they had; times not reached are 0."""
+    """A mandate or proposal; persons are handles, officers their former keys; times not reached are 0."""
 
     number: int
     handle: bytes
@@ -68,17 +68,15 @@ LAYOUT = (MANDATE, MANDATE_NUMBER, MANDATE_COUNT, OF, ACT, ACT_COUNT, DAY, PROPO
 
 
 def is_represented(state: Reader, handle: bytes, now_ms: int) -> bool:
-    """Tell whether somebody acts for this person."""
     mandate_id = OF.at(state, handle)
     row = None if mandate_id is None else MANDATE.at(state, mandate_id)
     return row is not None and row.status == "active" and now_ms < row.until_ms
 
 
 def standing(state: Reader, row: MandateRow, now_ms: int) -> Standing:
-    """Return what a mandate stands at: its status, or that it is over or does not hold, though nobody ended it.
+    """Return a mandate's effective status.
 
-    It has lapsed when its time is over, or one of the two or the organisation is gone; it is resting while somebody acts
-    for the representative.
+    Lapsed: expired, or a party or the organisation gone; resting: the representative is represented.
     """
     last_ms = row.until_ms - 1
     if row.status in ("proposed", "approved"):
@@ -96,7 +94,6 @@ def standing(state: Reader, row: MandateRow, now_ms: int) -> Standing:
 
 
 def acting_for(state: Reader, handle: bytes, key: bytes, act: str, now_ms: int) -> bytes | None:
-    """Return the id of the mandate by which a member may do this for a person now: what the view `acting_for` says."""
     mandate_id = OF.at(state, handle)
     row = None if mandate_id is None else MANDATE.at(state, mandate_id)
     if row is None or act not in row.acts or HANDLE.at(state, row.representative) != key:

@@ -1,4 +1,4 @@
-"""What the contract `membership` keeps: organisations, their nodes, and what they propose."""
+"""State of the contract `membership`: organisations, nodes and proposals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class OrganisationRow(Row, frozen=True):
 
 
 class NodeRow(Row, frozen=True):
-    """A node, active or removed; a key that it does not have is empty."""
+    """A node, active or removed; absent keys are empty."""
 
     name: str
     organisation: str
@@ -41,7 +41,7 @@ class RevokedRow(Row, frozen=True):
 
 
 class GovernanceProposalRow(Row, frozen=True):
-    """What organisations decide: who stands behind it, and with which of their keys (`keys_numbers`)."""
+    """An organisations' decision: its supporters and their keys (`keys_numbers`)."""
 
     contract: str
     kind: str
@@ -57,7 +57,7 @@ class GovernanceProposalRow(Row, frozen=True):
 
 
 class OpenProposalRow(ListRow, frozen=True):
-    """An open proposal: its id, its proposer, and when (ms) it expires."""
+    """An open proposal: id, proposer and expiry (ms)."""
 
     proposal_id: bytes
     organisation: str
@@ -98,10 +98,8 @@ LAYOUT = (
 
 
 def active_organisations(state: Reader) -> list[str]:
-    """Return the names of the active organisations, sorted."""
     return ORGANISATIONS.read(state) or []
 
 
 def active_nodes(state: Reader) -> list[str]:
-    """Return the names of the active nodes, sorted."""
     return NODES.read(state) or []

@@ -1,4 +1,4 @@
-"""What the contract `officers` keeps: proposals of two officers to erase where a person's key is lost for good."""
+"""State of the contract `officers`: two-officer erasure proposals for lost keys."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ OFFICERS = "officers"
 
 
 class ProposalRow(Row, frozen=True):
-    """A proposal to erase what a robot recorded in a span; `approver` is empty until somebody approved it."""
+    """A proposal to erase a robot's recordings of a span; `approver` is empty until approval."""
 
     number: int
     robot: bytes

@@ -1,4 +1,4 @@
-"""What the contract `producers` keeps: the epoch and its settings, the candidates, and who was accused."""
+"""State of the contract `producers`: epoch, settings, candidates and accusations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PRODUCERS = "producers"
 
 
 class EpochRow(Row, frozen=True):
-    """The epoch that follows from the state: `leaderless` are indexes of producers, `settings` the chain's by name."""
+    """The epoch following from the state: `leaderless` are producer indexes, `settings` by name."""
 
     number: int
     producers: list[bytes]
@@ -20,7 +20,7 @@ class EpochRow(Row, frozen=True):
 
 
 class CandidateRow(Row, frozen=True):
-    """A candidate or producer; `evidence` is empty unless it was accused, `successor` unless it got another key."""
+    """A candidate or producer; `evidence` is empty unless accused, `successor` unless its key was replaced."""
 
     name: str
     organisation: str
@@ -49,6 +49,5 @@ LAYOUT = (EPOCH, CANDIDATE, KEYS, MAX_PRODUCERS, ACCUSED)
 
 
 def is_candidate(state: Reader, key: bytes) -> bool:
-    """Tell whether the key is a producer's or candidate's, suspended ones among them."""
     row = CANDIDATE.at(state, key)
     return row is not None and row.status != "removed"

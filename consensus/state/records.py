@@ -1,4 +1,4 @@
-"""What the contract `records` keeps: visits, records, announcements; and which key decides of a visit now."""
+"""State of the contract `records`: visits, records, announcements and deciding keys."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class VisitRow(Row, frozen=True):
 
 
 class RecordRow(Row, frozen=True):
-    """A record; its roots and metadata are empty from "expired" or "erased" on. `awaited` have yet to report its expiry."""
+    """A record; roots and metadata are empty once "expired" or "erased"; `awaited` have yet to report expiry."""
 
     owner: bytes
     robot: bytes
@@ -41,14 +41,14 @@ class RecordRow(Row, frozen=True):
 
 
 class CurrentRow(Row, frozen=True):
-    """The key that decides of a visit that was transferred, and how often it was."""
+    """A transferred visit's deciding key, and the number of transfers."""
 
     owner: bytes
     transfers: int
 
 
 class AnnouncementRow(ListRow, frozen=True):
-    """An announced owner key; of one that takes a visit over, `root` is the visit's first key."""
+    """An announced owner key; for a takeover, `root` is the visit's first key."""
 
     owner: bytes
     ephemeral: bytes
@@ -59,7 +59,7 @@ class AnnouncementRow(ListRow, frozen=True):
 
 
 class EmptyFrameRow(ListRow, frozen=True):
-    """A picture of the empty scene that a robot may publish: who approved it, and when (ms)."""
+    """A publishable picture of a robot's empty scene: approver and time (ms)."""
 
     digest: bytes
     approver: bytes
@@ -98,20 +98,15 @@ LAYOUT = (
 
 
 def deciding_key(root: bytes, current: CurrentRow | None) -> bytes:
-    """Return the key that decides of the visit with this first key: the first key itself until it is transferred."""
     return root if current is None else current.owner
 
 
 def current_owner(state: Reader, root: bytes) -> bytes:
-    """Return the key that decides of the visit with this first key now: what the view `current_of` says."""
     return deciding_key(root, CURRENT.at(state, root))
 
 
 def decided_root(state: Reader, key: bytes) -> bytes | None:
-    """Return the first key of the visit that this key decides of now: what the view `root_of` says.
-
-    None for a key of no visit, and for one that was replaced when its visit was transferred.
-    """
+    """Return the visit's first key, as view `root_of`; None if unknown or replaced."""
     root = ROOT.at(state, key) or key
     if not VISIT.has(state, root):
         return None
@@ -119,5 +114,4 @@ def decided_root(state: Reader, key: bytes) -> bytes | None:
 
 
 def is_frame_approved(state: Reader, robot: bytes, digest: bytes) -> bool:
-    """Tell whether an empty frame is approved for this robot."""
     return any(row.digest == digest for row in EMPTY_FRAMES.at(state, robot) or [])

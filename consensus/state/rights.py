@@ -1,4 +1,4 @@
-"""What the contract `rights` keeps: restrictions, objections, corrections, quarantines and breaches."""
+"""State of the contract `rights`: restrictions, objections, corrections, quarantines, breaches."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ RIGHTS = "rights"
 
 
 class RestrictionRow(Row, frozen=True):
-    """What is restricted of a visit: named records, or the `whole` of it; `until_ms` is 0 if nothing is kept longer."""
+    """A visit's restriction: named records or `whole`; `until_ms` is 0 if nothing is kept longer."""
 
     ground: str
     whole: bool
@@ -20,12 +20,11 @@ class RestrictionRow(Row, frozen=True):
     time: int
 
     def covers(self, record_id: bytes) -> bool:
-        """Tell whether a record is restricted."""
         return self.whole or record_id in self.records
 
 
 class CorrectionRow(Row, frozen=True):
-    """A correction: a salted hash of what it says, and the txid of the one before (empty for the first)."""
+    """A correction: salted content hash and previous txid (empty for the first)."""
 
     records: list[bytes]
     kind: str
@@ -37,7 +36,7 @@ class CorrectionRow(Row, frozen=True):
 
 
 class AssessedRow(Row, frozen=True):
-    """Who assessed a breach last, when and why."""
+    """A breach's last assessor, time and reason."""
 
     time: int
     officer: bytes
@@ -45,7 +44,7 @@ class AssessedRow(Row, frozen=True):
 
 
 class NotifiedRow(Row, frozen=True):
-    """Who told somebody of a breach, when, and whether that was late."""
+    """Who notified a breach, when, and whether late."""
 
     time: int
     officer: bytes
@@ -105,12 +104,10 @@ LAYOUT = (
 
 
 def correction_keys(owner: bytes, count: int) -> list[bytes]:
-    """Return the keys of a visit's first corrections, in order."""
     return [CORRECTION.key(owner, number) for number in range(count)]
 
 
 def is_held(state: Reader, owner: bytes, record_id: bytes, expires_at_ms: int, now_ms: int) -> bool:
-    """Tell whether a restriction keeps a record beyond its expiry: what the view `require_not_held` judges by."""
     row = RESTRICTION.at(state, owner)
     if row is None or row.until_ms <= now_ms:
         return False

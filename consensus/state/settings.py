@@ -1,4 +1,4 @@
-"""What the contract `settings` keeps: the quotas of uploads that organisations decided. The rest is in `producers`."""
+"""State of the contract `settings`: decided upload quotas; the rest is in `producers`."""
 
 from __future__ import annotations
 

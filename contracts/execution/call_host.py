@@ -1,7 +1,4 @@
-"""What one call reads and writes: its own writes over the block's over the parent state.
-
-A failed call's writes are dropped; those of one that succeeded join the block's. Nothing reaches the parent.
-"""
+"""One call's writes over the block's over the parent state; failed ones are dropped."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from contracts.state.view import StateReader
 
 
 class CallHost:
-    """The machine's host for the calls of one block, one after another."""
+    """The machine's host for a block's consecutive calls."""
 
     __slots__ = ("_block", "_block_keys", "_call", "_call_keys", "_parent", "_unwritten")
 
@@ -32,24 +29,20 @@ class CallHost:
 
     @property
     def writes(self) -> dict[bytes, bytes | None]:
-        """What the calls that succeeded wrote: flat key -> encoded value, None where they deleted."""
+        """Return successful calls' writes by flat key; None means deleted."""
         return self._block
 
     def has_written(self, key: bytes) -> bool:
-        """Tell whether the call that runs wrote or deleted this key."""
         return key in self._call
 
     def get_before(self, key: bytes) -> bytes | None:
-        """Return the encoded value under a flat key before the block."""
         return self._parent.get(key)
 
     def begin(self) -> None:
-        """Start a call, forgetting whatever one before left undecided."""
         self._call = {}
         self._call_keys = None
 
     def keep(self) -> None:
-        """Take the call's writes over into the block."""
         if self._block_keys is not None:
             for key, value in self._call.items():
                 self._note_kept(self._block_keys, key, is_there=value is not None)
@@ -66,7 +59,6 @@ class CallHost:
             del block_keys[bisect_left(block_keys, key)]
 
     def get(self, key: bytes) -> bytes | None:
-        """Return the encoded value under a flat key, or None."""
         if key in self._call:
             return self._call[key]
         if key in self._block:
@@ -74,13 +66,11 @@ class CallHost:
         return self._parent.get(key)
 
     def put(self, key: bytes, value: bytes) -> None:
-        """Store an encoded value."""
         if self._call_keys is not None and key not in self._call:
             insort(self._call_keys, key)
         self._call[key] = value
 
     def delete(self, key: bytes) -> None:
-        """Remove a key."""
         if self._call_keys is not None and key not in self._call:
             insort(self._call_keys, key)
         self._call[key] = None
@@ -89,10 +79,6 @@ class CallHost:
         """Do nothing: events come with the call's outcome, which alone decides whether they count."""
 
     def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
-        """Return at most `limit` pairs under the prefix, in key order, as the call sees them.
-
-        Passes what the call itself deleted, and nothing else that is not there more than once in a block.
-        """
         if self._block_keys is None:
             self._block_keys = sorted(key for key, value in self._block.items() if value is not None)
         if self._call_keys is None:

@@ -1,8 +1,4 @@
-"""Who may call each entry of the shipped contracts, as its own docstring says it.
-
-Every entry that changes something says "Who may call: ..." in its docstring. The words are read from the source as text
-and looked up here; the tests then try each entry with every role, on the real executor.
-"""
+"""Caller rules from "Who may call: ..." in shipped contracts' docstrings, tested for every role."""
 
 from __future__ import annotations
 
@@ -48,7 +44,7 @@ _WORDS = re.compile(r"Who may call: (.+?)\.(?:\s|$)", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class CallerRule:
-    """Who may call an entry: roles in every case, roles for what is their own, and contracts in a caller's name."""
+    """Allowed roles: always, for their own, and contracts for a caller."""
 
     words: str
     always: frozenset[str] = _NOBODY
@@ -57,7 +53,6 @@ class CallerRule:
 
     @property
     def roles(self) -> frozenset[str]:
-        """Every role that may call it for something."""
         return self.always | self.own
 
 
@@ -126,7 +121,7 @@ _AT_GENESIS = CallerRule("nobody: it is called once, while the first state is ma
 
 
 def rule_of(contract: str, entry: str, docstring: str) -> CallerRule:
-    """Return the rule that an entry's docstring states. Raises CONFIGURATION_INVALID if it states none that is known."""
+    """Parse a docstring's rule. Raises CONFIGURATION_INVALID."""
     found = _WORDS.search(docstring)
     words = " ".join(found.group(1).split()) if found else ""
     if words not in _RULES:
@@ -137,10 +132,7 @@ def rule_of(contract: str, entry: str, docstring: str) -> CallerRule:
 
 @cache
 def entry_rules() -> Mapping[tuple[str, str], CallerRule]:
-    """Return the rule of each entry of a shipped contract that can change something, by (contract, entry).
-
-    Raises CONFIGURATION_INVALID for an entry without a rule.
-    """
+    """Return rules of state-changing entries by (contract, entry). Raises CONFIGURATION_INVALID."""
     contracts, rules = load_contracts(), {}
     for name in SHIPPED_CONTRACTS:
         tree = ast.parse(read_source(name))

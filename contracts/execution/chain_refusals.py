@@ -1,7 +1,4 @@
-"""What a chain refuses of a source that compiles: asked before it is sent.
-
-The limits are those of the contract `lifecycle` as it ships; a chain that runs another version of it has the last word.
-"""
+"""Predicts on-chain refusals of compiled sources, by the shipped contract `lifecycle`."""
 
 from __future__ import annotations
 
@@ -17,7 +14,6 @@ from contracts.vm.compiler.compile_cache import FACTS_MAX_BYTES, describe_source
 
 @cache
 def read_limit(name: str) -> Any:
-    """Return a constant of the contract `lifecycle`."""
     for item in ast.parse(read_source("lifecycle")).body:
         if isinstance(item, ast.Assign) and isinstance(item.targets[0], ast.Name) and item.targets[0].id == name:
             return ast.literal_eval(item.value)
@@ -25,7 +21,7 @@ def read_limit(name: str) -> Any:
 
 
 def find_refusals(source: str, compiled: CompiledContract) -> tuple[Diagnostic, ...]:
-    """Return why the contract `lifecycle` would not take a source under its name; () if it would."""
+    """Return why `lifecycle` would refuse a source; () if accepted."""
     name, entries = compiled.name, compiled.abi.entries
     found: list[Diagnostic] = []
     if name in read_limit("RESERVED_NAMES"):

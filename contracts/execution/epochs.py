@@ -1,8 +1,4 @@
-"""What the state says of epochs: the one in force and, of a block, the one it begins.
-
-The contract `producers` writes a single key whenever a change of producers or settings takes effect. A block whose
-writes raise the number under it is a boundary.
-"""
+"""Epochs in the state; writes raising the `producers` epoch number make a boundary."""
 
 from __future__ import annotations
 
@@ -31,10 +27,7 @@ def _epoch_of(value: Any) -> Epoch:
 
 
 def is_fit_to_follow(before: bytes, after: bytes | None) -> bool:
-    """Tell whether the chain can go on with what a block leaves under `EPOCH`, instead of what stood there before it.
-
-    That is the epoch in force, or the next one: producers with keys that are keys, and settings within their ranges.
-    """
+    """Return whether `EPOCH` holds the same or next epoch, with valid keys and settings."""
     if after is None:
         return False
     current, value = _epoch_of(decode_value(before)), decode_value(after)
@@ -71,7 +64,7 @@ def _can_produce(epoch: Epoch, current: Epoch) -> bool:
 
 
 def read_epoch(state: StateReader) -> Epoch:
-    """Return the epoch that follows from this state. Raises GENESIS_INVALID if it names none."""
+    """Return the state's epoch. Raises GENESIS_INVALID."""
     data = state.get(EPOCH.flat)
     if data is None:
         raise BlockRobotError("GENESIS_INVALID", "The state names no epoch.")
@@ -79,10 +72,6 @@ def read_epoch(state: StateReader) -> Epoch:
 
 
 def next_epoch(writes: Mapping[bytes, bytes | None], current: int) -> Epoch | None:
-    """Return the epoch that a block with these writes begins, or None if it stays in epoch `current`.
-
-    `writes` are the block's flat keys with encoded values, as in `BlockResult.writes`.
-    """
     data = writes.get(EPOCH.flat)
     if data is None:
         return None

@@ -1,8 +1,4 @@
-"""Executes a block's transactions one after another on its parent's state.
-
-Each call runs over an overlay of its own: if it fails, nothing remains but its receipt. An exception that the
-interpreter did not foresee gives no receipt at all: a leader leaves that transaction out, a voter raises.
-"""
+"""Executes transactions in order, each over its own overlay; failures leave only a receipt."""
 
 from __future__ import annotations
 
@@ -69,10 +65,7 @@ def _no_contract(transaction: Transaction, contracts: Contracts, wire_gas: int, 
 def execute_transaction(
     host: CallHost, contracts: Contracts, context: BlockContext, transaction: Transaction, gas_limit: int
 ) -> Receipt:
-    """Run one transaction on the host. Its writes wait there for `host.keep()`; a failed call's must not be kept.
-
-    Raises InternalFault if the interpreter itself failed.
-    """
+    """Run one transaction; keep writes with `host.keep()` only on success. Raises InternalFault."""
     body = transaction.body
     host.begin()
     wire_gas = min(len(transaction.wire) // WIRE_BYTES_A_GAS, gas_limit)
@@ -119,12 +112,10 @@ def execute_block(
     host: CallHost | None = None,
     note: Callable[[int], None] = note_nothing,
 ) -> BlockResult:
-    """Execute transactions in order and return what they make of the parent's state.
+    """Execute transactions in order; `host` holds the block's earlier writes.
 
-    `host` holds what the block did before them (see `contracts.lifecycle.opening`), if it did anything.
-    A leader leaves out what the interpreter fails on, and stops at the first that no longer fits. For a
-    voter both are reasons to refuse the block: raises ExecutionFault or BLOCK_INVALID. `note` hears the place of each
-    transaction before it is executed.
+    Leaders omit faulty ones and stop when full; voters raise ExecutionFault or BLOCK_INVALID. `note` gets each place
+    first.
     """
     host = CallHost(parent) if host is None else host
     receipts: list[Receipt] = []

@@ -1,4 +1,4 @@
-"""Builds the state that a chain begins with."""
+"""Builds the genesis state of a chain."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _GENESIS_ENTRY = "genesis"
 
 @dataclass(frozen=True, slots=True)
 class GenesisState:
-    """The first state: flat keys with encoded values, trie pages by nibble path, and the root."""
+    """Initial encoded values by flat key, trie pages by nibble path, and root."""
 
     writes: dict[bytes, bytes]
     pages: dict[bytes, bytes]
@@ -47,10 +47,7 @@ def _producers_arguments(genesis: Genesis) -> list[Any]:
 
 
 def build_genesis_state(genesis: Genesis) -> GenesisState:
-    """Run the contracts' genesis entries. `genesis.state_root` is not looked at.
-
-    Raises GENESIS_INVALID if the file names other contracts or an entry refuses it.
-    """
+    """Run the genesis entries, ignoring `genesis.state_root`. Raises GENESIS_INVALID."""
     contracts = require_contracts(genesis)
     state = MemoryState()
     host = CallHost(state)
@@ -88,15 +85,12 @@ def build_genesis_state(genesis: Genesis) -> GenesisState:
 
 
 def complete_genesis(genesis: Genesis) -> Genesis:
-    """Return the genesis with its state root filled in. Raises GENESIS_INVALID."""
+    """Fill in the state root. Raises GENESIS_INVALID."""
     return msgspec.structs.replace(genesis, state_root=build_genesis_state(genesis).state_root)
 
 
 def open_genesis(genesis: Genesis) -> GenesisState:
-    """Return the first state of a finished genesis file, on a node's start.
-
-    Raises GENESIS_INVALID if the root that the file names is not the one that the contracts give here.
-    """
+    """Return the initial state. Raises GENESIS_INVALID if roots differ."""
     state = build_genesis_state(genesis)
     if state.state_root != genesis.state_root:
         raise BlockRobotError("GENESIS_INVALID", "The genesis file's state root is not that of its contracts.")

@@ -1,7 +1,4 @@
-"""The contracts of one chain, ready to build and to verify blocks.
-
-Which contracts answer is said by the parent's state, and by what takes effect with the block itself.
-"""
+"""One chain's contracts, selected by parent state and due changes."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from contracts.state.view import StateView
 
 
 class ContractMachine:
-    """Executes blocks of one chain (`chain_id`, 32 bytes) with the contracts that the state names."""
+    """Executes one chain's blocks (`chain_id`, 32 bytes)."""
 
     def __init__(self, chain_id: bytes, catalogue: Catalogue, limits: ExecutionLimits = PROTOCOL_LIMITS) -> None:
         self._chain_id = chain_id
@@ -28,7 +25,7 @@ class ContractMachine:
 
     @classmethod
     def of_genesis(cls, genesis: Genesis) -> ContractMachine:
-        """Return the machine of a chain. Raises GENESIS_INVALID if its first contracts are not the ones shipped here."""
+        """Return a chain's machine. Raises GENESIS_INVALID for unshipped contracts."""
         require_contracts(genesis)
         return cls(genesis.chain_id, Catalogue())
 
@@ -45,10 +42,9 @@ class ContractMachine:
         gives_up_change: bool = False,
         note: Callable[[int], None] = note_nothing,
     ) -> tuple[BlockResult, list[bytes]]:
-        """Execute what fits into a block, in order; return that and the txids that no block should ever hold.
+        """Execute what fits, in order; return the result and permanently unusable txids.
 
-        With `gives_up_change` the version of a contract that is due fails (R42). `note` hears of what comes next. Raises
-        ExecutionFault if the interpreter fails on that version.
+        `gives_up_change` fails the due version (R42). Raises ExecutionFault if that version breaks the interpreter.
         """
         context, host = self._context(height, time_ms), CallHost(parent)
         contracts = open_block(host, self._catalogue, context, gives_up=gives_up_change, note=note)
@@ -69,10 +65,9 @@ class ContractMachine:
         effort: int = 0,
         note: Callable[[int], None] = note_nothing,
     ) -> BlockResult:
-        """Execute exactly these transactions. Raises BLOCK_INVALID if they do not fit into one block.
+        """Execute exactly these. Raises BLOCK_INVALID if too many, ExecutionFault (no verdict, no vote).
 
-        Raises ExecutionFault if the interpreter fails: no verdict on the block, and no vote. `effort` says how much a
-        machine of another process may use up; here it means nothing.
+        `effort` bounds a separate process's resources; unused here.
         """
         del effort
         context, host = self._context(height, time_ms), CallHost(parent)

@@ -1,4 +1,4 @@
-"""What the execution of a block takes and gives."""
+"""Inputs and results of block execution."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ IN_CHANGE = -1
 
 
 class ExecutionFault(InternalFault):
-    """A block could not be executed: no verdict. `txid` or `in_change` say what was in hand, if that is known."""
+    """Execution failed without a verdict; `txid` or `in_change` locate it if known."""
 
     def __init__(self, reason: str, *, txid: bytes | None = None, in_change: bool = False) -> None:
         self.reason, self.txid, self.in_change = reason, txid, in_change
@@ -28,7 +28,7 @@ def note_nothing(_place: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class BlockContext:
-    """What contracts may know of the block they run in: chain id (32 bytes), height, timestamp in ms."""
+    """A block's chain id (32 bytes), height and timestamp (ms), visible to contracts."""
 
     chain_id: bytes
     height: int
@@ -37,7 +37,7 @@ class BlockContext:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedBlock:
-    """A block of somebody else, and the state root that it says it gives: the next one stands on that."""
+    """Another's block and claimed state root, on which the next builds."""
 
     height: int
     time_ms: int
@@ -48,7 +48,7 @@ class ExpectedBlock:
 
 @dataclass(frozen=True, slots=True)
 class ExecutionLimits:
-    """How much one call and one block may use up, and how many transactions a block takes."""
+    """Resource limits per call and block, and transactions per block."""
 
     call_gas: int = CALL_GAS_MAX
     block_gas: int = BLOCK_GAS_MAX
@@ -60,11 +60,10 @@ PROTOCOL_LIMITS = ExecutionLimits()
 
 @dataclass(frozen=True, slots=True)
 class BlockResult:
-    """What a block does to its parent's state. Receipts stand for the transactions that were executed, in order.
+    """A block's effect; receipts follow executed transactions.
 
-    `left_out` names the transactions without a receipt: `faulty` are those that no block should ever hold, since the
-    interpreter itself failed on them (`fault`: how, on the first); the others no longer fitted. Both are empty for a valid
-    block of somebody else.
+    `left_out` have no receipt: `faulty` broke the interpreter (`fault`: the first's error), others did not fit; empty
+    for a valid foreign block.
     """
 
     receipts: tuple[Receipt, ...]

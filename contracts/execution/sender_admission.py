@@ -1,11 +1,6 @@
-"""Who may have a transaction wait: a pure function of the finalized state.
+"""Mempool admission from finalized state alone.
 
-Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent, or object,
-also when his organisation was removed), as the owner of a finalized visit by the key that decides of it now (for its
-access, erasure, transfer and other rights only), as a grantee by the key of a grant that it names (to ask while it
-stands, and to say for some time after its end that copies are gone), as a custodian, as a registrar or admin of an active
-organisation, as a producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and
-card signature are good and whose handle is free.
+Admitted: active members, visits' deciding keys, grantees, office keys, producers, candidates and valid registrations.
 """
 
 from __future__ import annotations
@@ -41,7 +36,6 @@ def _owns_visit(state: Reader, owner: bytes) -> bool:
 
 
 def _named_grant(state: Reader, transaction: Transaction, now_ms: int) -> GrantRow | None:
-    """Return the sender's grant that a grantee's call names first, None for any other call."""
     body = transaction.body
     if body.contract != "access" or body.entry not in GRANTEE_ENTRIES:
         return None
@@ -59,16 +53,14 @@ def _is_grantees_matter(state: Reader, transaction: Transaction, now_ms: int) ->
 
 
 def name_grantees(owner: bytes) -> bytes:
-    """Return the account that all grantees of the visit with this first key share: their keys cost her nothing."""
     return b"grantees of " + owner
 
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """In whose turns transactions wait, by what no holder of a key can change; it stays when keys are replaced.
+    """The account of queued transactions, unaffected by key changes.
 
-    `is_of_visit` if it is a visit's, of which one person has many; `origin` names the robot that opened it, with all whose
-    visits it shares what is counted of visits together. `is_shared` if many keys use it at once.
+    `is_of_visit`: a visit's; `origin`: its robot, sharing visit limits; `is_shared`: used by many keys.
     """
 
     name: bytes
@@ -78,7 +70,6 @@ class Account:
 
 
 def name_key(state: Reader, key: bytes) -> bytes:
-    """Return what limits count for a key: its member's handle, whose admin, registrar or custodian it is, or its visit."""
     member = MEMBER.at(state, key)
     if member is not None and member.is_active:
         return member.handle
@@ -91,14 +82,13 @@ def name_key(state: Reader, key: bytes) -> bytes:
 
 
 def _name_origin(state: Reader, root: bytes) -> bytes:
-    """Return the name that all visits share which one robot opened."""
     visit = VISIT.at(state, root)
     robot = b"" if visit is None else visit.robot
     return b"visits of " + (handle_of(state, robot) or robot)
 
 
 def _find_newcomer(transaction: Transaction) -> bytes:
-    """Return the handle that a registration with standing is for: its card signs as many of them as one likes."""
+    """Count by handle: one card signs many registrations."""
     try:
         handle = transaction.arguments()[0]
     except (BlockRobotError, IndexError):
@@ -107,10 +97,6 @@ def _find_newcomer(transaction: Transaction) -> bytes:
 
 
 def find_account(state: Reader, transaction: Transaction) -> Account:
-    """Return in whose turns a transaction waits, and who pays for its bytes: its sender's, or all grantees' of a visit.
-
-    For a transaction with standing only (see `find_fault`).
-    """
     grant = _named_grant(state, transaction, 0)
     if grant is not None:
         origin = _name_origin(state, grant.owner)
@@ -155,10 +141,7 @@ def _recovers(tag: str, signature: Any, message: bytes) -> bytes | None:
 
 
 def _find_registration_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
-    """Return why a registration has no standing (an error code), or an empty text if it has.
-
-    What costs an elliptic-curve operation comes last, and first of that what only a registrar can have made.
-    """
+    """Return an error code or empty; elliptic-curve checks come last, registrar's first."""
     arguments = transaction.arguments()
     if len(arguments) != _REGISTER_ARGUMENTS_COUNT:
         return NOT_ADMITTED
@@ -181,16 +164,13 @@ def _find_registration_fault(state: StateReader, transaction: Transaction, chain
 
 
 def is_registration(transaction: Transaction) -> bool:
-    """Tell whether it is a call by which somebody without any standing becomes a member."""
     return transaction.body.contract == "identity" and transaction.body.entry == "register"
 
 
 def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
-    """Return why the sender may not have this transaction wait, as an error code, or an empty text if he may.
+    """Return an error code, or empty if admitted, by finalized state and time (ms).
 
-    Judged by the finalized state and its time in ms, and for the sender that the transaction states: whether he signed
-    it is for the caller to check (`Transaction.verify_sender`), which costs more than all that is looked up here. Only
-    a registration costs elliptic-curve operations (`is_registration`).
+    Callers verify the sender; only registrations cost elliptic-curve operations.
     """
     sender, body = transaction.body.sender, transaction.body
     if active_role(state, sender):
@@ -208,15 +188,11 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
 
 
 def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
-    """Tell whether the sender may have this transaction wait (see `find_fault`)."""
     return not find_fault(state, transaction, chain_time_ms)
 
 
 def require_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> None:
-    """Refuse a sender who may not have this transaction wait (see `find_fault`).
-
-    Raises SENDER_NOT_ADMITTED, or for a registration VOUCHER_FOREIGN, VOUCHER_EXPIRED or HANDLE_TAKEN.
-    """
+    """Require admission. Raises SENDER_NOT_ADMITTED, VOUCHER_FOREIGN, VOUCHER_EXPIRED or HANDLE_TAKEN."""
     fault = find_fault(state, transaction, chain_time_ms)
     if fault:
         raise BlockRobotError(fault)

@@ -1,8 +1,4 @@
-"""Which transactions a block may hold, before any is executed.
-
-A block's time lies after its parent's; a transaction's expiry lies after the block's time, by at most ten minutes; and
-its txid is not in the branch's last ten minutes. So nothing can be replayed, and no nonce orders a member's devices.
-"""
+"""Transaction validity before execution: time order, ten-minute expiry and unique txids prevent replay."""
 
 from __future__ import annotations
 
@@ -15,15 +11,13 @@ from consensus.limits import BLOCK_SIZE_MAX_BYTES, BLOCK_TRANSACTIONS_MAX_COUNT,
 
 
 class RecentTransactions(Protocol):
-    """The txids in one branch's blocks of the last ten minutes."""
+    """Txids in one branch's last ten minutes."""
 
-    def __contains__(self, txid: object, /) -> bool:
-        """Tell whether the branch holds the transaction."""
-        ...
+    def __contains__(self, txid: object, /) -> bool: ...
 
 
 def check_transaction(transaction: Transaction, chain_id: bytes, time_ms: int, recent: RecentTransactions) -> None:
-    """Check one transaction against the block's time and branch; its signature is checked apart.
+    """Check against block time and branch, not the signature.
 
     Raises TRANSACTION_WRONG_CHAIN, TRANSACTION_EXPIRED, TRANSACTION_TOO_FAR_AHEAD or TRANSACTION_REPLAYED.
     """
@@ -46,7 +40,7 @@ def check_block_transactions(
     time_ms: int,
     recent: RecentTransactions,
 ) -> None:
-    """Check a block's time and all its transactions. Raises BLOCK_INVALID or as `check_transaction` does."""
+    """Check a block's time and transactions. Raises BLOCK_INVALID or as `check_transaction`."""
     if time_ms <= parent_time_ms:
         raise BlockRobotError("BLOCK_INVALID", "The block's time does not lie after its parent's.")
     if len(transactions) > BLOCK_TRANSACTIONS_MAX_COUNT:
@@ -62,7 +56,7 @@ def check_block_transactions(
 def select_valid(
     transactions: Sequence[Transaction], *, chain_id: bytes, time_ms: int, recent: RecentTransactions
 ) -> list[Transaction]:
-    """Return those that a leader may put into a block of this time, in order, each once."""
+    """Return valid transactions for this block time, in order, each once."""
     chosen: dict[bytes, Transaction] = {}
     for transaction in transactions:
         try:

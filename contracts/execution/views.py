@@ -1,4 +1,4 @@
-"""Answers a contract's views on one version of the state."""
+"""Evaluates contract views on one version of the state."""
 
 from __future__ import annotations
 
@@ -27,10 +27,9 @@ def run_view(
     caller: bytes = bytes(33),
     gas_limit: int = VIEW_GAS_MAX,
 ) -> Any:
-    """Return what a view answers. `context` is that of the newest block of this state.
+    """Return a view's result; `context` is that of the newest block.
 
-    Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, CONTRACT_DISABLED, CALL_REFUSED with the
-    contract's code if the view refuses.
+    Raises TRANSACTION_CONTRACT_UNKNOWN, CONTRACT_DISABLED or CALL_REFUSED with the contract's code.
     """
     compiled = contracts.get(contract)
     if compiled is None:
@@ -53,7 +52,6 @@ def run_view(
 
 
 def _in_force(contracts: Mapping[str, CompiledContract], name: str) -> str:
-    """Say which version answers, for those who know another one."""
     if not isinstance(contracts, ActiveContracts):
         return ""
     return f" Version {contracts.versions[name]} of {name} is active since height {contracts.since[name]}."

@@ -1,4 +1,4 @@
-"""The author's kit: what one needs to write, test and look into contracts."""
+"""The author's kit: write, test and inspect contracts."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""Arguments as people type them, turned into what an entry takes.
+"""Converts arguments typed as text to an entry's parameter types.
 
-Each parameter's type says how its text is read: `int` as decimal or 0x, `bytes` as 0x..., hex:... or text:...,
-`str` as it stands, lists and dicts as JSON. Within JSON, and where the type says nothing, a text that begins with 0x or
-hex: stands for bytes unless only text fits.
+`int` is decimal or 0x, `bytes` is 0x..., hex:... or text:..., `str` is literal, lists and dicts are JSON.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ class _MisfitError(Exception):
 
 
 def find_entry(abi: Abi, name: str, kind: str) -> Entry:
-    """Return the entry of this name and kind. Raises TRANSACTION_CONTRACT_UNKNOWN, naming those that there are."""
+    """Return the entry of this name and kind. Raises TRANSACTION_CONTRACT_UNKNOWN."""
     entry = abi.entry(name)
     if entry is not None and entry.kind == kind:
         return entry
@@ -47,7 +45,6 @@ def find_entry(abi: Abi, name: str, kind: str) -> Entry:
 
 
 def signature_of(entry: Entry) -> str:
-    """Return an entry as it would be written: name, parameters with types, result."""
     parts = [
         f"{name}: {kind}" + ("" if place < entry.required else " = ...")
         for place, (name, kind) in enumerate(entry.params)
@@ -56,7 +53,7 @@ def signature_of(entry: Entry) -> str:
 
 
 def read_arguments(entry: Entry, texts: Sequence[str]) -> list[Any]:
-    """Return the values that these texts stand for, by the entry's types. Raises CONTRACT_ARGUMENTS_INVALID."""
+    """Return the values of these texts. Raises CONTRACT_ARGUMENTS_INVALID."""
     if not entry.required <= len(texts) <= len(entry.params):
         wanted = str(len(entry.params))
         if entry.required != len(entry.params):
@@ -83,14 +80,12 @@ def _alternatives(node: ast.expr) -> list[ast.expr]:
 
 
 def _name(node: ast.expr) -> str:
-    """Return the outer name of a type without alternatives."""
     if isinstance(node, ast.Subscript):
         node = node.value
     return node.id if isinstance(node, ast.Name) else "None"
 
 
 def _read(text: str, node: ast.expr) -> Any:
-    """Read a whole argument. Of several types the strictest that fits wins, so text comes last."""
     alternatives = sorted(_alternatives(node), key=lambda one: _name(one) in {"str", "object"})
     for alternative in alternatives:
         try:
@@ -148,7 +143,6 @@ def _to_bytes(text: str) -> bytes:
 
 
 def _fit(value: Any, node: ast.expr) -> Any:
-    """Turn what JSON gave into a value of a type: texts become bytes where bytes are due."""
     alternatives = _alternatives(node)
     if len(alternatives) > 1:
         for alternative in sorted(alternatives, key=lambda one: _name(one) in {"str", "object"}):
@@ -176,7 +170,6 @@ def _fit(value: Any, node: ast.expr) -> Any:
 
 
 def _fit_key(text: str, node: ast.expr) -> Any:
-    """JSON has text for keys only; of numbers and bytes it is their text."""
     return _read(text, node) if _name(node) != "object" else _fit_anything(text)
 
 

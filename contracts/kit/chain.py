@@ -1,16 +1,6 @@
-"""A chain of one's own for tests: the real interpreter, the real state, no nodes.
+"""A local chain for tests: the real interpreter and state, no nodes.
 
-Sources are executed in a process behind the wall that nodes have: those of others cannot harm who tests them.
-
-    chain = Chain()
-    log = chain.deploy("visitor_log.py")
-    alice = chain.caller("alice")
-    log.call("sign_in", "Bob", caller=alice)
-    assert log.view("present") == ["Bob"]
-    log.expect_failure("ALREADY_IN", "sign_in", "Bob", caller=alice)
-
-Each call is a transaction in a block of its own: it has a height, a time and a transaction id. Arguments and results
-cross the same border as on a network. A failed call leaves nothing; why it failed is told with the lines that ran.
+Sources run in a sandboxed process; each call is a transaction in its own block.
 """
 
 from __future__ import annotations
@@ -41,7 +31,7 @@ BLOCK_MS = 1_000
 
 
 class CallFailedError(AssertionError):
-    """A call that should have succeeded failed, or the other way round, or with another code. Shows the trace."""
+    """A call's success, failure or code was not as expected; shows the trace."""
 
     def __init__(self, sentence: str, trace: Trace) -> None:
         self.trace = trace
@@ -50,24 +40,24 @@ class CallFailedError(AssertionError):
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Somebody who signs: the same name is always the same key."""
+    """A signer; the same name always has the same key."""
 
     name: str
     private_key: PrivateKey = field(repr=False)
 
     @property
     def key(self) -> bytes:
-        """What a contract sees as `ctx.caller`: 33 bytes."""
+        """The 33 bytes seen as `ctx.caller`."""
         return self.private_key.public_key
 
     def sign(self, tag: str, message: bytes) -> bytes:
-        """Return the 65-byte signature that `recover(tag, signature, message)` leads back to `key`."""
+        """Return the 65-byte signature from which `recover` yields `key`."""
         return self.private_key.sign(tag, message)
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event that a call left: which contract told it, its name, its data, and in which block."""
+    """An event: its contract, name, data and block."""
 
     contract: str
     name: str
@@ -77,7 +67,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Called:
-    """What a call came to. `code` is "OK" for one that succeeded; `line` is the line of the source that failed."""
+    """A call's result; `code` is "OK" on success, `line` is the failing source line."""
 
     result: Any
     events: tuple[Event, ...]
@@ -91,7 +81,7 @@ class Called:
 
 @dataclass(frozen=True, slots=True)
 class Deployment:
-    """A source that was deployed, the figures of its lines, and the gas of the calls of its entries that succeeded."""
+    """A deployed source, its line figures and the gas of its successful calls."""
 
     name: str
     source: str
@@ -101,7 +91,7 @@ class Deployment:
 
 
 class Contract:
-    """A deployed contract, for calls without its name."""
+    """A deployed contract; its calls need no contract name."""
 
     def __init__(self, chain: Chain, name: str, path: Path | None) -> None:
         self.chain = chain
@@ -109,32 +99,27 @@ class Contract:
         self.path = path
 
     def call(self, entry: str, *arguments: Any, caller: Caller | str | None = None, gas: int = CALL_GAS_MAX) -> Any:
-        """Call an entry in a transaction and return its result. Raises CallFailedError."""
+        """Call an entry in a transaction. Raises CallFailedError."""
         return self.chain.call(self.name, entry, *arguments, caller=caller, gas=gas).result
 
     def view(self, view: str, *arguments: Any) -> Any:
-        """Ask a view. Raises CallFailedError."""
         return self.chain.view(self.name, view, *arguments)
 
     def expect_failure(self, code: str, entry: str, *arguments: Any, caller: Caller | str | None = None) -> Called:
-        """Call an entry that has to fail with a code. Raises CallFailedError."""
+        """Call an entry that must fail with `code`. Raises CallFailedError."""
         return self.chain.expect_failure(code, self.name, entry, *arguments, caller=caller)
 
     @property
     def state(self) -> dict[bytes, Any]:
-        """What the contract has stored, by key."""
         return self.chain.state(self.name)
 
     def events(self, name: str | None = None) -> list[dict[Any, Any]]:
-        """Return the data of all its events so far, or of those of one name, in order."""
+        """Return the data of its events in order; None means every name."""
         return [event.data for event in self.chain.events if event.contract == self.name and name in {None, event.name}]
 
 
 class Chain:
-    """A chain with whatever contracts are deployed on it. `height` and `time_ms` may be set at will.
-
-    `folder` is where sources are looked for whose path is relative.
-    """
+    """A test chain; `height` and `time_ms` may be set, relative source paths start at `folder`."""
 
     def __init__(self, *, folder: Path | None = None, height: int = FIRST_HEIGHT, time_ms: int = FIRST_TIME_MS) -> None:
         self.folder = folder or Path()
@@ -150,18 +135,14 @@ class Chain:
     # Setting up
 
     def deploy(self, path: str | Path, name: str | None = None) -> Contract:
-        """Deploy a source file; its contract is called `name`, or as the file. Raises CONTRACT_SOURCE_INVALID.
-
-        Deploying again under the same name replaces the contract, and runs its @migrate entry, if it has one.
+        """Deploy a source file, replacing a contract of that name and running its @migrate. Raises
+        CONTRACT_SOURCE_INVALID.
         """
         place = self.folder / path
         return self.deploy_source(read_source(place), name or place.stem, place.resolve())
 
     def deploy_source(self, source: str, name: str, path: Path | None = None) -> Contract:
-        """Deploy a source text, of the file `path` if it is of one.
-
-        Raises CONTRACT_SOURCE_INVALID, CallFailedError if its migration fails.
-        """
+        """Deploy a source text. Raises CONTRACT_SOURCE_INVALID, or CallFailedError if migration fails."""
         migrates_by = self._engine.deploy(source, name)
         self._sources.append((name, source, path))
         if migrates_by:
@@ -173,7 +154,7 @@ class Chain:
         return Contract(self, name, path)
 
     def caller(self, name: str) -> Caller:
-        """Return somebody who signs; the same name is always the same key, on every chain."""
+        """Return a signer; a name has the same key on every chain."""
         if name not in self._callers:
             self._callers[name] = Caller(name, PrivateKey(tagged_hash("blockrobot/kit-caller", name.encode())))
         return self._callers[name]
@@ -181,7 +162,6 @@ class Chain:
     def advance(
         self, *, blocks: int = 0, ms: int = 0, seconds: int = 0, minutes: int = 0, hours: int = 0, days: int = 0
     ) -> None:
-        """Let time pass: so many blocks, so much time."""
         self.height += blocks
         self.time_ms += ms + 1_000 * (seconds + 60 * (minutes + 60 * (hours + 24 * days)))
 
@@ -190,17 +170,17 @@ class Chain:
     def call(
         self, contract: str, entry: str, *arguments: Any, caller: Caller | str | None = None, gas: int = CALL_GAS_MAX
     ) -> Called:
-        """Call an entry in a transaction of its own block and return what it came to. Raises CallFailedError."""
+        """Call an entry in a block of its own. Raises CallFailedError."""
         return self._transact(contract, entry, arguments, caller, "export", gas)
 
     def genesis(self, contract: str, entry: str, *arguments: Any) -> Called:
-        """Run a @genesis entry as the machine does: nobody calls, and events count nowhere. Raises CallFailedError."""
+        """Run a @genesis entry without a caller or events. Raises CallFailedError."""
         return self._transact(contract, entry, arguments, None, "genesis", 100 * CALL_GAS_MAX)
 
     def expect_failure(
         self, code: str, contract: str, entry: str, *arguments: Any, caller: Caller | str | None = None
     ) -> Called:
-        """Call an entry that has to fail with this code; nothing is changed by it. Raises CallFailedError."""
+        """Call an entry that must fail with `code`. Raises CallFailedError."""
         call = self._make_call(contract, entry, arguments, self._context(caller), "export", CALL_GAS_MAX)
         called = self._run(call, keep=False)
         self._next_block()
@@ -210,7 +190,6 @@ class Chain:
         return called
 
     def view(self, contract: str, view: str, *arguments: Any) -> Any:
-        """Ask a view on the present state. Raises CallFailedError."""
         call = self._make_call(contract, view, arguments, self._context(None, empty=True), "view", VIEW_GAS_MAX)
         called = self._run(call, keep=False)
         if called.code != "OK":
@@ -218,26 +197,22 @@ class Chain:
         return called.result
 
     def trace(self, contract: str, entry: str, *arguments: Any, caller: Caller | str | None = None) -> Trace:
-        """Return how a call would go, statement by statement, without making it."""
         call = self._make_call(contract, entry, arguments, self._context(caller), "export", CALL_GAS_MAX)
         return self._engine.trace(call, _name_of(caller))
 
     # Looking
 
     def state(self, contract: str) -> dict[bytes, Any]:
-        """Return what a contract has stored, by its own keys."""
         rows, _ = self._engine.read_state(contract)
         return {key: decode_value(value) for key, value in rows}
 
     @property
     def deployments(self) -> list[Deployment]:
-        """All sources that were deployed, in order, with what their tests came to so far."""
         figures = zip(self._sources, self._engine.figures(), strict=True)
         return [Deployment(*source, found.lines, found.gas) for source, found in figures]
 
     @property
     def state_root(self) -> bytes:
-        """The 32-byte root of the whole state."""
         _, root = self._engine.read_state("")
         return root
 

@@ -1,4 +1,4 @@
-"""What a chain for tests executes: compiled contracts, their state, and what each line cost. Runs behind the wall."""
+"""The sandboxed test chain: compiled contracts, their state, line costs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _RECURSION_LIMIT_FRAMES = 15_000
 
 
 class Call(msgspec.Struct, frozen=True):
-    """One call of an entry or a view; `arguments` is the encoded list of its values."""
+    """One call of an entry or view; `arguments` is an encoded list."""
 
     contract: str
     entry: str
@@ -37,7 +37,7 @@ class Call(msgspec.Struct, frozen=True):
 
 
 class Ran(msgspec.Struct, frozen=True):
-    """What a call came to, as `contracts.vm.Outcome` says it; `result` is an encoded value."""
+    """A call's result, as in `contracts.vm.Outcome`; `result` is an encoded value."""
 
     code: str
     message: str
@@ -48,12 +48,11 @@ class Ran(msgspec.Struct, frozen=True):
 
     @property
     def ok(self) -> bool:
-        """Whether it succeeded."""
         return self.code == "OK"
 
 
 class Figures(msgspec.Struct, frozen=True):
-    """What the tests of one source came to: runs and gas of each line, gas of each call of an entry that succeeded."""
+    """One source's runs and gas per line, and gas per successful call."""
 
     lines: dict[int, LineFigures]
     gas: dict[str, list[int]]
@@ -77,10 +76,7 @@ class Engine:
         self._state = MemoryState()
 
     def deploy(self, source: str, name: str) -> str:
-        """Put a source into force; return the entry that migrates from the version before, if there is one.
-
-        Raises ContractSourceError.
-        """
+        """Activate a source; return its migration entry, if any. Raises ContractSourceError."""
         watch = self._recorder.watch(name)
         try:
             made = _Deployment(source, compile_contract(source, name, watch=watch), watch.lines)
@@ -94,7 +90,7 @@ class Engine:
         return next(migrations, "") if len(versions) > 1 else ""
 
     def withdraw(self, name: str) -> None:
-        """Go back to the version before, as a network does where a migration fails."""
+        """Restore the previous version, as a network does when migration fails."""
         self._versions[name].pop()
         self._count_lines_of(name)
 
@@ -103,7 +99,7 @@ class Engine:
             self._recorder.lines[name] = versions[-1].lines
 
     def run(self, call: Call, *, keep: bool) -> Ran:
-        """Make a call; its writes stay if it succeeds and they are to be kept."""
+        """Make a call; its writes stay if it succeeds and `keep` is set."""
         host = CallHost(self._state)
         self._recorder.begin(tracing=False)
         outcome = self._invoke(call, host)
@@ -117,7 +113,6 @@ class Engine:
         return Ran(outcome.code, outcome.message, outcome.line, result, outcome.gas_used, outcome.events)
 
     def trace(self, call: Call, who: str) -> Trace:
-        """Return how a call by somebody goes on the present state, statement by statement, without making it."""
         self._recorder.begin(tracing=True)
         outcome = self._invoke(call, CallHost(self._state))
         self._recorder.finish(call.contract, 0, outcome.gas_used)
@@ -134,13 +129,12 @@ class Engine:
         )
 
     def read_state(self, contract: str) -> tuple[list[tuple[bytes, bytes]], bytes]:
-        """Return what a contract has stored (its own keys, encoded values), and the 32-byte root of the whole state."""
+        """Return a contract's keys and encoded values, and the 32-byte state root."""
         prefix = flat_prefix(contract)
         rows = [(key[len(prefix) :], value) for key, value in self._state.scan(prefix, SCAN_MAX_COUNT)]
         return rows, self._state.state_root
 
     def figures(self) -> list[Figures]:
-        """Return the figures of all sources that were deployed, in order."""
         return [Figures(one.lines, one.gas) for one in self._all]
 
     def _invoke(self, call: Call, host: CallHost) -> Outcome:
@@ -160,7 +154,7 @@ class Engine:
 
 @contextmanager
 def watched_stack() -> Iterator[None]:
-    """Give watched contracts room on the stack: each of their statements stands there twice."""
+    """Enlarge the stack: watched statements take two frames each."""
     before = sys.getrecursionlimit()
     sys.setrecursionlimit(max(before, _RECURSION_LIMIT_FRAMES))
     try:

@@ -1,7 +1,6 @@
-"""The mypy plugin of the author's kit: it lets contracts see the names of the language.
+"""The mypy plugin that makes the contract language's names known.
 
-A contract imports nothing; whoever has a decorator of the language at the top of a module without imports is taken for
-one. mypy then reads it as if `from contract_dialect import *` stood at its beginning.
+A module without imports and with a language decorator counts as a contract.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ _PRIORITY = 5
 
 
 def is_contract(file: MypyFile) -> bool:
-    """Tell whether a module is written in the contract language."""
     if any(isinstance(item, ImportBase) for item in file.defs):
         return False
     marks = (mark for item in file.defs if isinstance(item, Decorator) for mark in item.original_decorators)
@@ -23,10 +21,9 @@ def is_contract(file: MypyFile) -> bool:
 
 
 class ContractPlugin(Plugin):
-    """Adds the names of the language to contracts."""
+    """Adds the names of the contract language."""
 
     def get_additional_deps(self, file: MypyFile) -> list[tuple[int, str, int]]:
-        """Return what a file needs besides its imports; for contracts put that import into it."""
         if not is_contract(file):
             return []
         names = ImportAll(DIALECT, 0)
@@ -37,5 +34,4 @@ class ContractPlugin(Plugin):
 
 
 def plugin(version: str) -> type[Plugin]:  # noqa: ARG001 - mypy's signature
-    """Return the plugin, whatever mypy's version is."""
     return ContractPlugin

@@ -1,7 +1,6 @@
-"""The pytest plugin of the author's kit: the fixture `chain`, and a report of gas and coverage.
+"""The pytest plugin: fixture `chain`, and a gas and coverage report.
 
-`pytest` finds it by itself where BlockRobot is installed. `--contract-report FILE` writes what `blockrobot contract test`
-shows: for each source the runs and gas of each line, for each entry the gas of its calls.
+`--contract-report FILE` writes what `blockrobot contract test` shows.
 """
 
 from __future__ import annotations
@@ -21,13 +20,11 @@ _FILE = pytest.StashKey[Path]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add --contract-report."""
     group = parser.getgroup("blockrobot")
     group.addoption("--contract-report", metavar="FILE", help="write gas and coverage of contracts to FILE, as JSON")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make an empty report, if one is asked for."""
     place = config.getoption("--contract-report", default=None)
     if place:
         config.stash[_REPORT] = Report()
@@ -35,7 +32,6 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
-    """Leave out contracts whose name looks like that of a test, such as blood_test.py."""
     if collection_path.suffix == ".py" and collection_path.is_file() and is_contract_file(collection_path):
         return True
     return None
@@ -43,7 +39,7 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 @pytest.fixture
 def chain(request: pytest.FixtureRequest) -> Iterator[Chain]:
-    """A fresh chain whose sources are looked for beside the test's file."""
+    """A fresh chain that finds sources beside the test file."""
     made = Chain(folder=request.path.parent)
     yield made
     if _REPORT in request.config.stash:
@@ -51,7 +47,6 @@ def chain(request: pytest.FixtureRequest) -> Iterator[Chain]:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write the report."""
     if _REPORT in session.config.stash:
         document = session.config.stash[_REPORT].document()
         session.config.stash[_FILE].write_text(json.dumps(document), encoding="utf-8")

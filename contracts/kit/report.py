@@ -1,4 +1,4 @@
-"""Gas and coverage of tests, over all chains of a run."""
+"""Gas and coverage over all chains of a test run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contracts.kit.recorder import LineFigures
 
 
 class SourceFigures:
-    """One source: its file (an empty text if it was none), its lines that can run, its entries' gas by call."""
+    """One source: file (empty if none), executable lines, gas per call."""
 
     def __init__(self, contract: str, file: str, source: str) -> None:
         self.contract = contract
@@ -21,11 +21,9 @@ class SourceFigures:
 
     @property
     def covered_count(self) -> int:
-        """How many of its lines ran."""
         return sum(1 for figures in self.lines.values() if figures.runs)
 
     def document(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
         return {
             "contract": self.contract,
             "file": self.file,
@@ -50,13 +48,12 @@ class SourceFigures:
 
 
 class Report:
-    """All sources that the chains of a test run have seen."""
+    """All sources seen by a test run's chains."""
 
     def __init__(self) -> None:
         self._sources: dict[tuple[str, str, str], SourceFigures] = {}
 
     def add(self, chain: Chain) -> None:
-        """Add what one chain gathered."""
         for deployment in chain.deployments:
             file = "" if deployment.path is None else str(deployment.path)
             key = (deployment.name, file, deployment.source)
@@ -69,5 +66,4 @@ class Report:
                 figures.gas.setdefault(entry, []).extend(gas)
 
     def document(self) -> dict[str, Any]:
-        """Return the report for JSON, source by source."""
         return {"sources": [figures.document() for _, figures in sorted(self._sources.items(), key=lambda row: row[0])]}

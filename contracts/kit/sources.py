@@ -1,7 +1,4 @@
-"""Sources as they lie on the disk, and how they are told from tests.
-
-A node takes a source as it is: what an editor or Python would quietly repair, such as the ends of lines, stays.
-"""
+"""Reads source files byte for byte, and tells contracts from tests."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ _MARK = re.compile(rb"^@(?:export|view|genesis|migrate)\b", re.MULTILINE)
 
 
 def read_source(path: Path) -> str:
-    """Return the text of a source file. Raises FILE_UNUSABLE if it is no UTF-8 text, OSError."""
+    """Raises FILE_UNUSABLE if it is not UTF-8, OSError."""
     try:
         return path.read_bytes().decode()
     except UnicodeDecodeError:
@@ -24,7 +21,7 @@ def read_source(path: Path) -> str:
 
 
 def is_contract_file(path: Path) -> bool:
-    """Tell whether a file is written in the contract language: it imports nothing and marks an entry."""
+    """Return whether a file imports nothing and marks an entry."""
     try:
         data = path.read_bytes()
         body = ast.parse(data).body if _MARK.search(data) else []

@@ -1,4 +1,4 @@
-"""Values of contracts as text for people."""
+"""Renders contract values as text for people."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 
 
 def told(value: Any) -> str:
-    """Return a value on one line: bytes as 0x..., text in quotes, lists and dicts in brackets."""
     if isinstance(value, bytes):
         return f"0x{value.hex()}"
     if isinstance(value, str):
@@ -22,6 +21,5 @@ def told(value: Any) -> str:
 
 
 def told_short(value: Any, limit_chars: int = 60) -> str:
-    """Return a value as `told` does, cut to `limit_chars` with an ellipsis."""
     text = told(value)
     return text if len(text) <= limit_chars else text[: limit_chars - 3] + "..."

@@ -1,4 +1,4 @@
-"""What `blockrobot contract new` writes: a working contract, its test, what editors need."""
+"""Template of `blockrobot contract new`: a contract, its test, editor files."""
 
 from __future__ import annotations
 
@@ -97,12 +97,10 @@ DIALECT_STUB = "contract_dialect.pyi"
 
 
 def read_dialect_stub() -> str:
-    """Return the stub of the contract language."""
     return resources.files("contracts").joinpath("kit", "typings", DIALECT_STUB).read_text(encoding="utf-8")
 
 
 def project_files(name: str) -> dict[str, str]:
-    """Return the files of a new contract, by their path within its folder."""
     title = name.replace("_", " ").replace("-", " ").capitalize()
     return {
         f"{name}.py": _CONTRACT,
@@ -114,10 +112,7 @@ def project_files(name: str) -> dict[str, str]:
 
 
 def write_project(folder: Path, name: str) -> list[Path]:
-    """Write a new contract into a folder, which is made if it is not there; return the files.
-
-    Raises FILE_EXISTS if one of them is there already; then nothing is written.
-    """
+    """Write a new contract's files. Raises FILE_EXISTS before writing anything."""
     files = {folder / place: text for place, text in project_files(name).items()}
     for path in files:
         if path.exists():

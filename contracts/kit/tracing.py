@@ -1,4 +1,4 @@
-"""A traced call as text and as JSON: the lines that ran, what they cost, the values after each."""
+"""A traced call as text and JSON: lines, costs, values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SOURCE_SHOWN_CHARS = 66
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """What a call came to and how: `title` says what was called, `sources` are the texts by contract."""
+    """A call's result and steps; `sources` are texts by contract."""
 
     title: str
     code: str
@@ -26,12 +26,10 @@ class Trace:
     sources: Mapping[str, str]
 
     def source_line(self, contract: str, number: int) -> str:
-        """Return a line of a contract's source, stripped at its end."""
         lines = split_lines(self.sources.get(contract, ""))
         return lines[number - 1].rstrip() if 0 < number <= len(lines) else ""
 
     def text(self) -> str:
-        """Return the trace for people: one line a statement, under a heading for each function that is entered."""
         rows = [f"{self.title}: {self.code}, {self.gas_used} gas"]
         place = ("", "")
         for step in self.steps:
@@ -50,7 +48,6 @@ class Trace:
         return "\n".join(rows)
 
     def document(self) -> dict[str, Any]:
-        """Return the trace for `--json`."""
         return {
             "call": self.title,
             "code": self.code,

@@ -1,4 +1,4 @@
-"""The parent's end of the process that executes chains of tests: one for all chains, started when needed."""
+"""Parent side of the single process that executes test chains."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ WORKER_MODULE = "contracts.kit.worker"
 
 
 class _Worker:
-    """The process, and who asks it: one at a time."""
+    """The process and its lock: one request at a time."""
 
     def __init__(self) -> None:
         self._process = WalledProcess(WORKER_MODULE)
@@ -46,19 +46,17 @@ class _Worker:
 
     @property
     def pid(self) -> int:
-        """The number of the process."""
         return self._process.pid
 
     def next_chain(self) -> int:
-        """Return the number of a new chain."""
         return next(self._numbers)
 
     def forget(self, chain: int) -> None:
-        """Let go of a chain at the next request: this may be called in the midst of one, by the garbage collector."""
+        """Drop a chain at the next request; the garbage collector may call this during one."""
         self._forgotten.append(chain)
 
     def ask(self, request: Request) -> Answer:
-        """Raises CONTRACT_WORKER_FAILED; the next chain gets a new process then."""
+        """Raises CONTRACT_WORKER_FAILED; the next chain starts a new process."""
         with self._lock:
             try:
                 while self._forgotten:
@@ -86,7 +84,7 @@ def _lose(worker: _Worker) -> None:
 
 
 class WalledEngine:
-    """An `Engine` in the process behind the wall: the same methods, the same results and errors."""
+    """An `Engine` in the sandboxed process: same methods, results and errors."""
 
     def __init__(self) -> None:
         """Raises CONTRACT_WORKER_FAILED."""
@@ -96,43 +94,32 @@ class WalledEngine:
 
     @property
     def parts(self) -> Sequence[SandboxFeature]:
-        """The parts of the wall."""
         return self._worker.parts
 
     @property
     def pid(self) -> int:
-        """The number of the process."""
         return self._worker.pid
 
     def deploy(self, source: str, name: str) -> str:
-        """Put a source into force; return the entry that migrates from the version before, if there is one.
-
-        Raises ContractSourceError.
-        """
         answer = self._ask(Deploy(self._chain, source, name))
         if answer.problems:
             raise ContractSourceError(name, tuple(answer.problems))
         return answer.migrates_by
 
     def withdraw(self, name: str) -> None:
-        """Go back to the version before, as a network does where a migration fails."""
         self._ask(Withdraw(self._chain, name))
 
     def run(self, call: Call, *, keep: bool) -> Ran:
-        """Make a call; its writes stay if it succeeds and they are to be kept."""
         return _there(self._ask(Run(self._chain, call, keep)).ran)
 
     def trace(self, call: Call, who: str) -> Trace:
-        """Return how a call by somebody goes on the present state, statement by statement, without making it."""
         return _there(self._ask(MakeTrace(self._chain, call, who)).trace)
 
     def read_state(self, contract: str) -> tuple[list[tuple[bytes, bytes]], bytes]:
-        """Return what a contract has stored (its own keys, encoded values), and the 32-byte root of the whole state."""
         answer = self._ask(ReadState(self._chain, contract))
         return answer.rows, answer.state_root
 
     def figures(self) -> list[Figures]:
-        """Return the figures of all sources that were deployed, in order."""
         return self._ask(ReadFigures(self._chain)).figures
 
     def _ask(self, request: Request) -> Answer:

@@ -1,7 +1,4 @@
-"""`python -I -m contracts.kit.worker`: executes chains of tests behind the wall that nodes have, as its parent asks.
-
-Sources of others run there alone: it is started with an empty environment and a pipe at each end.
-"""
+"""`python -I -m contracts.kit.worker`: executes test chains in the nodes' sandbox."""
 
 from __future__ import annotations
 
@@ -23,11 +20,11 @@ MEMORY_MAX_BYTES = 1024**3
 
 
 class CloseWall(msgspec.Struct, frozen=True, tag=True):
-    """The first request: close the wall, and say with which parts it stands."""
+    """The first request: close the sandbox and return its parts."""
 
 
 class Deploy(msgspec.Struct, frozen=True, tag=True):
-    """Put a source into force on a chain. `chain` is a number of the parent's choice, here and below."""
+    """Activate a source on a chain; the parent chooses `chain`."""
 
     chain: int
     source: str
@@ -35,7 +32,7 @@ class Deploy(msgspec.Struct, frozen=True, tag=True):
 
 
 class Withdraw(msgspec.Struct, frozen=True, tag=True):
-    """Go back to a contract's version before."""
+    """Restore a contract's previous version."""
 
     chain: int
     name: str
@@ -50,7 +47,7 @@ class Run(msgspec.Struct, frozen=True, tag=True):
 
 
 class MakeTrace(msgspec.Struct, frozen=True, tag=True):
-    """Make a call again, watched, without keeping anything."""
+    """Trace a call without keeping its writes."""
 
     chain: int
     call: Call
@@ -58,14 +55,14 @@ class MakeTrace(msgspec.Struct, frozen=True, tag=True):
 
 
 class ReadState(msgspec.Struct, frozen=True, tag=True):
-    """Say what a contract has stored, and the root of the whole state."""
+    """Read a contract's storage and the state root."""
 
     chain: int
     contract: str
 
 
 class ReadFigures(msgspec.Struct, frozen=True, tag=True):
-    """Say what all sources of a chain came to."""
+    """Read the figures of a chain's sources."""
 
     chain: int
 
@@ -77,7 +74,7 @@ class Forget(msgspec.Struct, frozen=True, tag=True):
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """The answer to a request, each of which fills in what it asks for."""
+    """The answer; each request fills its own fields."""
 
     parts: tuple[SandboxFeature, ...] = ()
     migrates_by: str = ""
@@ -97,7 +94,6 @@ ANSWERS: msgspec.msgpack.Decoder[Answer] = msgspec.msgpack.Decoder(Answer)
 
 
 def answer(engines: dict[int, Engine], request: Request) -> Answer:
-    """Do what is asked; an error is an answer too."""
     try:
         return _answer(engines, request)
     except ContractSourceError as error:
@@ -136,7 +132,6 @@ def _answer(engines: dict[int, Engine], request: Request) -> Answer:
 
 
 def main() -> int:
-    """Serve whoever is at the other end of the standard input and output; return the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.umask(0o077)
     pipe, engines, is_walled = Pipe(0, 1), dict[int, Engine](), False

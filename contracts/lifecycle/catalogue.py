@@ -1,8 +1,6 @@
-"""Which contracts answer, as the state says: the mapping that blocks and views run with.
+"""Resolves which contracts are active in a state.
 
-The machine keeps the table and reads it at the beginning of each block. Sources that ship with BlockRobot are found by
-their hash in the package, those of versions that were ever in force under the machine's own keys, others where the
-contract `lifecycle` put them.
+Sources come by hash from the package, from the machine's own keys, or from `lifecycle`.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ TABLES_KEPT_COUNT = 4
 
 
 class ActiveContracts(dict[str, CompiledContract]):
-    """The contracts that answer, by name. `versions` has the disabled ones too; `since` is the height of each."""
+    """Active contracts by name; `versions` includes disabled ones, `since` is each one's height."""
 
     def __init__(self, contracts: Mapping[str, CompiledContract], table: Mapping[str, Any]) -> None:
         super().__init__(contracts)
@@ -38,7 +36,7 @@ class ActiveContracts(dict[str, CompiledContract]):
 
 
 def read_source_of(state: Reader, source_hash: bytes) -> str:
-    """Return a source by its hash. Raises STORAGE_DAMAGED if the state names one that nobody has."""
+    """Return a source by hash. Raises STORAGE_DAMAGED if it is missing."""
     source = find_source(state, source_hash)
     if source is None:
         raise BlockRobotError("STORAGE_DAMAGED", f"The state lacks the source {source_hash.hex()} of a contract.")
@@ -46,7 +44,6 @@ def read_source_of(state: Reader, source_hash: bytes) -> str:
 
 
 def find_source(state: Reader, source_hash: bytes) -> str | None:
-    """Return a source by its hash, or None if neither the package nor the state has it."""
     shipped = find_shipped_source(source_hash)
     if shipped is not None:
         return shipped
@@ -62,7 +59,6 @@ def find_source(state: Reader, source_hash: bytes) -> str | None:
 
 
 def _join_parts(state: Reader, source_hash: bytes, place: Prefix[SourceRow], part: Prefix[bytes]) -> bytes:
-    """Return the bytes of a source that stands in parts, or none if any is missing or of another form."""
     entry = read_value(state, place.key(source_hash))
     count = entry.get("parts") if isinstance(entry, dict) else 0
     if not is_count(count) or count > SOURCE_PARTS_MAX_COUNT:
@@ -72,7 +68,7 @@ def _join_parts(state: Reader, source_hash: bytes, place: Prefix[SourceRow], par
 
 
 def keep_source(host: CallHost, source: str, source_hash: bytes) -> None:
-    """Write a source of a version that comes into force where no contract reaches it."""
+    """Store an activated version's source under keys that no contract reaches."""
     place = MACHINE_SOURCE.key(source_hash)
     if find_shipped_source(source_hash) is None and host.get(place) is None:
         data = source.encode()
@@ -83,7 +79,7 @@ def keep_source(host: CallHost, source: str, source_hash: bytes) -> None:
 
 
 class Catalogue:
-    """Finds the contracts of a state. It remembers the newest tables, and never answers for another state's."""
+    """Finds a state's contracts; caches the newest tables only for their own state."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -91,9 +87,9 @@ class Catalogue:
         self._compiled: dict[tuple[str, bytes], CompiledContract] = {}
 
     def active(self, state: Reader) -> ActiveContracts:
-        """Return the contracts that answer on this state; for a block, after what was due with it took effect.
+        """Return the active contracts; for a block, after its due changes took effect.
 
-        Raises GENESIS_INVALID if the state names none, STORAGE_DAMAGED if a source is missing.
+        Raises GENESIS_INVALID if none are named, STORAGE_DAMAGED if a source is missing.
         """
         data = state.get(MACHINE_TABLE.flat)
         if data is None:
@@ -107,12 +103,11 @@ class Catalogue:
         return known
 
     def _read(self, state: Reader, table: Mapping[str, Any]) -> ActiveContracts:
-        """Compile what the table names, except what the table before it named too."""
         wanted = {(name, row[1]) for name, row in table.items() if row[2]}
         self._compiled = {place: self._compiled.get(place) or compile_named(state, *place) for place in sorted(wanted)}
         return ActiveContracts({name: compiled for (name, _), compiled in self._compiled.items()}, table)
 
 
 def compile_named(state: Reader, name: str, source_hash: bytes) -> CompiledContract:
-    """Return a contract by the hash of its source, ready to run. Raises STORAGE_DAMAGED."""
+    """Compile a contract by its source hash. Raises STORAGE_DAMAGED."""
     return compile_once(read_source_of(state, source_hash), name)

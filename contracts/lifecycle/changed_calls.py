@@ -1,7 +1,6 @@
-"""Says of a call that the active version of a contract does not take what is wrong, and what changed.
+"""Explains calls that the active version of a contract does not accept.
 
-The sentence is part of the receipt, so it follows from the state alone: from the interface that the contract `lifecycle`
-keeps of each version. No source is compiled for it. An interface that cannot be read explains nothing.
+The sentence is part of the receipt, so it depends on the state alone.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ _HAS_ANSWERED = ("superseded", "disabled")
 
 
 def explain_absence(contracts: object, name: str) -> tuple[str, str]:
-    """Return the code and sentence for a contract that does not answer."""
+    """Return code and sentence for an inactive contract."""
     if isinstance(contracts, ActiveContracts) and name in contracts.disabled:
         return CONTRACT_DISABLED, f"The organisations have disabled {name} at height {contracts.since[name]}."
     return CONTRACT_UNKNOWN, "There is no contract of this name."
@@ -36,7 +35,6 @@ def explain_absence(contracts: object, name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=_TYPES_KEPT_COUNT)
 def _accepts(kind: str) -> Accepts:
-    """Return the test for a type as an interface writes it."""
     try:
         tree = parse_alone(kind, "eval") if len(kind) <= TYPE_MAX_CHARS else None
         accepts = parse_type(tree.body) if isinstance(tree, ast.Expression) else None
@@ -48,12 +46,11 @@ def _accepts(kind: str) -> Accepts:
 
 
 def find_entry(row: VersionRow, name: str) -> EntryRow | None:
-    """Return an entry of a version's interface, or None."""
     return next((entry for entry in row.abi if entry.name == name), None)
 
 
 def find_misfit(found: EntryRow | None, arguments: list[Any]) -> str:
-    """Return ENTRY_UNKNOWN or ARGUMENTS_INVALID if a transaction cannot call this entry so, or an empty text."""
+    """Return ENTRY_UNKNOWN, ARGUMENTS_INVALID or an empty text if it fits."""
     if found is None or found.kind != "export":
         return ENTRY_UNKNOWN
     if not found.required <= len(arguments) <= len(found.params):
@@ -65,7 +62,7 @@ def find_misfit(found: EntryRow | None, arguments: list[Any]) -> str:
 def explain_misfit(
     state: Reader, row: VersionRow, since_height: int, entry: str, arguments: list[Any]
 ) -> tuple[str, str] | None:
-    """Return the code and sentence for a call that this version does not take, or None if it takes it."""
+    """Return code and sentence for a mismatching call, or None."""
     now = find_entry(row, entry)
     try:
         code = find_misfit(now, arguments)
@@ -89,7 +86,6 @@ def _signature(entry: EntryRow) -> str:
 
 
 def _find_former(state: Reader, row: VersionRow, entry: str, count: int) -> tuple[int, EntryRow] | None:
-    """Return the nearest version that once answered and took so many arguments, with its entry."""
     near = range(1, VERSIONS_LOOKED_AT_COUNT + 1)
     for number in [*(row.version - step for step in near), *(row.version + step for step in near)]:
         try:
@@ -105,7 +101,6 @@ def _find_former(state: Reader, row: VersionRow, entry: str, count: int) -> tupl
 def explain_call(
     state: Reader, contracts: ActiveContracts, name: str, entry: str, arguments: list[Any]
 ) -> tuple[str, str] | None:
-    """Return the code and sentence for a call that the version in force does not take, or None."""
     if name not in contracts.versions:
         return None
     try:

@@ -1,8 +1,7 @@
-"""What the machine takes for a change of contracts: rows of one exact form.
+"""The exact row form that the machine accepts as contract changes.
 
-The contract `lifecycle` asks for changes under `due`, and any version of it may write there what it likes: a row of
-another form is no row. What the machine decides by stands under keys of its own, which no contract reaches: the table
-of the contracts in force, their sources, and the trials, each with the version that comes back when it ends.
+Any `lifecycle` version may write `due` freely; other forms are ignored. The machine's own tables are beyond every
+contract's reach.
 """
 
 from __future__ import annotations
@@ -52,13 +51,12 @@ Row = dict[str, Any]
 
 
 def read_value(state: Reader, key: bytes) -> Any:
-    """Return the value under a flat key, or None."""
     data = state.get(key)
     return None if data is None else decode_value(data)
 
 
 def is_count(value: object) -> TypeGuard[int]:
-    """Whether a value is a whole number from 0 on that JSON holds exactly; True and False are none."""
+    """Whether it is an integer from 0 exact in JSON; booleans are not."""
     return type(value) is int and 0 <= value < _COUNT_BEYOND
 
 
@@ -67,7 +65,7 @@ def _is_hash(value: object) -> bool:
 
 
 def is_change(row: object) -> bool:
-    """Whether a value is a change: {kind, name, version, from_height, from_ms}; other fields say nothing."""
+    """Whether it is {kind, name, version, from_height, from_ms}; extra fields are ignored."""
     if not isinstance(row, dict) or row.get("kind") not in _KINDS:
         return False
     name, version = row.get("name"), row.get("version")
@@ -78,31 +76,28 @@ def is_change(row: object) -> bool:
 
 
 def changes_in(value: object) -> list[Row]:
-    """Return the changes in what stands under `due`, in its order; what has another form is left out."""
     return [row for row in value if is_change(row)] if isinstance(value, list) else []
 
 
 def read_due(state: Reader) -> list[Row]:
-    """Return what the contract `lifecycle` asks for."""
     return changes_in(read_value(state, DUE.flat))
 
 
 def read_trials(state: Reader) -> list[Row]:
-    """Return the trials, as the machine wrote them: {kind: "return", name, version, source_hash, from_height, from_ms}.
+    """Return the trials: {kind: "return", name, version, source_hash, from_height, from_ms}.
 
-    `version` is the one that comes back, at the time `from_ms`.
+    `version` is the one restored at `from_ms`.
     """
     return read_value(state, MACHINE_TRIALS.flat) or []
 
 
 def read_record(state: Reader, name: str, version: int) -> Row | None:
-    """Return a version's entry as the contract `lifecycle` keeps it, or None if it names no source."""
+    """Return a version's `lifecycle` record, or None if it names no source."""
     record = read_value(state, VERSION.key(name, version))
     return record if isinstance(record, dict) and _is_hash(record.get("source_hash")) else None
 
 
 def is_full_record(record: object) -> bool:
-    """Whether a version's entry has every field, and the interface, in the form that `lifecycle` gives them."""
     if not isinstance(record, dict) or not _is_hash(record.get("source_hash")):
         return False
     if not all(type(record.get(field)) is kind for field, kind in _RECORD_FIELDS.items()):
@@ -112,7 +107,7 @@ def is_full_record(record: object) -> bool:
 
 
 def _is_entry(entry: object) -> bool:
-    """Whether a value is [name, kind, parameters, how many of them are required, type of the result]."""
+    """Form: [name, kind, parameters, required count, result type]."""
     if not isinstance(entry, list) or len(entry) != 5:
         return False
     name, kind, params, required, returns = entry

@@ -1,4 +1,4 @@
-"""What the state says of contracts and their versions, for those who ask."""
+"""Query rows of contracts and their versions, read from the state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROWS_KEPT_COUNT = 256
 
 @dataclass(frozen=True, slots=True)
 class ContractRow:
-    """A contract: the version in force, the hash of its source, whether it answers, since when, how many versions."""
+    """A contract: active version, source hash, whether it answers, since which height, version count."""
 
     name: str
     version: int
@@ -36,7 +36,7 @@ class ContractRow:
 
 @dataclass(frozen=True, slots=True)
 class ChangeDue:
-    """A change that waits for its height, or for a time in ms: `kind` is activate, disable, keep or return."""
+    """A pending change, due by height or time in ms; `kind` is activate, disable, keep or return."""
 
     kind: str
     name: str
@@ -47,7 +47,7 @@ class ChangeDue:
 
 @dataclass(frozen=True, slots=True)
 class EntryRow:
-    """An entry of a version: its parameters with their types, how many are required, what it returns."""
+    """A version's entry: typed parameters, required count, result type."""
 
     name: str
     kind: str
@@ -58,7 +58,7 @@ class EntryRow:
 
 @dataclass(frozen=True, slots=True)
 class VersionRow:
-    """A version of a contract, as the contract `lifecycle` keeps it. `status` is approved, active, superseded, ..."""
+    """A contract version as kept by `lifecycle`; `status` is approved, active, superseded, ..."""
 
     name: str
     version: int
@@ -76,7 +76,7 @@ class VersionRow:
 
 
 def version_row(name: str, version: int, record: Any) -> VersionRow:
-    """Make a row of a version's entry. Raises CONTRACT_NOT_FOUND if a version of `lifecycle` wrote it in another form."""
+    """Raises CONTRACT_NOT_FOUND if a `lifecycle` version stored another form."""
     if not is_full_record(record):
         raise BlockRobotError("CONTRACT_NOT_FOUND", f"The entry of version {version} of {name!r} cannot be read.")
     abi = tuple(
@@ -93,7 +93,6 @@ def _decode_row(name: str, version: int, data: bytes) -> VersionRow:
 
 
 def contract_rows(table: dict[str, Any], versions: dict[str, int]) -> list[ContractRow]:
-    """Make the rows of the lifecycle's table, by name."""
     return [
         ContractRow(name, version, source_hash, enabled, since_height, versions.get(name, 0))
         for name, (version, source_hash, enabled, since_height) in sorted(table.items())
@@ -101,19 +100,17 @@ def contract_rows(table: dict[str, Any], versions: dict[str, int]) -> list[Contr
 
 
 def due_rows(due: object, trials: object) -> list[ChangeDue]:
-    """Make the rows of what is due: of the values under `DUE` and `MACHINE_TRIALS`."""
     names = ChangeDue.__dataclass_fields__
     rows = [*changes_in(due), *(trials if isinstance(trials, list) else [])]
     return [ChangeDue(**{field: row[field] for field in names}) for row in rows]
 
 
 def read_newest(value: object) -> int:
-    """Return the number of a contract's newest version from the value under `VERSIONS`; 0 if there is none."""
+    """Return the newest version number from the `VERSIONS` value, or 0."""
     return value if is_count(value) else 0
 
 
 def list_contracts(state: Reader) -> list[ContractRow]:
-    """Return all contracts that ever were in force, by name."""
     table = read_value(state, MACHINE_TABLE.flat) or {}
     return contract_rows(table, {name: _newest(state, name) for name in table})
 
@@ -123,15 +120,11 @@ def _newest(state: Reader, name: str) -> int:
 
 
 def list_due(state: Reader) -> list[ChangeDue]:
-    """Return what waits for its height or time."""
     return due_rows(read_value(state, DUE.flat), read_value(state, MACHINE_TRIALS.flat))
 
 
 def read_version(state: Reader, name: str, version: int) -> VersionRow:
-    """Return a version of a contract; 0 stands for the one in force, or the newest if none ever was.
-
-    Raises CONTRACT_NOT_FOUND.
-    """
+    """Return a version; 0 means active or else newest. Raises CONTRACT_NOT_FOUND."""
     if not 0 < len(name) <= CONTRACT_NAME_MAX_CHARS:
         raise BlockRobotError("CONTRACT_NOT_FOUND")
     newest = _newest(state, name)
@@ -144,11 +137,11 @@ def read_version(state: Reader, name: str, version: int) -> VersionRow:
 
 
 def active_contract(state: Reader, name: str) -> tuple[int, bool, int] | None:
-    """Return [the version in force, whether it answers, since which height] of a contract, or None."""
+    """Return (active version, whether it answers, since height), or None."""
     row = (read_value(state, MACHINE_TABLE.flat) or {}).get(name)
     return None if row is None else (row[0], row[2], row[3])
 
 
 def read_version_source(state: Reader, row: VersionRow) -> str:
-    """Return a version's source. Raises STORAGE_DAMAGED if the state lacks it."""
+    """Return a version's source. Raises STORAGE_DAMAGED."""
     return read_source_of(state, row.source_hash)

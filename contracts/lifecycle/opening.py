@@ -1,8 +1,7 @@
-"""What a block does before its first transaction: contracts change, and carry their state over.
+"""Contract changes and migrations at the start of a block.
 
-The contract `lifecycle` asks for changes; the machine carries them out, one activation or disabling with a block, and
-writes down what came of them. It decides by nothing that a version of `lifecycle` could have spoilt: the table, the
-sources in force and the trials are its own (see `contracts.lifecycle.changes`), and `lifecycle` is shown a copy.
+One activation or disabling per block, decided only by the machine's own table, sources and trials, so a faulty
+`lifecycle` cannot corrupt them.
 """
 
 from __future__ import annotations
@@ -46,9 +45,9 @@ Table = dict[str, list[Any]]
 
 
 def find_activation(state: Reader, height: int, time_ms: int) -> tuple[str, int] | None:
-    """Return name and version of what a block of this height and time puts into force on this state, or None.
+    """Return name and version that a block of this height and time activates, or None.
 
-    That is what a block can give up (R42): to disable or to keep a contract takes nothing that a node could lack.
+    Only activations can be given up (R42).
     """
     ready = (row for row in read_due(state) if row["from_height"] <= height and row["from_ms"] <= time_ms)
     row = next((row for row in ready if row["kind"] != "keep"), None)
@@ -63,10 +62,10 @@ def open_block(
     gives_up: bool = False,
     note: Callable[[int], None] = note_nothing,
 ) -> ActiveContracts:
-    """Let what is due take effect on the host, and return the contracts that this block runs with.
+    """Apply due changes on the host; return the contracts of this block.
 
-    With `gives_up` the version that is due fails and nothing of it is run. Raises BLOCK_INVALID if none is due, and
-    ExecutionFault if the interpreter fails on it.
+    With `gives_up` the due version fails unexecuted. Raises BLOCK_INVALID if none is due, ExecutionFault if the
+    interpreter fails.
     """
     if gives_up and find_activation(host, context.height, context.time_ms) is None:
         raise BlockRobotError("BLOCK_INVALID", "The block gives up a change of contracts, and none is due.")
@@ -106,10 +105,7 @@ def _put(host: CallHost, key: bytes, value: Any) -> None:
 
 
 def _show(host: CallHost) -> None:
-    """Write the table and the trials where `lifecycle` reads them, and clear what waits of what is no change.
-
-    So a version that comes back finds what it wrote itself, whatever the one on trial made of it.
-    """
+    """Copy table and trials to where `lifecycle` reads them; drop malformed pending rows."""
     host.begin()
     _put(host, TABLE.flat, read_value(host, MACHINE_TABLE.flat))
     _put(host, TRIALS.flat, read_trials(host))
@@ -129,7 +125,6 @@ def _mark(host: CallHost, name: str, version: int, status: str, height: int) -> 
 
 
 def _take_effect(host: CallHost, catalogue: Catalogue, context: BlockContext, row: Row) -> None:
-    """Disable a contract, or put a version of it into force; if that fails only this is written down."""
     name, version = row["name"], row["version"]
     table: Table = read_value(host, MACHINE_TABLE.flat)
     before = table.get(name)
@@ -157,7 +152,6 @@ def _take_effect(host: CallHost, catalogue: Catalogue, context: BlockContext, ro
 
 
 def _fail(host: CallHost, context: BlockContext, name: str, version: int, failure: str) -> None:
-    """Write down why a version is not in force, and nothing else of it."""
     fields = {"status": "failed", "since_height": context.height, "failure": failure}
     host.begin()
     _change_version(host, name, version, lambda record: record.update(fields))
@@ -175,7 +169,6 @@ def _put_in_force(host: CallHost, context: BlockContext, name: str, version: int
 
 
 def _prepare(host: CallHost, catalogue: Catalogue, context: BlockContext, name: str, source_hash: bytes) -> str:
-    """Compile a version, keep its source, and let it migrate. Return why it cannot be in force, or an empty text."""
     source = find_source(host, source_hash)
     if source is None:
         return "SOURCE_MISSING: The chain has no such source."
@@ -195,7 +188,6 @@ def _prepare(host: CallHost, catalogue: Catalogue, context: BlockContext, name: 
 def _migrate(
     host: CallHost, catalogue: Catalogue, context: BlockContext, name: str, compiled: CompiledContract, entry: str
 ) -> str:
-    """Run a version's migration on the call's writes. Return why it failed, or an empty text."""
     call = CallContext(
         caller=_NOBODY,
         height=context.height,
@@ -227,7 +219,7 @@ def _migrate(
 
 
 def _set_trial(host: CallHost, context: BlockContext, name: str, now: list[Any], before: list[Any]) -> None:
-    """Have the version that was kept last return by itself, unless it is the one that is now in force."""
+    """Schedule the return of the last kept version, unless it is active."""
     trials = read_trials(host)
     kept = next(([row["version"], row["source_hash"]] for row in trials if row["name"] == name), before[:2])
     trials = [row for row in trials if row["name"] != name]
@@ -238,7 +230,7 @@ def _set_trial(host: CallHost, context: BlockContext, name: str, now: list[Any],
 
 
 def _keep_version(host: CallHost, row: Row) -> None:
-    """End the trial of the version in force; a decision about another version is about nothing any more."""
+    """End the active version's trial; decisions about other versions have no effect."""
     table: Table = read_value(host, MACHINE_TABLE.flat)
     if row["name"] in table and table[row["name"]][0] == row["version"]:
         host.begin()
@@ -247,7 +239,6 @@ def _keep_version(host: CallHost, row: Row) -> None:
 
 
 def _return(host: CallHost, context: BlockContext, trial: Row) -> None:
-    """End a trial that nobody ended: the version before is in force again."""
     host.begin()
     _put(host, MACHINE_TRIALS.flat, [other for other in read_trials(host) if other["name"] != trial["name"]])
     _put_in_force(host, context, trial["name"], trial["version"], trial["source_hash"])

@@ -1,7 +1,6 @@
-"""The contracts that ship with BlockRobot: their sources, hashes and compiled forms.
+"""Contracts shipped with BlockRobot: sources, hashes and compiled forms.
 
-The sources lie beside this package as data, in the contract language. A genesis file names each by the hash of its
-source, so that nodes with different sources never share a chain.
+Genesis names each by source hash.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ SHIPPED_CONTRACTS = PRIVACY_CONTRACTS + SYSTEM_CONTRACTS
 
 
 def read_source(name: str) -> str:
-    """Return the source text of a shipped contract. Raises TRANSACTION_CONTRACT_UNKNOWN."""
+    """Raises TRANSACTION_CONTRACT_UNKNOWN."""
     if name not in SHIPPED_CONTRACTS:
         raise BlockRobotError("TRANSACTION_CONTRACT_UNKNOWN", f"No contract {name!r} ships with BlockRobot.")
     folder = "privacy" if name in PRIVACY_CONTRACTS else "system"
@@ -43,7 +42,7 @@ def read_source(name: str) -> str:
 
 
 def compute_source_hash(source: str) -> bytes:
-    """Return the 32-byte hash by which a genesis file names a source."""
+    """Return the 32-byte hash by which genesis names a source."""
     return hash_source(source.encode())
 
 
@@ -53,35 +52,29 @@ def _shipped_sources() -> Mapping[bytes, str]:
 
 
 def find_shipped_source(source_hash: bytes) -> str | None:
-    """Return the source of this hash if it ships with BlockRobot."""
     return _shipped_sources().get(source_hash)
 
 
 def describe_shipped() -> list[list[Any]]:
-    """Return [name, facts] of every shipped contract, as the contract `lifecycle` keeps them."""
+    """Return [name, facts] per shipped contract, as `lifecycle` keeps them."""
     contracts = load_contracts()
     return [[name, describe_source(read_source(name).encode(), contracts[name])] for name in SHIPPED_CONTRACTS]
 
 
 @cache
 def load_contracts() -> Mapping[str, CompiledContract]:
-    """Return all shipped contracts, compiled once per process, by name."""
+    """Return all shipped contracts by name, compiled once per process."""
     return MappingProxyType({name: compile_once(read_source(name), name) for name in SHIPPED_CONTRACTS})
 
 
 def contract_entries() -> tuple[ContractEntry, ...]:
-    """Return what a genesis file lists for the shipped contracts."""
     return tuple(
         ContractEntry(name=name, source_hash=compute_source_hash(read_source(name))) for name in SHIPPED_CONTRACTS
     )
 
 
 def check_contracts(genesis: Genesis) -> None:
-    """Look whether this version of BlockRobot can run a chain, without compiling anything.
-
-    Raises GENESIS_INVALID if its sources are not the ones that ship here, or its contract language is of another
-    version than the one spoken here.
-    """
+    """Raises GENESIS_INVALID if sources or contract language version differ; compiles nothing."""
     if genesis.contract_language != LANGUAGE_VERSION:
         raise BlockRobotError(
             "GENESIS_INVALID",
@@ -96,9 +89,6 @@ def check_contracts(genesis: Genesis) -> None:
 
 
 def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
-    """Return the first contracts of a chain. After that no shipped source is read from a file any more.
-
-    Raises what `check_contracts` raises.
-    """
+    """Return a chain's first contracts, all loaded. Raises as `check_contracts`."""
     check_contracts(genesis)
     return load_contracts()

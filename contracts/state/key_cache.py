@@ -1,7 +1,6 @@
-"""The keys of a state that scans have read, in order, by ranges that are known whole.
+"""Cache of scanned state keys, by fully known ranges.
 
-Without it each scan would pass again what the blocks above the stored ledger deleted, which no gas can pay for: how
-many of a node's blocks are final already differs from node to node.
+Without it scans would revisit deleted keys of unfinalized blocks, at a cost that differs between nodes.
 """
 
 from __future__ import annotations
@@ -17,19 +16,18 @@ ReadKeys = Callable[[bytes, bytes], Iterator[bytes]]
 
 
 def prefix_end(prefix: bytes) -> bytes:
-    """Return the first key beyond all that begin with `prefix`."""
+    """Return the first key after all that begin with `prefix`."""
     whole = prefix.rstrip(b"\xff")
     return whole[:-1] + bytes([whole[-1] + 1]) if whole else BEYOND_ALL_KEYS
 
 
 def keys_between(keys: list[bytes], start: bytes, end: bytes) -> range:
-    """Return the places of the keys from `start` up to but without `end` in a list of keys in order."""
     first = bisect_left(keys, start)
     return range(first, bisect_left(keys, end, first))
 
 
 class KeyCache:
-    """What is known of the keys; `read(start, end)` yields those from `start` up to `end`, in order, where it is not."""
+    """Known keys; `read(start, end)` yields keys of unknown ranges in order."""
 
     __slots__ = ("_ends", "_keys", "_read", "_starts")
 
@@ -41,7 +39,7 @@ class KeyCache:
         self._ends: list[bytes] = []
 
     def first(self, start: bytes, end: bytes, count: int) -> list[bytes]:
-        """Return the first `count` keys from `start` up to but without `end`; fewer if there are no more."""
+        """Return up to `count` first keys in [start, end)."""
         found: list[bytes] = []
         place = start
         while place < end and len(found) < count:
@@ -64,13 +62,11 @@ class KeyCache:
         return found
 
     def remove(self, key: bytes) -> None:
-        """Leave a key out from now on, as `read` will."""
         at = bisect_left(self._keys, key)
         if at < len(self._keys) and self._keys[at] == key:
             del self._keys[at]
 
     def _know(self, start: bytes, end: bytes) -> None:
-        """Take in a range that touches none of the known ones but at its ends."""
         number = bisect_left(self._starts, start)
         last = number
         if number and self._ends[number - 1] == start:

@@ -1,8 +1,6 @@
-"""The writer of the state trie: one batch of writes a block, and proofs.
+"""Writer of the state trie: one batch per block, and proofs.
 
-Pages are keyed by their nibble path (lower-case hex digits as ASCII, the root under the empty path), so finalizing a
-block overwrites pages in place and the disk holds one version of the trie. A page is patched, never parsed as a whole:
-a batch costs a few slices and one hash for each page that it touches.
+Pages are keyed by nibble path (lower-case ASCII hex; the root's is empty), so finalizing overwrites in place.
 """
 
 from __future__ import annotations
@@ -34,16 +32,16 @@ _Item = tuple[bytes, bytes | None]
 
 
 class PageReader(Protocol):
-    """Where the pages of one version of the trie are."""
+    """The pages of one trie version."""
 
     def page(self, path: bytes) -> bytes | None:
-        """Return the page under this nibble path (hex digits as ASCII), or None if there is none."""
+        """Return the page at a nibble path (ASCII hex), or None."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class TrieUpdate:
-    """What a batch makes of a trie: the new root, and pages to write (or to delete, where None) by nibble path."""
+    """A batch's result: new root, and pages to write by nibble path (None deletes)."""
 
     root: bytes
     pages: dict[bytes, bytes | None]
@@ -53,7 +51,6 @@ class EmptyPages:
     """The pages of a trie without keys."""
 
     def page(self, path: bytes) -> bytes | None:  # noqa: ARG002
-        """Return None: there are no pages."""
         return None
 
 
@@ -79,14 +76,13 @@ def _load_page(pages: PageReader, path: bytes, expected: bytes) -> bytes:
 
 
 class _Batch:
-    """One batch in progress: reads old pages, gathers new ones."""
+    """One batch in progress."""
 
     def __init__(self, pages: PageReader) -> None:
         self._pages = pages
         self.written: dict[bytes, bytes | None] = {}
 
     def update(self, path: bytes, depth: int, slot: bytes | None, items: list[_Item]) -> bytes | None:
-        """Apply sorted items below `path` to what stands there; return what stands there now (None, leaf, hash)."""
         if slot is None or len(slot) == LEAF_SIZE_BYTES:
             live = [item for item in items if item[1] is not None]
             if slot is not None and all(item[0] != slot[:HASH_SIZE_BYTES] for item in items):
@@ -100,7 +96,6 @@ class _Batch:
         return self._patch(path, depth, _load_page(self._pages, path, slot), items, slot)
 
     def _patch(self, path: bytes, depth: int, page: bytes, items: list[_Item], before: bytes | None) -> bytes | None:
-        """Replace the slots of a page that the items fall into; write the page, or collapse it."""
         leaves, branches = page[0] << 8 | page[1], page[2] << 8 | page[3]
         body = page[PAGE_HEADER_BYTES:]
         odd, index = depth & 1, depth >> 1
@@ -138,7 +133,6 @@ class _Batch:
         return self._close(path, page, (leaves << 16 | branches).to_bytes(4, "big") + body, before)
 
     def _close(self, path: bytes, old: bytes, page: bytes, before: bytes | None) -> bytes | None:
-        """Return what refers to the finished page: its hash, or its only leaf, or None; note what must be written."""
         if before is not None and page == old:
             return before
         size = len(page)
@@ -151,10 +145,10 @@ class _Batch:
 
 
 def apply_batch(pages: PageReader, root: bytes, writes: Mapping[bytes, bytes | None]) -> TrieUpdate:
-    """Apply writes (flat key -> value, or None to delete) to the trie with this root.
+    """Apply writes (flat key -> value, None deletes) to the trie with this root.
 
-    Returns the new root and the changed pages; an empty result for writes that change nothing. Raises STORAGE_DAMAGED
-    if a page that is needed is missing or is not the one that its parent refers to.
+    Writes without effect give an empty result. Raises STORAGE_DAMAGED if a page is missing or does not match its
+    parent.
     """
     items: list[_Item] = [(sha256(key), None if value is None else hash_value(value)) for key, value in writes.items()]
     if not items:
@@ -166,7 +160,7 @@ def apply_batch(pages: PageReader, root: bytes, writes: Mapping[bytes, bytes | N
 
 
 def prove(pages: PageReader, root: bytes, key: bytes) -> Proof:
-    """Return the proof of the flat key's presence or absence under this root. Raises STORAGE_DAMAGED as above."""
+    """Prove a flat key's presence or absence. Raises STORAGE_DAMAGED."""
     if root == EMPTY_ROOT:
         return Proof((EMPTY_PAGE,))
     digest = sha256(key)
@@ -182,5 +176,4 @@ def prove(pages: PageReader, root: bytes, key: bytes) -> Proof:
 
 
 def compute_root(content: Iterable[tuple[bytes, bytes]]) -> bytes:
-    """Return the root of a state given as pairs of flat key and value, built from nothing (for audits of a store)."""
     return apply_batch(EmptyPages(), EMPTY_ROOT, dict(content)).root

@@ -1,11 +1,9 @@
-"""The contract language and its machine: sources in, outcomes out. Must never touch a clock, a file or the network.
+"""The contract language and its machine; touches no clock, file or network.
 
-    contract = compile_contract(source, "records")        # ContractSourceError lists what is wrong, by line
-    outcome = invoke({"records": contract}, "records", "record", [record_id, owner], host=host,
-                     context=CallContext(caller, height, time_ms, txid, chain_id), gas_limit=250_000, mode="export")
-    if outcome.ok: ...                                     # else outcome.code, .message, .line; discard host writes
+    contract = compile_contract(source, "records")        # raises ContractSourceError
+    outcome = invoke({"records": contract}, "records", "record", [record_id, owner], host=host, ...)
 
-`host` implements `HostInterface` over flat keys and encoded values. `contract.abi` describes the entries.
+Discard the host's writes unless `outcome.ok`.
 """
 
 from __future__ import annotations

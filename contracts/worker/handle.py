@@ -1,7 +1,7 @@
-"""One worker process as the node holds it: started, asked, watched, ended. Must never give it anything but its pipe.
+"""The node's handle of one worker process, which gets only its pipe.
 
-The watch is for what hangs, never for what takes long: a worker that gets no processor time for long, or takes more of
-it than any block could need, is given up. What was asked is then asked of another one.
+A worker is given up if it gets no processor time for long or uses more than any block needs; its request then goes to
+another.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ Answer = Hello | Executed | ExecutedRun | Viewed | Refused | Broken
 
 
 class WorkerLostError(Exception):
-    """The worker died, hung or spoke nonsense; `place` is what it noted last: a transaction, or IN_CHANGE."""
+    """The worker died, hung or broke protocol; `place` is its last note (transaction or IN_CHANGE)."""
 
     def __init__(self, reason: str, place: int | None = None) -> None:
         self.reason = reason
@@ -59,7 +59,7 @@ class WorkerLostError(Exception):
 
 
 class WorkerHandle:
-    """A running worker. One thread at a time."""
+    """A running worker; one thread at a time."""
 
     def __init__(
         self,
@@ -69,10 +69,7 @@ class WorkerHandle:
         stalled_max_ms: int = STALLED_MAX_MS,
         processor_max_ms: int | None = PROCESSOR_MAX_MS,
     ) -> None:
-        """Start the process and tell it the beginning. Raises WorkerLostError if the system starts no process.
-
-        `processor_max_ms` is how much processor time one question may take, once it has begun; None sets no limit.
-        """
+        """Start the process. `processor_max_ms` limits each request, None does not. Raises WorkerLostError."""
         try:
             self._process = subprocess.Popen(
                 command,
@@ -108,11 +105,10 @@ class WorkerHandle:
 
     @property
     def pid(self) -> int:
-        """The process id."""
         return self._process.pid
 
     def hello(self) -> Hello:
-        """Wait until the worker is behind its wall; return what it says of that. Raises WorkerLostError."""
+        """Wait until the worker is sandboxed. Raises WorkerLostError."""
         if self._hello is None:
             answer = self._receive(None)
             if not isinstance(answer, Hello):
@@ -123,10 +119,7 @@ class WorkerHandle:
     def ask(
         self, message: FromNode, state: StateReader | StateView
     ) -> Executed | ExecutedRun | Viewed | Refused | Broken:
-        """Send one message and return the answer to it; rows that it asks back for are read from `state`.
-
-        Raises WorkerLostError, and whatever reading `state` raises.
-        """
+        """Send a message, serving row requests from `state`. Raises WorkerLostError and read errors."""
         self.hello()
         self._read_notes()
         self._send(message)
@@ -137,7 +130,7 @@ class WorkerHandle:
         return answer
 
     def newest_place(self) -> int | None:
-        """Return what the worker noted last since it was asked: the transaction in hand, IN_CHANGE, or None."""
+        """Return the last noted transaction, IN_CHANGE, or None."""
         return newest_place(self._read_notes())
 
     def _read_notes(self) -> bytes:
@@ -146,7 +139,7 @@ class WorkerHandle:
         return b""
 
     def end(self) -> None:
-        """Kill the process, if it still runs, and let go of it; one that the kernel holds on to is reaped later."""
+        """Kill and release the process; an unkillable one is reaped later."""
         self._process.kill()
         for pipe in (self._to, self._from, self._notes):
             pipe.close()
@@ -188,7 +181,6 @@ class WorkerHandle:
     # Watching
 
     def _wait(self, poll: select.poll) -> None:
-        """Wait until the pipe is ready. Raises WorkerLostError once the worker is given up."""
         while not poll.poll(LOOK_INTERVAL_MS):
             now_ms, cpu_ms = time.monotonic() * 1000, self._processor_ms()
             if cpu_ms != self._cpu_ms:
@@ -200,7 +192,6 @@ class WorkerHandle:
                 raise WorkerLostError(ENDLESS, self.newest_place())
 
     def _processor_ms(self) -> float:
-        """Return the process's processor time; where the system does not tell, the time that passes."""
         try:
             return time.clock_gettime(~self.pid << 3 | 2) * 1000  # the kernel's number of another process's clock
         except OSError:

@@ -1,7 +1,6 @@
-"""What blocks above the stored ledger wrote, by state root, kept in the worker. Must never answer for a root it has not.
+"""The worker's cache of block writes above the stored ledger, by state root.
 
-A state root names a whole state, so it names a block's result too. The layers between the ledger that the worker reads
-and the state that is asked for are merged into one, so that a read costs the same however many there are.
+Layers are merged, so read cost is independent of their number.
 """
 
 from __future__ import annotations
@@ -25,8 +24,6 @@ class _Layer:
 
 @dataclass(slots=True)
 class _Merged:
-    """All layers from `base_root` up to `top_root`."""
-
     base_root: bytes
     top_root: bytes
     count: int = 0
@@ -41,7 +38,7 @@ class _Merged:
 
 
 class Layers:
-    """The results of blocks, oldest first; at most `LAYERS_MAX_COUNT`."""
+    """Block results, oldest first, at most `LAYERS_MAX_COUNT`."""
 
     def __init__(self) -> None:
         self._layers: dict[bytes, _Layer] = {}
@@ -49,11 +46,10 @@ class Layers:
 
     @property
     def count(self) -> int:
-        """How many layers the state that was asked for last stands above the ledger."""
         return 0 if self._merged is None else self._merged.count
 
     def view(self, base: StateView, root: bytes) -> StateView | None:
-        """Return the state with this root over the ledger as `base` has it, or None if it cannot be told from here."""
+        """Return the state with this root over `base`, or None if unknown."""
         if base.state_root == root:
             self._merged = None
             return base
@@ -77,7 +73,7 @@ class Layers:
         return merged
 
     def add(self, base_root: bytes, parent_root: bytes, root: bytes, writes: _Rows, pages: _Rows) -> None:
-        """Keep what a block on `parent_root` wrote; `base_root` is the ledger's as it is read now."""
+        """Store a block's writes; `base_root` is the ledger's current root."""
         if root == parent_root:
             return
         layer = _Layer(parent_root, writes, pages)
@@ -92,7 +88,6 @@ class Layers:
             merged.add(root, layer)
 
     def stand_on(self, root: bytes) -> None:
-        """The ledger is read anew, with this root: forget what was kept no later than that."""
         self._merged = None
         if root in self._layers:
             for older in list(self._layers):

@@ -1,9 +1,7 @@
-"""The contracts of one chain, run in worker processes. Must never let a worker's end decide what a block does.
+"""Runs a chain's contracts in worker processes; results equal `ContractMachine`'s.
 
-`WorkerMachine` builds and verifies blocks as `ContractMachine` does, with the same results; `WorkerViews` answers
-views in a worker of its own, so that they never delay blocks. A worker that dies, hangs or takes too much memory is
-replaced, and what was asked is asked again. What fails in a new worker too gives no verdict: `ExecutionFault` says what
-was in hand. With each step of effort a worker may take twice the memory and time, in the end all that the machine has.
+`WorkerViews` uses a worker of its own. Lost workers are replaced and asked again; a second failure gives
+`ExecutionFault`, no verdict. Each effort step doubles memory and time.
 """
 
 from __future__ import annotations
@@ -45,28 +43,24 @@ _RENEWAL_DIVISOR = 4
 
 
 class Hold(Protocol):
-    """A snapshot of the ledger: while it is open, no page that a worker reads is used for anything else."""
+    """A ledger snapshot: while open, pages read by a worker are not reused."""
 
-    def close(self) -> None:
-        """Let go of it."""
-        ...
+    def close(self) -> None: ...
 
 
 class Ledger(Protocol):
-    """The ledger that blocks are executed on; the worker reads the same one."""
+    """The ledger for block execution, shared with the worker."""
 
     def height(self) -> int:
-        """Return the height of the newest block that is stored (-1: none)."""
+        """Return the newest stored block's height, -1 if none."""
         ...
 
-    def hold(self) -> Hold:
-        """Open a snapshot."""
-        ...
+    def hold(self) -> Hold: ...
 
 
 @dataclass(frozen=True, slots=True)
 class WorkerSpec:
-    """How workers are started: the command, what they are told first, and who hears why one was replaced."""
+    """How to start workers: command, first message, listener for replacements."""
 
     command: Sequence[str]
     begin: Begin
@@ -75,8 +69,6 @@ class WorkerSpec:
 
 
 class _WorkerSlot:
-    """A place that always has a worker when one is needed."""
-
     def __init__(self, staff: WorkerSpec) -> None:
         self._staff = staff
         self._handle: WorkerHandle | None = None
@@ -92,7 +84,6 @@ class _WorkerSlot:
         return None if self._handle is None else self._handle.pid
 
     def worker(self, effort: int = 0) -> WorkerHandle:
-        """Return the worker, a new one if there is none that may take so much. Raises WorkerLostError."""
         if self._closed:
             raise InternalFault("the node is closing")
         if self._handle is not None and effort != self._effort:
@@ -116,7 +107,6 @@ class _WorkerSlot:
         )
 
     def newest_place(self) -> int | None:
-        """Return what the worker noted last of what it had in hand."""
         return None if self._handle is None else self._handle.newest_place()
 
     def _let_go(self) -> None:
@@ -125,11 +115,9 @@ class _WorkerSlot:
             handle.end()
 
     def greet(self, effort: int = 0) -> None:
-        """Wait until the worker is behind its wall. Raises WorkerLostError."""
         self.parts = self.worker(effort).hello().parts
 
     def dismiss(self, reason: str) -> None:
-        """End the worker. From the first loss on a spare one is kept ready: who was attacked once is so again."""
         self._let_go()
         self.replaced_count += 1
         self.last_loss = "".join(character if character.isprintable() else "?" for character in reason)
@@ -158,10 +146,10 @@ class _WorkerSlot:
 
 
 class WorkerMachine:
-    """Builds and verifies blocks in a worker; any thread may ask, one at a time is served."""
+    """Builds and verifies blocks in a worker; thread-safe, serves one at a time."""
 
     def __init__(self, staff: WorkerSpec, ledger: Ledger) -> None:
-        """Start the worker, but do not wait for it."""
+        """Start the worker without waiting for it."""
         self._post = _WorkerSlot(staff)
         self._ledger = ledger
         self._lock = threading.Lock()
@@ -175,7 +163,7 @@ class WorkerMachine:
             self._post.dismiss(error.reason)
 
     def greet(self) -> tuple[SandboxFeature, ...]:
-        """Wait for the worker's wall; return its parts. Raises CONTRACT_WORKER_FAILED if no worker can be had."""
+        """Wait for the sandbox; return its parts. Raises CONTRACT_WORKER_FAILED."""
         with self._lock:
             for _ in range(STARTS_MAX_COUNT):
                 try:
@@ -188,11 +176,10 @@ class WorkerMachine:
         raise BlockRobotError("CONTRACT_WORKER_FAILED", f"The worker that runs contracts could not start: {reason}.")
 
     def describe(self) -> dict[str, Any]:
-        """Return the worker's process id, how often it was replaced, and what its wall lacks."""
+        """Return worker pid, number of replacements, and missing sandbox parts."""
         return self._post.describe()
 
     def close(self) -> None:
-        """End the worker. Closing twice is harmless."""
         with self._lock:
             self._post.close()
             if self._hold is not None:
@@ -208,10 +195,9 @@ class WorkerMachine:
         *,
         gives_up_change: bool = False,
     ) -> tuple[BlockResult, list[bytes]]:
-        """Execute what fits into a block, in order; return that and the txids on which the execution failed.
+        """Execute what fits into a block, in order; return it and the txids that failed.
 
-        If it fails on a transaction, the block ends before that one: what comes after it waits for the next block.
-        Raises ExecutionFault if it fails on anything else.
+        A failing transaction ends the block before it. Raises ExecutionFault for other failures.
         """
         try:
             return self._execute(
@@ -236,20 +222,16 @@ class WorkerMachine:
         gives_up_change: bool = False,
         effort: int = 0,
     ) -> BlockResult:
-        """Execute exactly these transactions. Raises BLOCK_INVALID if they do not fit into one block.
+        """Execute exactly these transactions; each `effort` step doubles the limits.
 
-        Raises ExecutionFault if the interpreter fails or its process ends: no verdict, and no vote. With each step of
-        `effort` it may take twice as much.
+        Raises BLOCK_INVALID if they do not fit, ExecutionFault (no verdict, no vote) if interpreter or process fails.
         """
         return self._execute(
             parent, height, time_ms, transactions, leader=False, gives_up_change=gives_up_change, effort=effort
         )
 
     def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> list[BlockResult]:
-        """Execute consecutive blocks in one message; return what the first ones gave, as `verify` would one by one.
-
-        What fails in any way ends the list early and is left to `verify`, which says why; it may thus be empty.
-        """
+        """Verify consecutive blocks in one message; any failure shortens the result, possibly to empty."""
         questions, root = [], parent.state_root
         with self._lock:
             renew = bool(blocks) and (self._effort != 0 or self._is_renewal_due())
@@ -282,7 +264,6 @@ class WorkerMachine:
         gives_up_change: bool,
         effort: int = 0,
     ) -> BlockResult:
-        """Ask a worker, then a new one; for what fails before anything is in hand, one that may take more and more."""
         wires = tuple((transaction.txid, transaction.wire) for transaction in transactions)
         reason, place, first, is_spent = "", None, effort, False
         with self._lock:
@@ -321,7 +302,6 @@ class WorkerMachine:
     def _ask(
         self, question: Execute | ExecuteRun, parent: StateView, *, renew: bool, effort: int = 0
     ) -> tuple[Executed | ExecutedRun | Refused | Broken, bool]:
-        """Return the answer, and whether it is the first one of this worker."""
         hold = self._ledger.hold() if renew else None
         try:
             worker = self._post.worker(effort)
@@ -354,7 +334,7 @@ class WorkerMachine:
 
 
 class WorkerViews:
-    """Answers views in a worker, which is started with the first one. One thread at a time is served."""
+    """Answers views in a worker started on demand; one thread at a time."""
 
     def __init__(self, staff: WorkerSpec) -> None:
         self._post = _WorkerSlot(staff)
@@ -363,9 +343,9 @@ class WorkerViews:
     def run_view(
         self, state: StateReader, root: bytes, height: int, time_ms: int, contract: str, view: str, arguments: list[Any]
     ) -> bytes:
-        """Return the encoded result of a view on an open snapshot of the ledger, whose state has this root.
+        """Return a view's encoded result on an open ledger snapshot with this root.
 
-        Raises what `contracts.execution.views.run_view` raises, CONTRACT_WORKER_FAILED if it ends the workers.
+        Raises as `contracts.execution.views.run_view`, or CONTRACT_WORKER_FAILED.
         """
         question, reason = View(root, height, time_ms, contract, view, encode_value(arguments)), ""
         with self._lock:
@@ -394,22 +374,19 @@ class WorkerViews:
         raise BlockRobotError("CONTRACT_WORKER_FAILED", f"The view could not be run: {reason}.")
 
     def describe(self) -> dict[str, Any]:
-        """Return the worker's process id, how often it was replaced, and what its wall lacks."""
         return self._post.describe()
 
     def close(self) -> None:
-        """End the worker, once what it does is done."""
         with self._lock:
             self._post.close()
 
 
 def missing_parts(parts: Sequence[SandboxFeature]) -> dict[str, str]:
-    """Return the required parts that a wall lacks, and why."""
     return {part.name: part.detail for part in parts if not part.had and part.name in REQUIRED_PARTS}
 
 
 def _require_sound(answer: Executed) -> None:
-    """Hold an answer's root against its own root page. Raises WorkerLostError."""
+    """Check an answer's root against its root page. Raises WorkerLostError."""
     page = answer.page_writes.get(b"")
     if page is not None and hash_page(page) != answer.state_root:
         raise WorkerLostError("it spoke nonsense: the state root is not that of its page")

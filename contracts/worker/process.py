@@ -1,7 +1,6 @@
-"""Inside a contract worker: reads messages, executes, answers, until the pipe ends. Must never run a contract unwalled.
+"""The contract worker's main loop; contracts run only inside the sandbox.
 
-`serve` is given what makes the contracts' machine and opens the ledger, since this package knows no storage. All that
-is needed is loaded before the wall closes; afterwards no file can be opened.
+Everything is loaded before the sandbox closes; no file can be opened later.
 """
 
 from __future__ import annotations
@@ -55,20 +54,18 @@ ASKED_KEPT_MAX_BYTES = 8 * 1_048_576
 
 
 class LedgerView(StateView, Protocol):
-    """The stored ledger at one position, open until it is closed."""
+    """The stored ledger at one position, until closed."""
 
     @property
     def height(self) -> int:
-        """The height of the newest block that it holds."""
+        """The newest contained block's height."""
         ...
 
-    def close(self) -> None:
-        """Let go of it."""
-        ...
+    def close(self) -> None: ...
 
 
 class BlockMachine(Protocol):
-    """What executes blocks: `contracts.execution.machine.ContractMachine`."""
+    """Executes blocks, like `contracts.execution.machine.ContractMachine`."""
 
     def build(
         self,
@@ -79,9 +76,7 @@ class BlockMachine(Protocol):
         *,
         gives_up_change: bool = False,
         note: Callable[[int], None] = note_nothing,
-    ) -> tuple[BlockResult, list[bytes]]:
-        """Execute what fits into a block."""
-        ...
+    ) -> tuple[BlockResult, list[bytes]]: ...
 
     def verify(
         self,
@@ -92,14 +87,12 @@ class BlockMachine(Protocol):
         *,
         gives_up_change: bool = False,
         note: Callable[[int], None] = note_nothing,
-    ) -> BlockResult:
-        """Execute exactly these transactions."""
-        ...
+    ) -> BlockResult: ...
 
 
 @dataclass(frozen=True, slots=True)
 class Workplace:
-    """What a worker works with. `run_view(state, height, time_ms, contract, view, arguments)` gives encoded bytes."""
+    """A worker's tools; `run_view(state, height, time_ms, contract, view, arguments)` gives encoded bytes."""
 
     machine: BlockMachine
     run_view: Callable[[StateReader, int, int, str, str, list[Any]], bytes]
@@ -108,10 +101,9 @@ class Workplace:
 
 
 class AskedState:
-    """The parent's state as the node has it, asked for row by row: right always, and slow.
+    """The parent's state fetched from the node row by row: always right, but slow.
 
-    What a call pays for bounds what crosses the pipe: a scan asks for at most about twice the rows that are taken of it,
-    and the values of those are kept for the `get` that follows.
+    A scan requests at most about twice the rows taken; their values are kept for later `get` calls.
     """
 
     def __init__(self, pipe: Pipe, state_root: bytes) -> None:
@@ -131,20 +123,17 @@ class AskedState:
         return answer.data
 
     def get(self, key: bytes) -> bytes | None:
-        """Return the encoded value under a flat key, or None."""
         kept = self._kept.get(key)
         return self._value(Get(key)) if kept is None else kept
 
     def page(self, path: bytes) -> bytes | None:
-        """Return the trie page under a nibble path, or None."""
         return self._value(Page(path))
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs under the prefix, in key order."""
         return islice(self.scan_range(prefix, prefix_end(prefix)), limit)
 
     def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield the pairs from `start` up to but without `end`, in key order: asked for piece by piece."""
+        """Yield pairs in [start, end) in key order, fetched piecewise."""
         count = 1
         while True:
             answer = self._ask(Scan(start, end, count))
@@ -168,7 +157,7 @@ class AskedState:
 
 
 def _note(place: int) -> None:
-    """Say what comes next, on the pipe that the node reads if this is the last that it hears. Must never wait."""
+    """Note what comes next for the node; never blocks."""
     with contextlib.suppress(OSError):
         os.write(_NOTES_FD, pack_place(place))
 
@@ -206,7 +195,6 @@ class _Worker:
         return ledger
 
     def _execute(self, message: Execute, *, asks: bool = True) -> Executed:
-        """Execute a block; `asks` says that the node answers for the parent's state where it is not known here."""
         ledger = self._renew() if message.renew or self._ledger is None else self._ledger
         parent: StateView | None = self._layers.view(ledger, message.parent_root)
         if parent is None:
@@ -238,7 +226,6 @@ class _Worker:
         )
 
     def _execute_run(self, message: ExecuteRun) -> ExecutedRun:
-        """Execute blocks ahead, up to the first one that is refused: the node asks for that one again."""
         done: list[Executed] = []
         for block in message.blocks:
             if done and done[-1].state_root != block.parent_root:
@@ -268,14 +255,13 @@ def _is_exhaustion(error: BaseException | None) -> bool:
 
 
 def _read_transaction(txid: bytes, wire: bytes) -> Transaction:
-    """Decode what the node has checked already."""
     outer = _WIRE.decode(wire)
     body = _BODY.decode(outer.body)
     return Transaction(wire=wire, body=body, signature=outer.signature, txid=txid, body_bytes=outer.body)
 
 
 def serve(pipe: Pipe, prepare: Callable[[Begin], Workplace]) -> None:
-    """Work until the pipe ends: first `Begin`, then `Hello` from behind the wall, then one answer a message."""
+    """Serve until the pipe ends: `Begin`, then `Hello` once sandboxed, then one answer per message."""
     begin = pipe.receive(FROM_NODE)
     if not isinstance(begin, Begin):
         raise ValueError("the first message of a node is the beginning")

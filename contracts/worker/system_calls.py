@@ -1,7 +1,6 @@
-"""The list of system calls that a contract worker may make, as a seccomp filter. Must never let through one not listed.
+"""The seccomp allow-list of a contract worker's system calls.
 
-The filter is classic BPF, made here and handed to the kernel, so that no library is needed beside the kernel itself. A
-call that is not listed fails with EPERM; a call of another architecture ends the process.
+A classic BPF filter: unlisted calls fail with EPERM; another architecture's end the process.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ class _Program(ctypes.Structure):
 
 
 def build_filter(machine: str) -> bytes | None:
-    """Return the filter's instructions for a machine (`platform.machine()`), or None if its calls are not known here."""
+    """Return the filter for `platform.machine()`, or None if unknown."""
     known = _ARCHITECTURES.get(machine)
     if known is None:
         return None
@@ -76,10 +75,7 @@ def build_filter(machine: str) -> bytes | None:
 
 
 def allow_only_listed(libc: ctypes.CDLL) -> str:
-    """Hand the filter to the kernel, for good. Return why that did not come to pass, or an empty text.
-
-    `no_new_privs` must have been set before.
-    """
+    """Install the filter irrevocably; return the failure or an empty text. Needs `no_new_privs` first."""
     code = build_filter(platform.machine())
     if code is None:
         return f"the system calls of {platform.machine()} are not known here"

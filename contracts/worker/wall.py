@@ -1,8 +1,6 @@
-"""The wall around a contract worker, closed from inside before the first contract runs. Must never open again.
+"""The contract worker's sandbox, closed irrevocably from inside before any contract runs.
 
-Each part is taken as far as the system gives it, and what it does not give is said: the parts do not depend on one
-another, so that one missing does not take the others along. The order matters: the last part forbids what the earlier
-ones need.
+Parts are independent and missing ones reported. Order matters: the last forbids what earlier ones need.
 """
 
 from __future__ import annotations
@@ -43,9 +41,9 @@ _PAGE_BYTES = resource.getpagesize()
 
 
 def close_wall(kept_files: tuple[Path, ...], memory_max_bytes: int) -> tuple[SandboxFeature, ...]:
-    """Close the wall; return its parts. What is open on `kept_files` stays, beside the three standard descriptors.
+    """Close the sandbox; return its parts. Descriptors on `kept_files` and the standard ones stay open.
 
-    `memory_max_bytes` is what the process may take beyond what it has now; 0 sets no limit.
+    `memory_max_bytes` limits additional memory; 0 sets no limit.
     """
     libc = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
     steps: tuple[Callable[[], str], ...] = (
@@ -102,7 +100,7 @@ def _limit_resources() -> str:
 
 
 def _limit_memory(memory_max_bytes: int) -> str:
-    """Limit private memory by itself, and the address space, which holds the ledger's map too."""
+    """Private memory has its own limit: address space includes the ledger map."""
     if not memory_max_bytes:
         return ""
     path = _PROC / "statm"
@@ -119,7 +117,6 @@ def _limit_memory(memory_max_bytes: int) -> str:
 
 
 def _leave_network(libc: ctypes.CDLL | None) -> str:
-    """Go into a network namespace with nothing in it; who may not do that goes into one of users first."""
     if libc is None:
         return "only Linux has network namespaces"
     if libc.unshare(_CLONE_NEWNET) and libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET):
@@ -128,7 +125,6 @@ def _leave_network(libc: ctypes.CDLL | None) -> str:
 
 
 def _drop_capabilities(libc: ctypes.CDLL | None) -> str:
-    """Give up what root, or the first user of a namespace, may do beyond others."""
     if libc is None:
         return "only Linux has capabilities"
     header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)

@@ -1,7 +1,4 @@
-"""A helper process behind the wall, for tools: started with nothing but a pipe at each end, asked, killed.
-
-The worker of a node is watched more closely: `contracts.worker.handle`. Must never be given a key or an environment.
-"""
+"""A sandboxed helper process for tools, without keys or environment."""
 
 from __future__ import annotations
 
@@ -18,10 +15,10 @@ _M = TypeVar("_M")
 
 
 class WalledProcess:
-    """`python -I -m MODULE`, in the root folder, with an empty environment and no terminal."""
+    """Runs `python -I -m MODULE` in the root folder, empty environment, no terminal."""
 
     def __init__(self, module: str) -> None:
-        """Start it. Raises CONTRACT_WORKER_FAILED."""
+        """Raises CONTRACT_WORKER_FAILED."""
         try:
             self._process = subprocess.Popen(
                 (sys.executable, "-I", "-m", module), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -35,11 +32,10 @@ class WalledProcess:
 
     @property
     def pid(self) -> int:
-        """Its number."""
         return self._process.pid
 
     def ask(self, message: Any, answers: msgspec.msgpack.Decoder[_M]) -> _M:
-        """Send a message, and return the answer. Raises CONTRACT_WORKER_FAILED if it ended or speaks nonsense."""
+        """Send a message, return the answer. Raises CONTRACT_WORKER_FAILED."""
         try:
             self._pipe.send(message)
             return self._pipe.receive(answers)
@@ -48,7 +44,6 @@ class WalledProcess:
             raise BlockRobotError("CONTRACT_WORKER_FAILED", detail) from error
 
     def close(self) -> None:
-        """Kill it."""
         self._process.kill()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:

@@ -1,7 +1,7 @@
-"""What node and contract worker say to each other, and how it lies in a pipe. Must never carry a key, or code.
+"""Messages between node and contract worker; they carry neither keys nor code.
 
-A frame is four bytes of length (big-endian) and one MessagePack message. The node asks, the worker answers with one
-message; before that it may ask back for rows of the state that the node has and it has not.
+A frame is a 4-byte big-endian length and one MessagePack message. The worker sends one answer per request, and may ask
+back for state rows before.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class _Message(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fiel
 
 
 class Begin(_Message, frozen=True):
-    """The first message to a worker: the chain's genesis file, where its ledger lies, the memory it may take (0: all)."""
+    """First message: genesis file, ledger location, memory limit (0: unlimited)."""
 
     genesis_json: str
     ledger_dir: str
@@ -36,7 +36,7 @@ class Begin(_Message, frozen=True):
 
 
 class SandboxFeature(msgspec.Struct, array_like=True, frozen=True):
-    """One part of the wall, whether it stands, and why not if it does not."""
+    """One sandbox part: whether it is active, and why not."""
 
     name: str
     had: bool
@@ -44,16 +44,16 @@ class SandboxFeature(msgspec.Struct, array_like=True, frozen=True):
 
 
 class Hello(_Message, frozen=True):
-    """The worker's first word: it is ready, behind this wall."""
+    """The worker's first message: ready and sandboxed."""
 
     parts: tuple[SandboxFeature, ...]
 
 
 class Execute(_Message, frozen=True):
-    """Execute these transactions (txid, wire bytes) on the state with this root.
+    """Execute transactions (txid, wire bytes) on the state with this root.
 
-    `leader` builds a block, otherwise one is verified. `renew`: begin to read the ledger anew first. `gives_up_change`:
-    the version of a contract that is due fails.
+    `leader` builds, otherwise verifies. `renew` rereads the ledger first. `gives_up_change` fails the due contract
+    version.
     """
 
     parent_root: bytes
@@ -66,7 +66,7 @@ class Execute(_Message, frozen=True):
 
 
 class Executed(_Message, frozen=True):
-    """What the block gave, and what the worker stands on: the ledger's height, and how many blocks it keeps above."""
+    """The block's result, the worker's ledger height and cached layer count."""
 
     receipts: tuple[Receipt, ...]
     writes: dict[bytes, bytes | None]
@@ -80,19 +80,19 @@ class Executed(_Message, frozen=True):
 
 
 class ExecuteRun(_Message, frozen=True):
-    """Verify consecutive blocks, each on the state that the one before says it gives; only the first may ask back."""
+    """Verify consecutive blocks on each other's states; only the first may ask back."""
 
     blocks: tuple[Execute, ...]
 
 
 class ExecutedRun(_Message, frozen=True):
-    """What the first blocks of a run gave, up to one that failed in any way."""
+    """Results of a run's first blocks, up to any failure."""
 
     blocks: tuple[Executed, ...]
 
 
 class View(_Message, frozen=True):
-    """Run a view with these encoded arguments on the state with this root, of the block of this height and time."""
+    """Run a view on the state with this root, block height and time."""
 
     root: bytes
     height: int
@@ -109,33 +109,33 @@ class Viewed(_Message, frozen=True):
 
 
 class Refused(_Message, frozen=True):
-    """The block or the call is not right: a code of the catalogue of errors, and a sentence."""
+    """A refused block or call: error code and sentence."""
 
     code: str
     detail: str
 
 
 class Broken(_Message, frozen=True):
-    """The interpreter itself failed: no verdict. `exhausted`: its memory was full."""
+    """Interpreter failure, no verdict; `exhausted` means memory was full."""
 
     text: str
     exhausted: bool = False
 
 
 class Get(_Message, frozen=True):
-    """The worker asks for the value under a flat key of the parent's state."""
+    """Requests a value of the parent's state by flat key."""
 
     key: bytes
 
 
 class Page(_Message, frozen=True):
-    """The worker asks for a page of the parent's trie."""
+    """Requests a page of the parent's trie."""
 
     path: bytes
 
 
 class Scan(_Message, frozen=True):
-    """The worker asks for rows of the parent's state, from `start` up to but without `end`."""
+    """Requests rows of the parent's state in [start, end)."""
 
     start: bytes
     end: bytes
@@ -163,18 +163,16 @@ _PLACES = re.compile(rb"@(-?[0-9]{1,6})\n")
 
 
 def pack_place(place: int) -> bytes:
-    """Return what a worker notes of how far it is, apart from its answers: read only if it does not come to one."""
     return b"@%d\n" % place
 
 
 def newest_place(notes: bytes) -> int | None:
-    """Return the place in the last whole note, or None."""
     found = _PLACES.findall(notes)
     return int(found[-1]) if found else None
 
 
 def pack(message: Any) -> bytearray:
-    """Return the frame of a message. Raises VALUE_INVALID if it is larger than a frame may be."""
+    """Return a message's frame. Raises VALUE_INVALID if too large."""
     frame = bytearray(_LENGTH.size)
     _ENCODER.encode_into(message, frame, _LENGTH.size)
     size = len(frame) - _LENGTH.size
@@ -185,7 +183,7 @@ def pack(message: Any) -> bytearray:
 
 
 class Pipe:
-    """Both directions between two processes. `wait_read` and `wait_write` are called before each system call."""
+    """Two-way pipe between processes; `wait_read` and `wait_write` precede each system call."""
 
     def __init__(
         self,
@@ -200,7 +198,7 @@ class Pipe:
         self._wait_write = wait_write
 
     def send(self, message: Any) -> None:
-        """Write one message. Raises OSError if nobody reads any more, and what `wait_write` raises."""
+        """Write a message. Raises OSError without a reader, and `wait_write` errors."""
         rest = memoryview(pack(message))
         while rest:
             self._wait_write()
@@ -210,7 +208,7 @@ class Pipe:
                 continue
 
     def receive(self, decoder: msgspec.msgpack.Decoder[_M]) -> _M:
-        """Read one message. Raises EOFError if nobody writes any more, msgspec.MsgspecError for nonsense."""
+        """Read a message. Raises EOFError at the end, msgspec.MsgspecError if malformed."""
         (size,) = _LENGTH.unpack(self._read(_LENGTH.size))
         if size > FRAME_MAX_BYTES:
             raise msgspec.ValidationError(f"a frame of {size} bytes")

@@ -1,1 +1,1 @@
-"""Benchmarks: each returns one object of figures and the conditions they were measured under."""
+"""Benchmarks; each returns one object of figures and conditions."""

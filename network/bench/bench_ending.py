@@ -1,7 +1,6 @@
-"""Runs a measurement that starts nodes, and takes them along however it is told to end.
+"""Runs a measurement that starts nodes, and stops them however it ends.
 
-SIGTERM and SIGHUP cancel it once, as Ctrl-C does; whoever started something stops it in a `finally`, which no second
-signal breaks off.
+SIGTERM and SIGHUP cancel it once, like Ctrl-C.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ T = TypeVar("T")
 
 
 def run_to_end(work: Coroutine[Any, Any, T]) -> T:
-    """Run a measurement and return its result. Exits with 128 and the signal's number if one ended it."""
+    """Run a measurement; exits with 128 plus signal number if one ended it."""
     heard: list[signal.Signals] = []
 
     async def cancellable() -> T:

@@ -1,8 +1,4 @@
-"""How fast a node that was down, or a new one, catches up from blocks while the chain goes on at a steady rate.
-
-Real processes: one node is killed, the others go on under a steady load, the node is started again under the same load,
-and the time counts from its first link to a peer until it is as far as they are.
-"""
+"""Benchmark of block catch-up: a node killed and restarted under steady load."""
 
 from __future__ import annotations
 
@@ -32,7 +28,7 @@ _TOLERATED_LAG_BLOCKS = 8
 
 @dataclass(frozen=True, slots=True)
 class SyncOptions:
-    """How long the node is down, how many calls a second the others take meanwhile, and whether it comes back empty."""
+    """Downtime, call rate meanwhile, and whether the node returns empty."""
 
     seconds: float = 20.0
     rate: int = 100
@@ -42,8 +38,6 @@ class SyncOptions:
 
 @dataclass(slots=True)
 class _Load:
-    """A steady stream of calls, spread over robots that speak to living nodes."""
-
     robots: list[LoadRobot]
     rate: int
     sent_count: int = 0
@@ -81,7 +75,6 @@ def _head(statuses: dict[str, dict[str, Any]], without: str) -> int:
 
 
 async def _wait_caught_up(network: FreshNetwork, victim: str) -> bool:
-    """Wait until the node is as far as the others; tell whether that came to pass in time."""
     deadline_s = time.perf_counter() + CATCH_UP_TIMEOUT_S
     while time.perf_counter() < deadline_s:
         statuses = await _statuses(network)
@@ -97,7 +90,6 @@ async def _wait_caught_up(network: FreshNetwork, victim: str) -> bool:
 
 
 async def _settle(network: FreshNetwork) -> bool:
-    """Wait until all nodes are at one height; tell whether they then hold one state."""
     deadline_s = time.perf_counter() + SETTLE_TIMEOUT_S
     while time.perf_counter() < deadline_s:
         statuses = await _statuses(network)
@@ -110,7 +102,6 @@ async def _settle(network: FreshNetwork) -> bool:
 
 
 def read_first_link(log: str, since: datetime) -> datetime | None:
-    """Return when a node had its first peer after a moment, by its own log: before that it cannot catch up."""
     for line in split_lines(log):
         entry = read_json_text(line)
         at = datetime.fromisoformat(str(entry.get("timestamp")).replace("Z", "+00:00"))
@@ -120,18 +111,16 @@ def read_first_link(log: str, since: datetime) -> datetime | None:
 
 
 def _forget_chain(config: NodeConfig) -> None:
-    """Leave a stopped node nothing but its keys; the voting journal holds blocks too."""
     shutil.rmtree(config.ledger_dir)
     config.journal_path.unlink()
     Journal.create(config.journal_path).close()
 
 
 async def run_sync_benchmark(options: SyncOptions) -> dict[str, Any]:
-    """Make a network, let one node miss `seconds` of it, and return how fast it came back.
+    """Let one node miss `seconds` of the chain and return how fast it catches up.
 
-    Figures: `blocks_per_s` and `tps` while catching up; `catchup_ratio`, how much faster that is than a chain made at
-    100 calls a second; `restart_s` from starting the process to ready and caught up. `ok` is False after any error, or
-    if the node did not end with the state of the others.
+    `blocks_per_s` and `tps` while catching up; `catchup_ratio` against a chain at 100 calls/s; `restart_s` from process
+    start to caught up. `ok` is False after any error or unequal states.
     """
     conditions = measure_conditions(
         nodes=options.nodes,

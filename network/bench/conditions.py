@@ -1,4 +1,4 @@
-"""Under what conditions a figure was measured, and the one form of every result."""
+"""Measurement conditions, and the common form of results."""
 
 from __future__ import annotations
 
@@ -11,10 +11,7 @@ from typing import Any
 
 
 def measure_conditions(*, nodes: int, seed: int | None = None, **more: Any) -> dict[str, Any]:
-    """Return what a figure depends on: nodes, cores this process may use, load before, interpreter, seed, and `more`.
-
-    `load` is the machine's load average of the last minute when the measurement began.
-    """
+    """Return nodes, usable cores, 1-minute load at start, interpreter, seed and `more`."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "nodes": nodes,
@@ -28,7 +25,7 @@ def measure_conditions(*, nodes: int, seed: int | None = None, **more: Any) -> d
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """Return the smallest value that `share` (0 to 1) of the values do not exceed; 0.0 for none."""
+    """Return the smallest value not exceeded by `share` (0 to 1); 0.0 for none."""
     if not values:
         return 0.0
     ordered = sorted(values)
@@ -36,12 +33,11 @@ def percentile(values: Sequence[float], share: float) -> float:
 
 
 def latency_figures(values_ms: Sequence[float], shares: Sequence[int] = (50, 95, 99)) -> dict[str, float]:
-    """Return `p50_ms` and so on, and `mean_ms`, of latencies in milliseconds."""
+    """Return `p50_ms` etc. and `mean_ms` of latencies in ms."""
     figures = {f"p{share}_ms": round(percentile(values_ms, share / 100), 2) for share in shares}
     figures["mean_ms"] = round(statistics.fmean(values_ms), 2) if values_ms else 0.0
     return figures
 
 
 def build_result(name: str, *, ok: bool, figures: dict[str, Any], conditions: dict[str, Any]) -> dict[str, Any]:
-    """Return the one object that a measurement prints with `--json`."""
     return {"name": name, "ok": ok, "figures": figures, "conditions": conditions}

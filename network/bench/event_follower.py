@@ -1,7 +1,6 @@
-"""Follows one node's event stream and notes when each transaction became final.
+"""Follows one node's event stream and records times of finality.
 
-One stream tells of every finalized call, so that measuring costs the nodes less than what is measured. Calls that emit
-nothing (refused ones) are never seen: whoever waits for one runs into the timeout and counts an error.
+Calls that emit nothing, such as refused ones, time out as errors.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ LINE_MAX_BYTES = 256 * 1024
 
 
 class FinalityFollower:
-    """An open stream of one node, in the session of a member's key. Use as `async with`."""
+    """One node's open stream in a member's session; use as `async with`."""
 
     def __init__(self, genesis: Genesis, node: NodeEntry, key: PrivateKey) -> None:
         self._genesis = genesis
@@ -81,14 +80,13 @@ class FinalityFollower:
             waiting.set_result(at_s)
 
     def expect(self, txids: Sequence[bytes]) -> dict[bytes, asyncio.Future[float]]:
-        """Begin to wait for transactions, before they are submitted. Each future ends with its time of finality (s)."""
+        """Wait for transactions, before submitting; futures give finality times (s)."""
         loop = asyncio.get_running_loop()
         futures = {txid: loop.create_future() for txid in txids}
         self._waiting.update({txid.hex(): future for txid, future in futures.items()})
         return futures
 
     def forget(self, txid: bytes) -> None:
-        """Stop waiting for a transaction."""
         waiting = self._waiting.pop(txid.hex(), None)
         if waiting is not None:
             waiting.cancel()

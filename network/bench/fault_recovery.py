@@ -1,7 +1,4 @@
-"""How long nothing becomes final when a node is killed, when a network is cut in two, and when a node comes back.
-
-Real processes under a steady trickle of calls; the gap is what a client at a living node sees.
-"""
+"""Finality gaps of killed leaders, partitions and restarts, seen by a client."""
 
 from __future__ import annotations
 
@@ -37,7 +34,6 @@ class _Seen:
     errors: dict[str, int] = field(default_factory=dict)
 
     def note(self, values_s: list[float], value_s: float | None) -> None:
-        """Keep a figure, or count that what was waited for did not come in time."""
         if value_s is None:
             self.not_in_time_count += 1
         else:
@@ -62,10 +58,6 @@ async def _heights(network: FreshNetwork) -> dict[str, int]:
 
 
 async def _restart(network: FreshNetwork, name: str) -> float | None:
-    """Start a node again; return the time until it says it is ready and holds all that was final when it started.
-
-    None if it does not come so far in time.
-    """
     goal = max((await _heights(network)).values())
     started_s = time.perf_counter()
     network.cluster.start(name)
@@ -78,7 +70,6 @@ async def _restart(network: FreshNetwork, name: str) -> float | None:
 
 
 async def _kill_leader(network: FreshNetwork, robots: dict[str, LoadRobot], seen: _Seen) -> None:
-    """SIGKILL the leader under load, watch from a node that lives, start the dead one again."""
     victim = await find_leader(network.cluster)
     witness = next(node for node in network.genesis.nodes if node.name != victim)
     async with FinalityProbe(network.genesis, witness, robots[witness.name]) as probe:
@@ -93,7 +84,6 @@ async def _kill_leader(network: FreshNetwork, robots: dict[str, LoadRobot], seen
 
 
 async def _cut_and_heal(network: FreshNetwork, robots: dict[str, LoadRobot], seen: _Seen) -> None:
-    """Cut the network into two halves without a quorum, join them again, and watch one node until a call is final."""
     names = network.cluster.names
     half = len(names) // 2
     witness = network.genesis.nodes[0]
@@ -110,12 +100,11 @@ async def _cut_and_heal(network: FreshNetwork, robots: dict[str, LoadRobot], see
 
 
 async def run_faults_benchmark(*, repeats: int, nodes: int) -> dict[str, Any]:
-    """Make a network, break it `repeats` times in each way, and return the result.
+    """Break a network `repeats` times in each way.
 
-    Figures: `leader_kill_gap_s` (longest time without finality in the four seconds after a SIGKILL of the leader),
-    `restart_ready_s` (from starting that node again to ready and caught up), `heal_gap_s` (from the end of a cut into
-    halves to the first call that is final), each with its maximum; calls that were acknowledged, and how many of them
-    were lost. `ok` is False if any was lost or failed, or if finality or the node did not come back in time.
+    `leader_kill_gap_s`: longest gap in the four seconds after SIGKILL of the leader; `restart_ready_s`: restart to
+    caught up; `heal_gap_s`: partition end to first final call; each with maximum. Counts acknowledged and lost calls;
+    `ok` is False after any loss, failure or timeout.
     """
     conditions = measure_conditions(nodes=nodes, clients=1, repeats=repeats, call="records.record")
     seen = _Seen()

@@ -1,8 +1,4 @@
-"""Keeps a steady trickle of calls going at one node and notes when each became final.
-
-The times are those of the node's event stream, which tells of stored blocks only; so the longest time between two of
-them is the time in which work waited and nothing became final.
-"""
+"""Submits steady calls to one node and records when each is final."""
 
 from __future__ import annotations
 
@@ -22,13 +18,13 @@ SETTLE_TIMEOUT_S = 20.0
 
 
 def longest_gap_s(finals_s: Sequence[float], from_s: float, until_s: float) -> float:
-    """Return the longest time without finality between two moments, both ends counted as events."""
+    """Return the longest gap between two moments; both ends count as events."""
     inside = sorted(moment for moment in finals_s if from_s < moment < until_s)
     return max(later - earlier for earlier, later in itertools.pairwise([from_s, *inside, until_s]))
 
 
 class FinalityProbe:
-    """A robot that submits one call every `INTERVAL_MS` to its node while open. Use as `async with`."""
+    """Robot submitting one call per `INTERVAL_MS` while open; use as `async with`."""
 
     def __init__(self, genesis: Genesis, node: NodeEntry, robot: LoadRobot) -> None:
         self._robot = robot
@@ -78,7 +74,7 @@ class FinalityProbe:
             self.finals_s.append(future.result())
 
     async def wait_final_after(self, moment_s: float, timeout_s: float) -> float | None:
-        """Return when the first call became final after a moment of `time.perf_counter`, None if none did in time."""
+        """Return the first finality after a `time.perf_counter` moment, None on timeout."""
         while time.perf_counter() < moment_s + timeout_s:
             after = [final for final in self.finals_s if final > moment_s]
             if after:
@@ -87,7 +83,7 @@ class FinalityProbe:
         return None
 
     async def settle(self) -> int:
-        """Submit no more; wait until what was acknowledged is final; return how many calls never became final."""
+        """Stop submitting, wait for acknowledged calls; return how many never became final."""
         await self._stop_submitting()
         pending = [future for future in self._waiting.values() if not future.done()]
         if pending:

@@ -1,4 +1,4 @@
-"""A network made for one measurement: real node processes, registered robots with a visit open each, nothing kept."""
+"""A temporary measurement network: real nodes, robots with open visits."""
 
 from __future__ import annotations
 
@@ -43,7 +43,6 @@ def _is_free(port: int) -> bool:
 
 
 def find_base_port(nodes: int) -> int:
-    """Return a base port whose ports are all free now, below those that the system hands out by itself."""
     while True:
         base = secrets.choice(_BASE_PORTS)
         ports = (base + PORTS_PER_NODE * node + offset for node in range(nodes) for offset in range(_LISTENERS_COUNT))
@@ -53,7 +52,7 @@ def find_base_port(nodes: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class LoadRobot:
-    """A registered robot with an open visit, and a client that speaks to one node."""
+    """A registered robot with an open visit and a one-node client."""
 
     key: PrivateKey
     owner: bytes
@@ -61,7 +60,6 @@ class LoadRobot:
     client: NetworkClient
 
     def sign_record(self) -> Transaction:
-        """Sign one more record of the open visit: the call that a working robot makes most, with random roots."""
         arguments = [
             secrets.token_bytes(RECORD_ID_BYTES),
             self.owner,
@@ -75,15 +73,15 @@ class LoadRobot:
 
 
 class FreshNetwork:
-    """A network that lasts for one measurement. Use as `async with`."""
+    """A network for one measurement; use as `async with`."""
 
     def __init__(
         self, nodes: int, *, custodians: int = 2, faults: bool = False, store: str = "sqlite", stolen: int = 0
     ) -> None:
-        """`faults`: the network may be broken on purpose; `store`: where its custodians keep what they keep.
+        """`faults` allows deliberate faults; `store` is the custodians' store.
 
-        Each custodian is of an organisation of its own. `stolen` further nodes are in the genesis file, produce nothing
-        and are never started: somebody else has their certificates.
+        Each custodian has its own organisation. `stolen` further nodes are in genesis but never started: an attacker
+        has their certificates.
         """
         self._stolen_count = stolen
         self._nodes_count = nodes
@@ -97,17 +95,14 @@ class FreshNetwork:
 
     @property
     def genesis(self) -> Genesis:
-        """The network's genesis file."""
         assert self._genesis is not None
         return self._genesis
 
     def stolen_folder(self, name: str) -> Path:
-        """Return where the data directory of a node is that was never started."""
         return self._folder / f"stolen-{name}"
 
     @property
     def cluster(self) -> Cluster:
-        """The network's processes."""
         assert self._cluster is not None
         return self._cluster
 
@@ -148,20 +143,18 @@ class FreshNetwork:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def client_of(self, number: int) -> NetworkClient:
-        """Return a new client that speaks to one node, the nodes taking turns by `number`."""
         node = self.genesis.nodes[number % self._nodes_count]
         client = NetworkClient(self.genesis, {node.name: node.api_url})
         self._clients.append(client)
         return client
 
     def open_client(self) -> NetworkClient:
-        """Return a new client that speaks to any node, as a robot's or a wallet's does."""
         client = NetworkClient(self.genesis)
         self._clients.append(client)
         return client
 
     async def enrol_robots(self, count: int) -> list[LoadRobot]:
-        """Register robots and open a visit for each, all final when this returns. Raises CALL_REFUSED and the like."""
+        """Register robots with final open visits. Raises CALL_REFUSED and others."""
         organisation = self.genesis.organisations[0].name
         desk = Desk(self._folder / "network" / "organisations" / organisation, self.genesis)
         cards = [decode_card_code(desk.issue(f"bench-{number}", "robot")) for number in range(count)]

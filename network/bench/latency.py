@@ -1,4 +1,4 @@
-"""How long one call takes on an idle network, as a client sees it: signed, submitted, final, and the receipt proved."""
+"""Latency of one call on an idle network, including receipt verification."""
 
 from __future__ import annotations
 
@@ -15,10 +15,7 @@ WARM_UP_COUNT = 3
 
 
 async def run_latency_benchmark(*, count: int, nodes: int) -> dict[str, Any]:
-    """Make a network, call it `count` times with pauses, and return `p50_ms`, `p95_ms`, `p99_ms`, `mean_ms`, `count`.
-
-    The time runs from before signing to after the client has verified receipt and finality against the genesis file.
-    """
+    """Return `p50_ms`, `p95_ms`, `p99_ms`, `mean_ms`, `count`, from signing to verified finality."""
     conditions = measure_conditions(nodes=nodes, clients=1, pause_ms=PAUSE_MS, call="records.record")
     values_ms: list[float] = []
     errors: dict[str, int] = {}

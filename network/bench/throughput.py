@@ -1,8 +1,4 @@
-"""How many calls a second become final, and how long each takes, under load from many robots at once.
-
-Every call is a real one (`records.record` by a registered robot in its open visit), signed beforehand, submitted over
-HTTP to four node processes of their own, and counted when a node tells that it is final.
-"""
+"""Throughput and latency of `records.record` calls from many robots over HTTP."""
 
 from __future__ import annotations
 
@@ -24,7 +20,7 @@ PRESIGNED_MAX_COUNT = 40_000
 
 @dataclass(frozen=True, slots=True)
 class LoadOptions:
-    """How much load: robots at once, for how long, against how many nodes, how many calls a request."""
+    """Load: concurrent robots, duration, nodes, calls per request."""
 
     clients: int = 16
     seconds: float = 10.0
@@ -44,8 +40,6 @@ class _Tally:
 
 
 class _Client:
-    """One robot that submits a batch, waits until all of it is final, and submits the next."""
-
     def __init__(self, robot: LoadRobot, follower: FinalityFollower, tally: _Tally, options: LoadOptions) -> None:
         self._robot = robot
         self._follower = follower
@@ -89,9 +83,9 @@ class _Client:
 
 
 async def run_tx_benchmark(options: LoadOptions) -> dict[str, Any]:
-    """Make a network, load it, and return the result: `tps`, `p50_ms`, `p95_ms`, `p99_ms`, `mean_ms`, `errors`.
+    """Return `tps`, `p50_ms`, `p95_ms`, `p99_ms`, `mean_ms`, `errors`.
 
-    `tps` counts calls from the first submission to the last finality. `ok` is False if any call failed.
+    `tps` spans first submission to last finality. `ok` is False if a call failed.
     """
     conditions = measure_conditions(
         nodes=options.nodes,

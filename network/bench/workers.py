@@ -16,11 +16,7 @@ _EXIT_BY_SIGNAL = 128
 
 @contextmanager
 def worker_pool(processes: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Give processes to share work with, each a fresh interpreter.
-
-    Whatever ends the block early (an error, Ctrl-C, SIGTERM) ends the workers in the middle of their work: nobody wants
-    their results any more. SIGTERM exits with 143, as if there were no workers.
-    """
+    """Yield a pool of fresh interpreters, killed on early exit; SIGTERM exits with 143."""
     pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=initializer)
     in_main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, _leave) if in_main else None

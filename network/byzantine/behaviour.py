@@ -1,4 +1,4 @@
-"""What all behaviours share: an outbox around the honest one, and the liar's own pen."""
+"""Common base of behaviours: an outbox around the honest one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ V = TypeVar("V")
 
 
 class OwnNode(Protocol):
-    """What a liar knows of its own node. All of it may change from one epoch to the next, but the chain."""
+    """A liar's view of its own node; all but the chain may change per epoch."""
 
     @property
     def chain_id(self) -> bytes:
@@ -34,47 +34,38 @@ class OwnNode(Protocol):
         ...
 
     @property
-    def epoch(self) -> int:
-        """The epoch that the node is in."""
-        ...
+    def epoch(self) -> int: ...
 
     @property
-    def round(self) -> int:
-        """The round that the node is in."""
-        ...
+    def round(self) -> int: ...
 
     @property
     def index(self) -> int | None:
-        """The node's place in the schedule, or None if it has none (now)."""
+        """The node's current schedule index, or None."""
         ...
 
     @property
-    def producers_count(self) -> int:
-        """How many producers the schedule has."""
-        ...
+    def producers_count(self) -> int: ...
 
     @property
-    def high_qc(self) -> QuorumCertificate:
-        """The highest certificate that the node knows."""
-        ...
+    def high_qc(self) -> QuorumCertificate: ...
 
     def header(self, block_id: bytes) -> Header | None:
-        """Return the header of a block that is not final yet, or of the finalized head; None for any other."""
+        """Return the header of an unfinalized block or finalized head, else None."""
         ...
 
     def send_raw(self, kind: int, payload: bytes) -> None:
-        """Send bytes as a frame of this kind to all peers, whatever they are."""
+        """Send arbitrary bytes as this frame kind to all peers."""
         ...
 
 
 class Accomplices:
-    """What dishonest nodes know of each other's lies: the blocks that were proposed in each round."""
+    """Shared knowledge of dishonest nodes: blocks proposed in each round."""
 
     def __init__(self) -> None:
         self._blocks: OrderedDict[tuple[int, int], list[bytes]] = OrderedDict()
 
     def tell(self, epoch: int, round_number: int, block_id: bytes) -> None:
-        """Let the others know of a block."""
         known = self._blocks.setdefault((epoch, round_number), [])
         if block_id not in known:
             known.append(block_id)
@@ -82,13 +73,12 @@ class Accomplices:
             self._blocks.popitem(last=False)
 
     def rivals(self, epoch: int, round_number: int, block_id: bytes) -> list[bytes]:
-        """Return the blocks of a round other than this one."""
         return [known for known in self._blocks.get((epoch, round_number), []) if known != block_id]
 
 
 @dataclass(frozen=True, slots=True)
 class Liar:
-    """Who lies: what it knows of its node, its genuine producer key, where its chance comes from, its accomplices."""
+    """A liar's own node, genuine producer key, random source and accomplices."""
 
     own: OwnNode
     key: PrivateKey
@@ -97,7 +87,7 @@ class Liar:
 
 
 class Behaviour:
-    """An outbox that passes everything on. Each behaviour overrides what it lies about."""
+    """An outbox that forwards everything; subclasses override what they lie about."""
 
     name: ClassVar[str] = ""
     bends_clock: ClassVar[bool] = False
@@ -112,45 +102,38 @@ class Behaviour:
     # Outbox
 
     def broadcast(self, message: Message) -> None:
-        """Send to all peers."""
         self._inner.broadcast(message)
 
     def send_to(self, index: int, message: Message) -> None:
-        """Send to one producer."""
         self._inner.send_to(index, message)
 
     def fetch(self, effect: FetchBlocks) -> None:
-        """Ask producers for blocks."""
         self._inner.fetch(effect)
 
     def gossip_again(self) -> None:
-        """Send the waiting transactions again."""
         self._inner.gossip_again()
 
     def tick(self) -> None:
-        """Do what is done by the clock, not by occasion: called every TICK_MS."""
+        """Act by the clock; called every TICK_MS."""
         if isinstance(self._inner, Behaviour):
             self._inner.tick()
 
     # The pen
 
     def others(self) -> list[int]:
-        """Return the indexes of the other producers."""
         return [index for index in range(self._own.producers_count) if index != self._own.index]
 
     def halves(self) -> tuple[list[int], list[int]]:
-        """Return the other producers as two halves, drawn by chance; the second is the larger one."""
+        """Return the other producers in two random halves, the second larger."""
         others = self.others()
         self._chance.shuffle(others)
         middle = len(others) // 2
         return sorted(others[:middle]), sorted(others[middle:])
 
     def is_own(self, block: Block) -> bool:
-        """Tell whether a block is this producer's own proposal (a node also passes on those of others)."""
         return block.header.producer == self._own.index
 
     def rewrite(self, block: Block, *, transactions: tuple[bytes, ...] | None = None, **changes: Any) -> Block:
-        """Return the block with other header fields (and transactions), genuinely signed."""
         header = msgspec.structs.replace(block.header, **changes)
         data = encode(header)
         return Block(
@@ -160,13 +143,12 @@ class Behaviour:
         )
 
     def vote_for(self, vote: Vote, block_id: bytes) -> Vote:
-        """Return a genuine vote of the same round for another block."""
         return sign_vote(self._key, self._own.chain_id, vote.epoch, vote.round, block_id, vote.index)
 
     def timeout_with(
         self, timeout: Timeout, qc: QuorumCertificate, entered_by: TimeoutCertificate | None, round_number: int = 0
     ) -> Timeout:
-        """Return a genuinely signed timeout with other certificates (and of another round, if one is given)."""
+        """Return a genuinely signed timeout with other certificates; round 0 keeps the round."""
         return sign_timeout(
             self._key,
             self._own.chain_id,
@@ -178,15 +160,13 @@ class Behaviour:
         )
 
     def made_up_id(self) -> bytes:
-        """Return the id of a block that nobody made."""
         return self._chance.randbytes(_ID_BYTES)
 
 
 class Remembered(OrderedDict[K, V]):
-    """The newest few lies, so that a word said again is the same word."""
+    """The newest lies, so that repetitions are identical."""
 
     def keep(self, key: K, value: V) -> V:
-        """Remember and return a value."""
         self[key] = value
         while len(self) > REMEMBERED_MAX_COUNT:
             self.popitem(last=False)

@@ -1,4 +1,4 @@
-"""All behaviours by name, and how one is put around an outbox."""
+"""All behaviours by name, and their construction."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BEHAVIOURS: dict[str, type[Behaviour]] = {behaviour.name: behaviour for behaviou
 
 
 def check_behaviour(name: str) -> tuple[type[Behaviour], ...]:
-    """Return the classes that a name stands for, several joined with `+`. Raises FAULT_UNKNOWN."""
+    """Return the classes of names joined with `+`. Raises FAULT_UNKNOWN."""
     parts = name.split("+")
     unknown = [part for part in parts if part not in BEHAVIOURS]
     if unknown or len(set(parts)) != len(parts):
@@ -43,7 +43,7 @@ def check_behaviour(name: str) -> tuple[type[Behaviour], ...]:
 def make_behaviour(
     name: str, *, inner: Outbox, own: OwnNode, key: PrivateKey, chance: Random, accomplices: Accomplices | None = None
 ) -> Behaviour:
-    """Put a behaviour (several joined with `+`: the first speaks first) around an outbox. Raises FAULT_UNKNOWN."""
+    """Wrap an outbox; with `+` the first acts first. Raises FAULT_UNKNOWN."""
     liar = Liar(own, key, chance, Accomplices() if accomplices is None else accomplices)
     *rest, last = check_behaviour(name)
     outbox = last(inner, liar)
@@ -53,7 +53,7 @@ def make_behaviour(
 
 
 def byzantine_clock(name: str, clock_ms: Callable[[], int], max_clock_drift_ms: int) -> Callable[[], int]:
-    """Return the clock that a node of this behaviour runs on: as far ahead as blocks may be, or the given one."""
+    """Return the behaviour's clock: the given one or the maximum drift ahead."""
     if not any(behaviour.bends_clock for behaviour in check_behaviour(name)):
         return clock_ms
     return lambda: clock_ms() + max_clock_drift_ms

@@ -1,4 +1,4 @@
-"""Lies about certificates: old ones for new ones, and such as no quorum signed."""
+"""Lies about certificates: stale ones and forged ones."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ROUNDS_AHEAD_MAX_COUNT = 50
 
 
 class StaleCertificates(Behaviour):
-    """Denies what is newer: old certificates in timeouts, blocks on old parents, and notices of old certificates."""
+    """Denies newer certificates in timeouts, builds on old parents, announces old certificates."""
 
     name: ClassVar[str] = "stale-certificates"
 
@@ -43,7 +43,6 @@ class StaleCertificates(Behaviour):
         self._said: Remembered[tuple[str, int], Message] = Remembered()
 
     def broadcast(self, message: Message) -> None:
-        """Send the lie in the place of the truth, and now and then a notice of something old."""
         self._learn(message)
         super().broadcast(self._bent(message))
         old = self._old(below=self._own.round)
@@ -51,7 +50,6 @@ class StaleCertificates(Behaviour):
             super().broadcast(CertificateNotice(qc=old, entered_by=None))
 
     def send_to(self, index: int, message: Message) -> None:
-        """Answer with old certificates too; tell a node that came back that nothing was heard of it, long ago."""
         old = self._old(below=self._own.round)
         if isinstance(message, CertificateNotice) and old is not None:
             message = CertificateNotice(qc=old, entered_by=None)
@@ -74,7 +72,6 @@ class StaleCertificates(Behaviour):
             self._known.keep(qc.round, qc)
 
     def _old(self, below: int) -> QuorumCertificate | None:
-        """Return a certificate that is genuine, and not the newest."""
         rounds = sorted(number for number in self._known if number < below)[:-1]
         return self._known[self._chance.choice(rounds)] if rounds else None
 
@@ -92,7 +89,6 @@ class StaleCertificates(Behaviour):
         return timeout if old is None else self.timeout_with(timeout, old, timeout.entered_by)
 
     def _stale_proposal(self, proposal: Proposal) -> Proposal:
-        """Return an empty block on an older parent: beside what is certified already."""
         block = proposal.block
         old = self._old(below=block.header.qc.round)
         parent = None if old is None else self._parents.get(old.block_id)
@@ -109,12 +105,11 @@ class StaleCertificates(Behaviour):
 
 
 class ForgedCertificates(Behaviour):
-    """Beside each honest word one that leans on a certificate which no quorum signed."""
+    """Accompanies each honest message with one on a forged certificate."""
 
     name: ClassVar[str] = "forged-certificates"
 
     def broadcast(self, message: Message) -> None:
-        """Send the word, and a forgery with it; one's own blocks stand on a forgery every other time."""
         if isinstance(message, Proposal) and self.is_own(message.block) and self._chance.random() < 0.5:
             forged = self._forge_qc(max(1, message.block.header.round - 1))
             message = Proposal(block=self.rewrite(message.block, qc=forged, parent_id=forged.block_id, tc=None))
@@ -130,7 +125,6 @@ class ForgedCertificates(Behaviour):
             super().broadcast(CertificateNotice(qc=self._forge_qc(ahead), entered_by=tc))
 
     def send_to(self, index: int, message: Message) -> None:
-        """Tell a node that came back of rounds far ahead, to keep it silent."""
         if isinstance(message, WordsAnswer):
             ahead = self._own.round + self._chance.randint(1, _ROUNDS_AHEAD_MAX_COUNT)
             qc, tc = self._forge_qc(ahead), self._forge_tc(ahead)
@@ -143,7 +137,7 @@ class ForgedCertificates(Behaviour):
         return count - (count - 1) // 3
 
     def _forge_qc(self, round_number: int) -> QuorumCertificate:
-        """Return one of several forgeries: all by one hand, one too few, one twice, moved to another block, noise."""
+        """Forgeries: one hand for all, one short, duplicate signer, moved, noise."""
         real = self._own.high_qc
         kinds = ["one hand", "noise", "no votes"] + (["too few", "twice", "moved"] if len(real.votes) > 1 else [])
         kind = self._chance.choice(kinds)
@@ -167,7 +161,6 @@ class ForgedCertificates(Behaviour):
         )
 
     def _forge_tc(self, round_number: int) -> TimeoutCertificate:
-        """Return a TC that one hand signed for all, or with one signer twice."""
         number = max(1, round_number)
         parts = timeout_parts(self._own.chain_id, self._own.epoch, number, 0)
         signature = self._key.sign_compact(TIMEOUT_TAG, *parts)

@@ -1,4 +1,4 @@
-"""Lies about epochs: words of those that are over or to come, old certificates as of now."""
+"""Lies about epochs: past or future messages, old certificates."""
 
 from __future__ import annotations
 
@@ -30,10 +30,7 @@ _TICKS_A_CLAIM = 10
 
 
 class WrongEpochs(Behaviour):
-    """Says each word in another epoch too, genuinely signed, and shows what quorums of old epochs signed as of now.
-
-    It goes on when it has no seat any more: as the producer that it was, in epochs in which it is none.
-    """
+    """Repeats messages in other epochs, genuinely signed, and presents old epochs' certificates as current."""
 
     name: ClassVar[str] = "wrong-epochs"
 
@@ -45,7 +42,6 @@ class WrongEpochs(Behaviour):
         self._ticks = 0
 
     def broadcast(self, message: Message) -> None:
-        """Send the word, and the same of an epoch that is not."""
         self._learn(message)
         super().broadcast(message)
         moved = self._moved(message)
@@ -53,13 +49,12 @@ class WrongEpochs(Behaviour):
             super().broadcast(moved)
 
     def send_to(self, index: int, message: Message) -> None:
-        """Tell a node that asks what was heard of it in an epoch that is over, or far ahead."""
         if isinstance(message, WordsAnswer):
             message = msgspec.structs.replace(message, epoch=self._another_epoch(), qc=self._old_certificate())
         super().send_to(index, message)
 
     def tick(self) -> None:
-        """Claim, every half a second, to be in a later epoch, and vote, propose and give up there, with a seat or not."""
+        """Every half second claim a later epoch; vote, propose and time out there."""
         super().tick()
         self._ticks += 1
         if self._ticks % _TICKS_A_CLAIM:
@@ -102,7 +97,6 @@ class WrongEpochs(Behaviour):
         return self._chance.choice(self._genuine) if self._genuine else self._own.high_qc
 
     def _moved(self, message: Message) -> Message | None:
-        """Return the same word in another epoch, signed for it; None for what is no word of a producer."""
         epoch = self._another_epoch()
         if isinstance(message, Vote):
             return self._vote(epoch, message.round, message.block_id)

@@ -32,7 +32,7 @@ _RAW_KINDS = (
 
 
 class Garbage(Behaviour):
-    """Every tick some messages that are nearly right; now and then bytes that are no message, which cost the link."""
+    """Sends nearly right messages each tick, sometimes malformed bytes that cost the link."""
 
     name: ClassVar[str] = "garbage"
 
@@ -43,13 +43,11 @@ class Garbage(Behaviour):
         self._ticks_count = 0
 
     def broadcast(self, message: Message) -> None:
-        """Speak as an honest node, and keep the word to twist it later."""
         self._said_count += 1
         self._spoken.keep(self._said_count % _SPOKEN_KEPT_COUNT, message)
         super().broadcast(message)
 
     def tick(self) -> None:
-        """Send one tick's junk."""
         super().tick()
         self._ticks_count += 1
         for _ in range(MESSAGES_PER_TICK_COUNT):
@@ -69,7 +67,6 @@ class Garbage(Behaviour):
         return [*made, self._twisted] if self._spoken else made
 
     def _twisted(self) -> Message:
-        """Return something that was said, with one thing about it wrong."""
         message = self._spoken[self._chance.choice(list(self._spoken))]
         if isinstance(message, Vote | Timeout):
             changes: list[dict[str, object]] = [
@@ -105,7 +102,6 @@ class Garbage(Behaviour):
         )
 
     def _strange_answer(self) -> WordsAnswer:
-        """Answer a question that nobody asked."""
         return WordsAnswer(
             epoch=self._own.epoch,
             asked_at_ms=self._chance.randint(-1, 1 << 44),

@@ -1,9 +1,6 @@
-"""`python -m network.byzantine.process`: a real node of a local network that lies.
+"""`python -m network.byzantine.process --data-dir DIR --behaviour equivocate [--seed 7]`: a Byzantine local node.
 
-python -m network.byzantine.process --data-dir DIR --behaviour equivocate [--seed 7]
-
-It is the production node, process for process, with a behaviour around its outbox; it starts only on a data directory
-whose node.toml allows faults. `blockrobot fault byzantine` starts it, `blockrobot fault restart` makes it honest again.
+Its node.toml must allow faults.
 """
 
 from __future__ import annotations
@@ -32,14 +29,11 @@ log = structlog.get_logger(__name__)
 
 
 class _BentClock(WallClock):
-    """The clock that a behaviour wants its node to run on."""
-
     def __init__(self, behaviour: str, max_clock_drift_ms: int) -> None:
         super().__init__()
         self._bent_ms = byzantine_clock(behaviour, super().now_ms, max_clock_drift_ms)
 
     def now_ms(self) -> int:
-        """Return milliseconds since 1970 UTC, as the behaviour has them."""
         return self._bent_ms()
 
 
@@ -47,7 +41,7 @@ class ByzantineNode(Node):
     """A node with a behaviour around its outbox."""
 
     def __init__(self, config: NodeConfig, behaviour: str, seed: int) -> None:
-        """Read genesis and key. Raises FAULT_UNKNOWN, FAULTS_DISABLED, and what `Node` raises."""
+        """Raises FAULT_UNKNOWN, FAULTS_DISABLED, and `Node` errors."""
         check_behaviour(behaviour)
         if not config.faults_enabled:
             raise BlockRobotError("FAULTS_DISABLED")
@@ -70,7 +64,6 @@ class ByzantineNode(Node):
         super().__init__(config, clock=_BentClock(behaviour, drift_ms), wrap_outbox=wrap)
 
     async def __aexit__(self, *reason: object) -> None:
-        """Stop lying, then stop."""
         if self._ticking is not None:
             self._ticking.cancel()
             await asyncio.gather(self._ticking, return_exceptions=True)
@@ -84,7 +77,6 @@ async def _tick(liar: Behaviour) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a lying node; return the exit code: 0 after a clean stop, 1 if it could not run."""
     parser = argparse.ArgumentParser(prog="python -m network.byzantine.process", description="Run one lying node.")
     parser.add_argument("--data-dir", type=Path, required=True, help="the node's data directory")
     parser.add_argument("--behaviour", required=True, help=f"one of {', '.join(BEHAVIOURS)}, or several joined with +")

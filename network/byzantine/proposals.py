@@ -1,4 +1,4 @@
-"""Lies about blocks: two in a round, none, for some only, with wrong roots, from the future."""
+"""Lies about blocks: equivocation, withholding, partial sending, wrong roots, future stamps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _ROOT_BYTES = 32
 
 
 class Equivocate(Behaviour):
-    """Two genuine blocks in each of its rounds, each shown, with a vote for it, to one half of the others."""
+    """Two genuine blocks per own round, each shown with a vote to one half."""
 
     name: ClassVar[str] = "equivocate"
 
@@ -23,7 +23,6 @@ class Equivocate(Behaviour):
         self._twins: Remembered[bytes, tuple[Block, list[int], list[int]] | None] = Remembered()
 
     def broadcast(self, message: Message) -> None:
-        """Tell one half of each block, the other half of its twin."""
         if isinstance(message, Proposal) and self.is_own(message.block):
             twins = self._twins_of(message.block)
             if twins is not None:
@@ -55,7 +54,6 @@ class Equivocate(Behaviour):
         return self._twins.keep(block_id, (twin, *self.halves()))
 
     def _twin(self, block: Block) -> Block | None:
-        """Return another block of the same round that everybody finds right: an empty one, a moment later."""
         header = block.header
         parent = self._own.header(header.parent_id)
         if parent is None:
@@ -73,23 +71,21 @@ class Equivocate(Behaviour):
 
 
 class WithholdBlocks(Behaviour):
-    """Proposes to nobody: each of its rounds is lost, though it is alive and votes."""
+    """Withholds its own blocks, losing its rounds, but still votes."""
 
     name: ClassVar[str] = "withhold-blocks"
 
     def broadcast(self, message: Message) -> None:
-        """Keep back one's own block."""
         if not (isinstance(message, Proposal) and self.is_own(message.block)):
             super().broadcast(message)
 
     def send_to(self, index: int, message: Message) -> None:
-        """Keep back one's own block from a single peer as well."""
         if not (isinstance(message, Proposal) and self.is_own(message.block)):
             super().send_to(index, message)
 
 
 class PartialProposals(Behaviour):
-    """Shows each block to some of the others only, drawn anew for each block; at least to one."""
+    """Sends each block to a random non-empty subset of the others."""
 
     name: ClassVar[str] = "partial-proposals"
 
@@ -98,7 +94,6 @@ class PartialProposals(Behaviour):
         self._shown: Remembered[bytes, list[int]] = Remembered()
 
     def broadcast(self, message: Message) -> None:
-        """Send one's own block to those who were chosen."""
         if not (isinstance(message, Proposal) and self.is_own(message.block)):
             super().broadcast(message)
             return
@@ -115,7 +110,7 @@ class PartialProposals(Behaviour):
 
 
 class WrongRoots(Behaviour):
-    """Blocks whose header names another state, other receipts or another use of gas than their transactions give."""
+    """Blocks with a wrong state root, receipt root or gas."""
 
     name: ClassVar[str] = "wrong-roots"
 
@@ -124,11 +119,9 @@ class WrongRoots(Behaviour):
         self._wrong: Remembered[bytes, Block] = Remembered()
 
     def broadcast(self, message: Message) -> None:
-        """Send a wrong block in the place of one's own."""
         super().broadcast(self._bent(message))
 
     def send_to(self, index: int, message: Message) -> None:
-        """Send a wrong block in the place of one's own."""
         super().send_to(index, self._bent(message))
 
     def _bent(self, message: Message) -> Message:
@@ -148,7 +141,7 @@ class WrongRoots(Behaviour):
 
 
 class TimeLimit(Behaviour):
-    """Stamps its blocks as far ahead as others accept; its clock does it (`byzantine_clock`), as stamps are executed."""
+    """Stamps blocks as far ahead as accepted, through its clock (`byzantine_clock`)."""
 
     name: ClassVar[str] = "time-limit"
     bends_clock: ClassVar[bool] = True

@@ -11,7 +11,7 @@ from node.consensus.engine import Outbox
 
 
 class DoubleVote(Behaviour):
-    """Votes twice in each round, and tells everybody: for the block, and for an accomplice's block or a made-up one."""
+    """Votes twice per round: also for an accomplice's or nonexistent block."""
 
     name: ClassVar[str] = "double-vote"
 
@@ -20,7 +20,6 @@ class DoubleVote(Behaviour):
         self._others: Remembered[bytes, list[Vote]] = Remembered()
 
     def broadcast(self, message: Message) -> None:
-        """Send each vote with its contradiction, in an order drawn by chance."""
         if not isinstance(message, Vote):
             super().broadcast(message)
             return
@@ -38,16 +37,14 @@ class DoubleVote(Behaviour):
 
 
 class WithholdVotes(Behaviour):
-    """Never votes where others can hear it."""
+    """Never sends a vote to others."""
 
     name: ClassVar[str] = "withhold-votes"
 
     def broadcast(self, message: Message) -> None:
-        """Keep votes back."""
         if not isinstance(message, Vote):
             super().broadcast(message)
 
     def send_to(self, index: int, message: Message) -> None:
-        """Keep votes back from a single peer as well."""
         if not isinstance(message, Vote):
             super().send_to(index, message)

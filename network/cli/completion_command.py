@@ -1,4 +1,4 @@
-"""`blockrobot completion`: prints what makes a shell complete commands."""
+"""`blockrobot completion`: prints shell completion scripts."""
 
 from __future__ import annotations
 

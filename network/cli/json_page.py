@@ -1,4 +1,4 @@
-"""The reference page of what commands answer with `--json`, made from the catalogues beside them."""
+"""Generates the reference page of `--json` output from its catalogues."""
 
 from __future__ import annotations
 

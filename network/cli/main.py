@@ -1,7 +1,4 @@
-"""The root command.
-
-Commands are imported when they are called, so that a wallet's process never loads a node's code, and starts fast.
-"""
+"""The root command; imports lazily, so wallets never load node code."""
 
 from __future__ import annotations
 

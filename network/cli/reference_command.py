@@ -1,4 +1,4 @@
-"""`blockrobot reference`: makes the reference pages again from the code."""
+"""`blockrobot reference`: regenerates the reference pages from the code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The group that every command line enters by: wrong usage is told as JSON too."""
+"""Root command group; reports usage errors as JSON too."""
 
 from __future__ import annotations
 
@@ -19,27 +19,22 @@ JSON_OPTION = "--json"
 
 
 def wants_json(arguments: Sequence[str]) -> bool:
-    """Tell whether a command line asks for JSON, also one that nobody can parse."""
+    """Return whether --json is present, even in an unparsable line."""
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
     return JSON_OPTION in options
 
 
 class RootGroup(LazyGroup):
-    """A lazy group that tells wrong usage as every other error is told, where --json is on the command line.
-
-    Its help has the commands by who uses them: `sections` names them under each heading.
-    """
+    """A lazy group with JSON usage errors; `sections` groups commands in its help."""
 
     def __init__(self, *args: Any, sections: Mapping[str, Sequence[str]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.sections = sections
 
     def command_sections(self) -> Mapping[str, Sequence[str]]:
-        """Return the headings of the help, and the commands under each."""
         return self.sections
 
     def commands_meant(self, ctx: click.Context) -> list[str]:
-        """Return all commands of all groups: `records` is one of the wallet's."""
         meant = super().commands_meant(ctx)
         for name in self.list_commands(ctx):
             command = self.get_command(ctx, name)
@@ -55,7 +50,6 @@ class RootGroup(LazyGroup):
         standalone_mode: bool = True,
         **extra: Any,
     ) -> Any:
-        """Run what a command line says, and exit; see click.Command.main."""
         guard_process()
         prepare_output()
         with safe_streams():

@@ -1,16 +1,7 @@
-"""Says in a line each what is new between two moments of a network.
+"""Describes changes between two moments of a network. Pure.
 
-Pure. An event is ready for JSON: `at_ms`, `kind`, `tone` (good, bad, warn or empty), `text`, `nodes` that it is about.
-
-    fault        something was switched on or off on purpose, by whatever means
-    node         a node stopped, started, was paused, is silent ...
-    leader       another node leads
-    timeout      producers gave a round up
-    suspension   a producer may not lead any more, or may again
-    finality     nothing became final for a while, or again
-    epoch        the schedule or the settings changed
-    link         who is connected with how many
-    asked        what was asked for on this page, and what was answered
+Events are JSON-ready: `at_ms`, `kind` (fault, node, leader, timeout, suspension, finality, epoch, link, asked), `tone`
+(good, bad, warn, empty), `text`, `nodes`.
 """
 
 from __future__ import annotations
@@ -32,12 +23,11 @@ _WAITING = frozenset({"waiting", "paused", "suspended"})
 
 
 def make_event(at_ms: int, kind: str, text: str, tone: str = "", nodes: Sequence[str] = ()) -> Event:
-    """Return one event."""
     return {"at_ms": at_ms, "kind": kind, "tone": tone, "text": text, "nodes": list(nodes)}
 
 
 class Timeline:
-    """Remembers the last moment, and which rounds were told of."""
+    """Remembers the last moment and the reported rounds."""
 
     def __init__(self) -> None:
         self._before: Moment | None = None
@@ -48,7 +38,6 @@ class Timeline:
         self._lost: dict[str, _LostRounds] = {}
 
     def take(self, moment: Moment, rounds: Sequence[Round]) -> list[Event]:
-        """Return what is new in this moment, and in these rounds."""
         events = self._of_rounds(moment["at_ms"], rounds)
         before, self._before = self._before, moment
         if before is None:
@@ -60,7 +49,6 @@ class Timeline:
         return events + _of_leader(before, moment) + _of_finality(before, moment)
 
     def _of_rounds(self, at_ms: int, rounds: Sequence[Round]) -> list[Event]:
-        """Tell of a round once a quorum is known to have given it up, or some time after later rounds are under way."""
         for entry in rounds:
             place = (entry.epoch, entry.number)
             if entry.gave_up and place > self._told:
@@ -87,7 +75,6 @@ class Timeline:
         return told
 
     def _tell_of_lost(self, entry: Round, at_ms: int) -> list[Event]:
-        """Tell of a leader's first lost round at once; of its next ones together, some seconds later."""
         leader, who = entry.leader or "nobody known", sorted(entry.gave_up)
         lost = self._lost.get(leader)
         if lost is not None:
@@ -104,8 +91,6 @@ class Timeline:
 
 @dataclass(slots=True)
 class _LostRounds:
-    """The rounds of one leader that were given up since the last event about it."""
-
     told_ms: int
     numbers: list[int] = field(default_factory=list)
 
@@ -119,7 +104,6 @@ class _LostRounds:
 
 
 def _said(state: str) -> str:
-    """Return a node's state as the end of a sentence that begins with its name."""
     if state == "no answer":
         return "does not answer"
     return f"has a {state}" if state.startswith("fault") else f"is {state}"
@@ -155,7 +139,6 @@ def _of_node(before: Mapping[str, Any], node: Mapping[str, Any], at_ms: int) -> 
 
 
 def leader_of(moment: Moment) -> tuple[str | None, int]:
-    """Return who leads by the words of the node that is in the highest round, and that round (-1: nobody says)."""
     told = [node for node in moment["nodes"] if node.get("leader") is not None and "round" in node]
     if not told:
         return None, -1

@@ -1,4 +1,4 @@
-"""A clock for a recording: ms since 1970, as this machine says, but for jumps back."""
+"""A recording clock: ms since 1970, never going back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def _wall_ms() -> int:
 
 
 class ForwardClock:
-    """Follows the machine's clock; where that is set back, it goes on from where it was, ahead by as much."""
+    """Follows the machine's clock; after a setback it continues, ahead by as much."""
 
     def __init__(self, wall_ms: Callable[[], int] = _wall_ms) -> None:
         self._wall_ms = wall_ms
@@ -19,7 +19,6 @@ class ForwardClock:
         self._ahead_ms = 0
 
     def now_ms(self) -> int:
-        """Return the time."""
         now_ms = self._wall_ms() + self._ahead_ms
         if now_ms < self._last_ms:
             self._ahead_ms += self._last_ms - now_ms

@@ -1,8 +1,4 @@
-"""Writes a run as one HTML file that needs nobody: data, design and program inside.
-
-Pure. The page's own modules are joined into one script, each in a function of its own, so that no name meets another's;
-the file's policy allows this one script and this one style sheet by their hashes, and nothing else.
-"""
+"""Writes a run as one self-contained HTML file, script and style allowed by hash. Pure."""
 
 from __future__ import annotations
 
@@ -23,7 +19,7 @@ _EXPORT = re.compile(r"^export (?=(?:async function|function|const|class) (\w+))
 
 
 def join_modules(modules: Mapping[str, str], entry: str) -> str:
-    """Return one script of a module and all that it imports. Raises ValueError for a module that cannot be joined."""
+    """Return one script of a module and its imports. Raises ValueError if impossible."""
     joined: dict[str, str] = {}
     _join(modules, entry, joined, ())
     return "const modules = {};\n" + "".join(joined.values())
@@ -56,15 +52,14 @@ def _hash(text: str) -> str:
 
 
 def _data(value: bytes) -> str:
-    """Return JSON that cannot end the element that holds it."""
+    """Escapes JSON against closing its HTML element."""
     return value.decode().replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
 def write_export(facts: Mapping[str, Any], moments_json: bytes, files: Mapping[str, str]) -> str:
-    """Return the file of a run.
+    """Return a run's HTML file.
 
-    `facts` are the run's small parts, ready for JSON; `moments_json` is its moments' array; `files` are the page's
-    modules and style sheets by name, the shared ones below `shared/`.
+    `facts` are small JSON-ready parts, `moments_json` the moments' array, `files` modules and style sheets by name.
     """
     modules = {name: text for name, text in files.items() if name.endswith(".js")}
     script = "\n" + join_modules(modules, REPLAY_MODULE)

@@ -1,4 +1,4 @@
-"""The console at work: looks again and again, records, does what is asked."""
+"""The running console: watches the network, records it and applies faults."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ log = structlog.get_logger(__name__)
 
 
 class LiveConsole:
-    """One network, watched and recorded from now on. `run` until it is cancelled; the rest on the same event loop."""
+    """One network, watched and recorded; `run` and all methods share one event loop."""
 
     def __init__(self, cluster: Cluster, now_ms: Callable[[], int] | None = None) -> None:
-        """`now_ms` never goes back: what is recorded stands in order, whatever becomes of this machine's clock."""
+        """`now_ms` is monotonic: recorded times stay in order if the system clock jumps."""
         self.cluster = cluster
         self._now_ms = now_ms or ForwardClock().now_ms
         self.started_ms = self._now_ms()
@@ -75,12 +75,10 @@ class LiveConsole:
     # Looking
 
     async def run(self) -> None:
-        """Look and record until cancelled."""
         while True:
             await self._watch_same_network()
 
     async def _watch_same_network(self) -> None:
-        """Watch until nodes come or go, or another network stands in the folder."""
         count = len(self.cluster.names)
         interval_s = (INTERVAL_MS if count <= SMALL_NETWORK_MAX_COUNT else LARGE_INTERVAL_MS) / 1000
         async with Looking(self.cluster) as looking:
@@ -94,7 +92,6 @@ class LiveConsole:
                 await asyncio.sleep(max(0.05, started_s + interval_s - time.monotonic()))
 
     def _tell_trouble(self, error: Exception) -> None:
-        """Tell why nothing can be seen, once."""
         trouble = f"{type(error).__name__}: {error}"
         if trouble != self._trouble:
             self._trouble = trouble
@@ -123,7 +120,6 @@ class LiveConsole:
         return bool(names) and (names != set(self.cluster.names) or self._read_genesis() not in {self._genesis, b""})
 
     def _begin_anew(self) -> bool:
-        """Turn to what stands in the folder now; False if that cannot be read: half written, it is tried again."""
         genesis, before = self._read_genesis(), set(self.cluster.names)
         is_new_chain = genesis != self._genesis
         try:
@@ -140,7 +136,6 @@ class LiveConsole:
         return True
 
     async def wait_beyond(self, sequence: int, timeout_s: float) -> None:
-        """Return when there is a newer moment than this one, or the time is over."""
         try:
             async with asyncio.timeout(timeout_s):
                 while self.sequence <= sequence:
@@ -151,7 +146,6 @@ class LiveConsole:
     # What the page is told
 
     def facts(self) -> dict[str, Any]:
-        """Return who is who, which does not change from moment to moment, ready for JSON."""
         cluster = self.cluster
         organisations = {node.name: node.organisation for node in cluster.genesis.nodes}
         nodes = [
@@ -167,7 +161,6 @@ class LiveConsole:
         return {"name": cluster.genesis.network, "quorum": self._rounds.quorum, "nodes": nodes}
 
     def choices(self) -> dict[str, Any]:
-        """Return what the forms offer: behaviours and link profiles with their meaning, disks."""
         return {
             "behaviours": [{"name": name, "meaning": _meaning(kind)} for name, kind in BEHAVIOURS.items()],
             "profiles": [{"name": name, "meaning": profile.meaning} for name, profile in LINK_PROFILES.items()],
@@ -176,7 +169,7 @@ class LiveConsole:
         }
 
     def now(self, after_event: int) -> dict[str, Any]:
-        """Return the newest moment with the nodes of its time, the last rounds, and the events behind this number."""
+        """Return the newest moment, its nodes, last rounds and events after `after_event`."""
         moment = self.moment
         return {
             "sequence": self.sequence,
@@ -189,7 +182,6 @@ class LiveConsole:
         }
 
     def past(self, at_ms: int) -> dict[str, Any]:
-        """Return the moment that was the newest at a time of this recording, its nodes, and the last rounds until then."""
         moment = self.recorder.moment_at(at_ms)
         network = moment and self.recorder.network_at(moment["at_ms"])
         until_ms = max(at_ms, moment["at_ms"]) if moment else at_ms
@@ -197,7 +189,6 @@ class LiveConsole:
         return {"moment": moment, "network": network, "rounds": rounds[-ROUNDS_SHOWN_COUNT:]}
 
     def recording(self) -> dict[str, Any]:
-        """Return since when is recorded, which nodes it knows, how much is kept, and what was dropped."""
         recorder = self.recorder
         return {
             "since_ms": self.started_ms,
@@ -208,7 +199,6 @@ class LiveConsole:
         }
 
     def export(self) -> str:
-        """Return the run so far as one HTML file."""
         facts = {
             "network": self.facts(),
             "networks": self.recorder.networks(),
@@ -222,7 +212,7 @@ class LiveConsole:
     # Breaking
 
     async def do(self, fields: Mapping[str, Any]) -> str:
-        """Carry out one fault; return what was done. Raises as `blockrobot fault` does."""
+        """Apply one fault; return what was done. Raises as `blockrobot fault` does."""
         action, seed = read_action(fields, tuple(self.cluster.names))
         is_start = isinstance(action, Restart)
         control = FaultControl(self.cluster, seed) if is_start else open_control(self.cluster, seed)
@@ -237,21 +227,19 @@ class LiveConsole:
         return words
 
     def _tell(self, kind: str, text: str, tone: str, nodes: tuple[str, ...] = ()) -> None:
-        """Tell of something."""
         told = self._without_places(text)
         self.recorder.tell(make_event(self._now_ms(), kind, told[:TEXT_MAX_CHARS], tone, nodes))
         self._tell_waiting()
 
     def _without_places(self, text: str) -> str:
-        """Return a text for a run that is handed on: where its network lies on this machine is no part of it."""
         return text.replace(str(self.cluster.folder), "(the network's folder)").replace(str(Path.home()), "~")
 
     def read_plan(self, text: str) -> FaultPlan:
-        """Read a plan, and do nothing. Raises FAULT_PLAN_INVALID."""
+        """Parse a plan without running it. Raises FAULT_PLAN_INVALID."""
         return parse_plan(text, self.cluster.names)
 
     def start_plan(self, text: str) -> dict[str, Any]:
-        """Begin to carry out a plan. Raises FAULT_PLAN_INVALID, FAULT_PLAN_RUNNING, CLUSTER_NOT_RUNNING."""
+        """Start a plan. Raises FAULT_PLAN_INVALID, FAULT_PLAN_RUNNING, CLUSTER_NOT_RUNNING."""
         if self._plan is not None and self._plan.is_running:
             raise BlockRobotError("FAULT_PLAN_RUNNING")
         open_control(self.cluster)
@@ -261,17 +249,14 @@ class LiveConsole:
         return self._plan.describe()
 
     def stop_plan(self) -> None:
-        """Do no further step of the plan that runs."""
         if self._plan is not None and self._plan.stop():
             self._tell("asked", "The plan is stopped; what it switched on is still on.", "")
 
     async def close(self) -> None:
-        """Stop the plan, if one runs."""
         if self._plan is not None and self._plan.stop():
             await asyncio.gather(self._plan.task, return_exceptions=True)
 
     def note_step(self, done: StepDone) -> None:
-        """Tell of a step of the plan."""
         words, nodes = done.step.action.describe(), done.step.action.touched()
         if done.error is None:
             self._tell("asked", f"Plan, {done.at_ms / 1000:.1f} s: {words}.", "", nodes)
@@ -281,7 +266,7 @@ class LiveConsole:
 
 
 class _RunningPlan:
-    """A plan that is being carried out, or was."""
+    """A plan that runs or has run."""
 
     def __init__(self, plan: FaultPlan, console: LiveConsole) -> None:
         self._plan = plan
@@ -293,11 +278,9 @@ class _RunningPlan:
 
     @property
     def is_running(self) -> bool:
-        """Tell whether steps are still to come."""
         return not self.task.done()
 
     def stop(self) -> bool:
-        """Stop it; tell whether it ran."""
         if self.task.done():
             return False
         self._is_stopped = True
@@ -308,7 +291,6 @@ class _RunningPlan:
         self._console.note_step(done)
 
     def describe(self) -> dict[str, Any]:
-        """Return the plan and how far it is, ready for JSON."""
         steps = describe_plan(self._plan)["steps"]
         for step, done in zip(steps, self._done, strict=False):
             step["done_at_ms"] = done.at_ms
@@ -319,7 +301,6 @@ class _RunningPlan:
 
 
 def describe_plan(plan: FaultPlan) -> dict[str, Any]:
-    """Return a plan's seed and steps, ready for JSON, as `fault run --dry-run --json` does."""
     steps = [{"at_ms": step.at_ms, "line": step.line, "do": step.action.describe()} for step in plan.steps]
     return {"seed": plan.seed, "steps": steps}
 
@@ -329,7 +310,6 @@ def _meaning(behaviour: type) -> str:
 
 
 def read_page_files() -> dict[str, str]:
-    """Return the page's modules and style sheets by name, the shared ones below `shared/`."""
     files = {}
     for prefix, folder in (("shared/", PAGES_ASSETS), ("", CONSOLE_ASSETS)):
         for path in sorted((*folder.glob("*.js"), *folder.glob("*.css"))):

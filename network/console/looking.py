@@ -1,4 +1,4 @@
-"""One look at every node: its process, its own words, its faults, its counts of frames."""
+"""Polls every node: process, status, faults and frame counts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Counts = Mapping[tuple[str, str, str], tuple[int, int]]
 
 @dataclass(frozen=True, slots=True)
 class NodeSight:
-    """What one look at a node gave. What it did not say is None; `clock_off_ms`: how far its clock is off at least."""
+    """Result of one poll of a node. None: not reported; `clock_off_ms`: minimal clock error."""
 
     name: str
     running: bool
@@ -44,7 +44,6 @@ class NodeSight:
 
 
 def parse_counts(text: str) -> dict[tuple[str, str, str], tuple[int, int]]:
-    """Return the counts of frames that stand in a node's metrics."""
     found: dict[tuple[str, str, str], list[int]] = {}
     for name, peer, direction, kind, count in _COUNT.findall(text):
         found.setdefault((peer, direction, kind), [0, 0])[name == _BYTES] = int(count)
@@ -52,7 +51,7 @@ def parse_counts(text: str) -> dict[tuple[str, str, str], tuple[int, int]]:
 
 
 class Looking:
-    """Looks at one cluster's nodes, all at once. `async with`."""
+    """Polls all nodes of a cluster concurrently. `async with`."""
 
     def __init__(self, cluster: Cluster) -> None:
         self._cluster = cluster
@@ -68,7 +67,6 @@ class Looking:
             await self._session.close()
 
     async def look(self) -> list[NodeSight]:
-        """Ask every node; one that does not answer within a second said nothing."""
         cluster = self._cluster
         started_ms = time.time_ns() // 1_000_000
         reports, faults, counts = await asyncio.gather(
@@ -94,7 +92,7 @@ class Looking:
 
 
 async def _read_whole(body: AsyncIterable[bytes]) -> bytes:
-    """Return a body whole, however many pieces it comes in; none of it where it is longer than any of ours."""
+    """Return the whole body, in however many pieces; empty if over the limit."""
     pieces, size = [], 0
     async for piece in body:
         pieces.append(piece)
@@ -106,13 +104,12 @@ async def _read_whole(body: AsyncIterable[bytes]) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    """When a look began and ended: each answer was given somewhere between."""
+    """Start and end of a poll: each answer was given in between."""
 
     from_ms: int
     to_ms: int
 
     def off_ms(self, clock_ms: int) -> int:
-        """How far a clock that said this is off at least; 0 if it may be right."""
         return min(0, clock_ms - self.from_ms) or max(0, clock_ms - self.to_ms)
 
 

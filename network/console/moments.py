@@ -1,14 +1,14 @@
-"""The picture of a network at one moment, as the page and a recording have it.
+"""Builds the picture of a network at one moment, for the page and recordings.
 
-Pure: it is handed what a look gave, and keeps only the last counts, to make rates of them. A moment is ready for JSON:
+Pure: keeps only the last counts, for rates. A moment is ready for JSON:
 
     {"at_ms", "final", "final_since_ms", "stuck_since_ms", "nodes": [...], "links": [...]}
 
-Times are ms since 1970 by the console's clock. A node has `name`, `state` and, where it said them, `height`, `final`,
-`lag` (blocks behind the newest final one), `round`, `epoch`, `leader`, `peers`, `waiting`, `suspended`, `accused` (the
-nodes by whose words it contradicted itself), `clock_off_ms`, `clock_set_ms`, `disks`, `behaviour`, `faults`. A link is
-one direction, and is there unless it is up and quiet: `from`, `to`, `state`, `words` (what is wrong on purpose), `sent`
-and `arrived` (frames a second), `bytes` (a second, arrived) and `kinds` (arrived frames a second, by kind).
+Times are ms since 1970 by the console's clock. A node has `name`, `state` and, where reported, `height`, `final`, `lag`
+(blocks behind the newest final one), `round`, `epoch`, `leader`, `peers`, `waiting`, `suspended`, `accused` (nodes that
+report its equivocation), `clock_off_ms`, `clock_set_ms`, `disks`, `behaviour`, `faults`. A link is one direction,
+omitted if up and quiet: `from`, `to`, `state`, `words` (injected faults), `sent`, `arrived` (frames/s), `bytes`
+(arrived/s), `kinds` (arrived frames/s by kind).
 """
 
 from __future__ import annotations
@@ -28,15 +28,14 @@ _Rates = dict[str, tuple[float, float]]
 
 
 class FrameBuilder:
-    """Makes moments of looks, one after another."""
+    """Builds moments from polls, one after another."""
 
     def __init__(self, now_s: float) -> None:
-        """`now_s` of a clock that never goes back, here and in `take`."""
+        """`now_s` is of a monotonic clock, here and in `take`."""
         self._observer = Observer(now_s)
         self._counts: dict[str, tuple[float, Counts]] = {}
 
     def take(self, sights: Sequence[NodeSight], now_s: float, wall_ms: int) -> Moment:
-        """Return the moment of one look."""
         looks = [NodeLook(sight.name, sight.running, sight.paused, sight.status, sight.faults) for sight in sights]
         picture = self._observer.take(looks, now_s)
         rates = {sight.name: self._rates(sight, now_s) for sight in sights}
@@ -50,7 +49,6 @@ class FrameBuilder:
         }
 
     def _rates(self, sight: NodeSight, now_s: float) -> dict[tuple[str, str], _Rates]:
-        """Return (peer, direction) -> kind -> (frames, bytes) a second since the last look; nothing at the first."""
         before = self._counts.pop(sight.name, None)
         if sight.counts is None:
             return {}
@@ -104,7 +102,7 @@ def _node(sight: NodeSight, row: NodeRow, picture: Picture) -> dict[str, Any]:
 
 
 def link_state(source: NodeSight, target: NodeSight, fault: LinkFault) -> str:
-    """Say how one direction is: down, cut, lossy, slow, narrow, still (an end is paused) or up."""
+    """Return a direction's state: down, cut, lossy, slow, narrow, still (an end paused) or up."""
     if not source.running or not target.running:
         return "down"
     if not fault.is_sound:

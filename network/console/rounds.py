@@ -1,8 +1,4 @@
-"""Who led, voted and gave up in each round, joined from what every node says of itself.
-
-Pure. A round is `won` once a quorum voted in it, `lost` once a quorum gave it up, `open` while neither is known. What a
-node said before it was killed is known only if it was asked in between.
-"""
+"""Leaders, votes and timeouts of each round, merged from all nodes' reports."""
 
 from __future__ import annotations
 
@@ -20,7 +16,7 @@ _WORDS = {"proposed": "proposed", "voted": "voted", "gave-up": "gave_up"}
 
 @dataclass(slots=True)
 class Round:
-    """One round: when it was first seen (the console's clock, ms), its epoch's quorum, its leader, and who said what."""
+    """One round: first seen (console clock, ms), quorum, leader, and reporters."""
 
     epoch: int
     number: int
@@ -32,13 +28,11 @@ class Round:
     gave_up: set[str] = field(default_factory=set)
 
     def outcome(self) -> str:
-        """Say what came of it."""
         if len(self.voted) >= self.quorum:
             return "won"
         return "lost" if len(self.gave_up) >= self.quorum else "open"
 
     def to_json(self) -> dict[str, Any]:
-        """Return it ready for JSON, names sorted."""
         return {
             "epoch": self.epoch,
             "round": self.number,
@@ -52,10 +46,7 @@ class Round:
 
 
 class RoundBook:
-    """The last rounds, oldest first; how many were dropped is counted.
-
-    `quorum` and `producers` are those of the newest epoch that a node told of; before, what the book was given.
-    """
+    """The last rounds, oldest first. `quorum` and `producers` are of the newest reported epoch."""
 
     def __init__(self, quorum: int, producers: Collection[str] = (), kept_count: int = ROUNDS_KEPT_COUNT) -> None:
         self.quorum = quorum
@@ -68,7 +59,7 @@ class RoundBook:
         self._floor = (-1, -1)
 
     def take(self, sights: Sequence[NodeSight], wall_ms: int) -> list[Round]:
-        """Join in what the nodes say; return the rounds of which something is new, oldest first."""
+        """Merge the nodes' reports; return the rounds that changed, oldest first."""
         changed: dict[tuple[int, int], Round] = {}
         for sight in sights:
             self._note_epoch(sight.status or {})
@@ -91,7 +82,6 @@ class RoundBook:
         return [changed[place] for place in sorted(changed)]
 
     def _note_epoch(self, status: Mapping[str, Any]) -> None:
-        """Note who has a seat in a node's epoch, and how many of them make a quorum."""
         if "quorum" not in status:
             return
         epoch, quorum = int(status["epoch"]), int(status["quorum"])
@@ -109,6 +99,5 @@ class RoundBook:
             self.dropped_count += 1
 
     def last(self, count: int) -> list[dict[str, Any]]:
-        """Return the newest rounds, ready for JSON, oldest first."""
         places = sorted(self._rounds)[-count:]
         return [self._rounds[place].to_json() for place in places]

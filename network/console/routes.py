@@ -1,6 +1,6 @@
-"""What the console's page asks its own server: what is, and what is to be done.
+"""HTTP routes of the console's page.
 
-The host, the origin and the session are checked by `pages/local_page.py` before anything here is called.
+`pages/local_page.py` has checked host, origin and session before anything here is called.
 """
 
 from __future__ import annotations
@@ -19,18 +19,14 @@ PLAN_MAX_CHARS = 256 * 1024
 
 
 def console_routes(console: LiveConsole) -> list[LocalRoute]:
-    """Return the console's routes."""
-
     async def choices(_request: web.Request) -> web.Response:
         return web.json_response(console.choices())
 
     async def now(request: web.Request) -> web.Response:
-        """The newest moment, as soon as it is newer than `after`; the events behind `events`."""
         await console.wait_beyond(_number(request, "after"), NEWS_WAIT_S)
         return web.json_response(console.now(_number(request, "events")))
 
     async def past(request: web.Request) -> web.Response:
-        """What was at the time `at_ms`, as far as it is recorded."""
         return web.json_response(console.past(_number(request, "at_ms")))
 
     async def fault(request: web.Request) -> web.Response:
@@ -47,7 +43,7 @@ def console_routes(console: LiveConsole) -> list[LocalRoute]:
         return web.json_response({"stopped": True})
 
     async def export(_request: web.Request) -> web.Response:
-        """The run so far. It is handed to the page as bytes, never as a page of this origin."""
+        """Return the run so far as bytes, never as a page of this origin."""
         name = f"blockrobot-run-{datetime.now(UTC):%Y%m%d-%H%M%S}.html"
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
         return web.Response(body=console.export().encode(), content_type="application/octet-stream", headers=headers)

@@ -1,4 +1,4 @@
-"""Serves the console of one network until it is told to stop."""
+"""Serves one network's console until a signal stops it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ TITLE = "BlockRobot: cluster console"
 async def serve_console(
     cluster: Cluster, *, redirect_folder: Path, opened: Callable[[Opened], None], is_interactive: bool = False
 ) -> None:
-    """Serve until SIGINT or SIGTERM. `opened` hears where the page is, and of each new link.
+    """Serve until SIGINT or SIGTERM. `opened` receives the address and each new one-time link.
 
-    With `is_interactive`, Enter at the terminal makes a new link: each opens the page once.
+    With `is_interactive`, Enter at the terminal makes a new link.
     """
     loop, stop, again = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -61,7 +61,6 @@ async def _until_stopped(
 
 @contextlib.contextmanager
 def _enter_key(pressed: Callable[[], None]) -> Iterator[None]:
-    """While inside, call `pressed` for each line at the terminal; not if there is none."""
     if not sys.stdin.isatty():
         yield
         return

@@ -1,4 +1,4 @@
-"""The chain's contracts as proofs show them: versions, interfaces, sources, also of what is proposed."""
+"""The chain's contracts as proved: versions, interfaces, sources, also proposed ones."""
 
 from __future__ import annotations
 
@@ -41,10 +41,7 @@ from contracts.vm import compile_contract
 
 @dataclass(frozen=True, slots=True)
 class ContractsView:
-    """All contracts at a height, the changes that are due, the open proposals about contracts.
-
-    `failed` are newest versions of contracts that could not take effect.
-    """
+    """All contracts at a height, with due changes, open proposals and `failed` newest versions."""
 
     height: int
     contracts: tuple[ContractRow, ...]
@@ -54,17 +51,15 @@ class ContractsView:
 
     @property
     def proposals(self) -> list[ProposalRow]:
-        """The open proposals about contracts."""
         return [row for row in self.membership.proposals if row.contract == "lifecycle"]
 
     def find(self, name: str) -> ContractRow | None:
-        """Return a contract, or None."""
         return next((row for row in self.contracts if row.name == name), None)
 
 
 @dataclass(frozen=True, slots=True)
 class Edition:
-    """A source with what is known of it: a version of the chain, a proposed one, or a file (both without a row)."""
+    """A source with its metadata: a chain version, or a proposal or file (no row)."""
 
     title: str
     source: str
@@ -83,7 +78,7 @@ async def _values(client: NetworkClient, keys: Iterable[bytes], key: PrivateKey)
 
 
 async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsView:
-    """Return all contracts with what is due and proposed. Raises NOT_FOUND on a chain without a lifecycle."""
+    """Return all contracts with due and proposed changes. Raises NOT_FOUND without a lifecycle."""
     membership = await read_membership(client, key)
     found, _ = await _values(client, [MACHINE_TABLE.flat, DUE.flat, MACHINE_TRIALS.flat], key)
     table = found[MACHINE_TABLE.flat]
@@ -102,7 +97,6 @@ async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsVie
 
 
 async def _read_failed(client: NetworkClient, key: PrivateKey, rows: Iterable[ContractRow]) -> tuple[VersionRow, ...]:
-    """Return the newest versions that failed; an entry of another form says nothing."""
     newest = {VERSION.key(row.name, row.versions): row for row in rows if row.versions > row.version}
     records, _ = await _values(client, newest, key)
     known = {place: record for place, record in records.items() if is_full_record(record)}
@@ -111,7 +105,7 @@ async def _read_failed(client: NetworkClient, key: PrivateKey, rows: Iterable[Co
 
 
 async def read_edition(client: NetworkClient, key: PrivateKey, name: str, version: int) -> Edition:
-    """Return a version of a contract with its source; 0 is the one in force. Raises CONTRACT_NOT_FOUND."""
+    """Return a contract version with its source; 0: active one. Raises CONTRACT_NOT_FOUND."""
     count_key = VERSIONS.key(name)
     found, _ = await _values(client, [MACHINE_TABLE.flat, count_key], key)
     newest = read_newest(found[count_key])
@@ -135,10 +129,7 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
 
 
 async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: ProposalRow) -> Edition:
-    """Return what a proposal is about: the source that it would deploy, or the version that it names.
-
-    Raises CONTRACT_NOT_FOUND.
-    """
+    """Return the source or version that a proposal concerns. Raises CONTRACT_NOT_FOUND."""
     if proposal.kind != "deploy":
         name, version = str(proposal.arguments["name"]), int(proposal.arguments.get("version", 0))
         return replace(await read_edition(client, key, name, version), proposal=proposal)
@@ -164,7 +155,7 @@ async def _join(client: NetworkClient, key: PrivateKey, keys: list[bytes], sourc
 
 
 def edition_of_source(source: str, name: str, title: str) -> Edition:
-    """Return a source of one's own as an edition. Raises CONTRACT_SOURCE_INVALID."""
+    """Return a local source as an edition. Raises CONTRACT_SOURCE_INVALID."""
     entries = compile_contract(source, name).abi.entries
     abi = tuple(
         EntryRow(entry.name, entry.kind, entry.params, entry.required, entry.returns)
@@ -175,7 +166,7 @@ def edition_of_source(source: str, name: str, title: str) -> Edition:
 
 
 def signature_of(entry: EntryRow) -> str:
-    """Return how an entry is called: `name(a: int, b: str = ...) -> list`."""
+    """Return an entry's signature: `name(a: int, b: str = ...) -> list`."""
     params = [
         f"{name}: {kind}" + ("" if place < entry.required else " = ...")
         for place, (name, kind) in enumerate(entry.params)
@@ -184,9 +175,9 @@ def signature_of(entry: EntryRow) -> str:
 
 
 def compare_interfaces(old: Edition, new: Edition) -> list[tuple[str, str]]:
-    """Return what a caller has to know, as (added | removed | changed | compatible, sentence), in order of names.
+    """Return (added | removed | changed | compatible, sentence) per name, in order.
 
-    `compatible` is a change that takes every call which was taken before.
+    `compatible`: every call accepted before is still accepted.
     """
     before, after = ({entry.name: entry for entry in edition.abi} for edition in (old, new))
     changes: list[tuple[str, str]] = []

@@ -1,7 +1,7 @@
-"""Executes a final transaction again, watched: which lines ran, with which values.
+"""Re-executes a final transaction with a trace of lines and values.
 
-Every block from genesis on is executed on a state of its own, in a process behind the wall that nodes have; each has to
-give the root that its header names, so that what is traced is what the chain did. Nothing is sent to the network.
+Every block from genesis on runs in a sandboxed process and has to give its header's root. Nothing is sent to the
+network.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class BlockDocument(Answer, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class TracedTransaction:
-    """A final transaction with the proved receipt and how it went."""
+    """A final transaction with its proved receipt and trace."""
 
     receipt: FinalReceipt
     transaction: Transaction
@@ -57,10 +57,10 @@ async def _fetch_blocks(client: NetworkClient, key: PrivateKey, first: int, last
 async def trace_transaction(
     client: NetworkClient, key: PrivateKey, txid: bytes, progress: Progress = lambda _done, _all: None
 ) -> TracedTransaction:
-    """Find a final transaction, and execute the chain up to it. `progress` is told the height and the last one.
+    """Find a final transaction and execute the chain up to it; `progress` receives (height, last).
 
-    Raises TRANSACTION_NOT_FINAL_IN_TIME for one that nobody knows, BLOCK_PRUNED where no node has all blocks,
-    BLOCK_INVALID if blocks do not give the roots that they name, CONTRACT_WORKER_FAILED.
+    Raises TRANSACTION_NOT_FINAL_IN_TIME if unknown, BLOCK_PRUNED, BLOCK_INVALID on a wrong root,
+    CONTRACT_WORKER_FAILED.
     """
     try:
         receipt = await client.wait_final(txid, FIND_TIMEOUT_MS)
@@ -89,14 +89,14 @@ async def trace_transaction(
 
 
 class WalledTracer:
-    """A process of its own that executes the chain behind the wall; a context. Sources of others run there alone."""
+    """Sandboxed process that executes the chain; context manager. Foreign sources run only there."""
 
     def __init__(self, genesis: Genesis, receipt: FinalReceipt) -> None:
         wanted = Outcome(receipt.height, receipt.index, receipt.code, receipt.message, receipt.line, receipt.gas_used)
         self._begin = Begin(genesis_to_json(genesis), wanted)
 
     def __enter__(self) -> Self:
-        """Start it. Raises CONTRACT_WORKER_FAILED."""
+        """Start the process. Raises CONTRACT_WORKER_FAILED."""
         self._process = WalledProcess(TRACER_MODULE)
         try:
             walled = self._ask(self._begin)
@@ -107,11 +107,10 @@ class WalledTracer:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """End it."""
         self._process.close()
 
     def take(self, encoded: bytes) -> Trace | None:
-        """Execute one more block; return the trace if the transaction is in it. Raises BLOCK_INVALID."""
+        """Execute the next block; return a trace if it holds the transaction. Raises BLOCK_INVALID."""
         answer = self._ask(NextBlock(encoded))
         return answer.trace if isinstance(answer, Traced) else None
 

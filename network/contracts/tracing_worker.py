@@ -1,8 +1,4 @@
-"""`python -I -m network.contracts.tracing_worker`: executes a chain up to one transaction, behind the wall that nodes have.
-
-It is started with an empty environment and a pipe at each end, gets genesis and blocks one by one, and says how the last
-transaction went, line by line.
-"""
+"""`python -I -m network.contracts.tracing_worker`: executes a chain up to one transaction, sandboxed."""
 
 from __future__ import annotations
 
@@ -40,7 +36,7 @@ MEMORY_MAX_BYTES = 4 * 1024**3
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """What a proved receipt says of the transaction to be traced."""
+    """A proved receipt's result of the transaction to trace."""
 
     height: int
     index: int
@@ -51,38 +47,38 @@ class Outcome(msgspec.Struct, frozen=True):
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
-    """The first message: the chain's genesis file, and what is to be traced."""
+    """First message: the genesis file and what to trace."""
 
     genesis_json: str
     wanted: Outcome
 
 
 class NextBlock(msgspec.Struct, frozen=True, tag=True):
-    """The block after the last one, encoded."""
+    """The next block, encoded."""
 
     block: bytes
 
 
 class Walled(msgspec.Struct, frozen=True, tag=True):
-    """The wall is closed: its parts."""
+    """The sandbox is active: its parts."""
 
     parts: tuple[SandboxFeature, ...]
 
 
 class Went(msgspec.Struct, frozen=True, tag=True):
-    """A block gave the root that it names."""
+    """The block gave its header's root."""
 
     height: int
 
 
 class Traced(msgspec.Struct, frozen=True, tag=True):
-    """How the transaction went."""
+    """Result of the transaction."""
 
     trace: Trace
 
 
 class Failed(msgspec.Struct, frozen=True, tag=True):
-    """A block was not what the chain did, or the interpreter failed."""
+    """A block with a wrong result, or an interpreter failure."""
 
     code: str
     detail: str
@@ -95,7 +91,7 @@ FROM_WORKER: msgspec.msgpack.Decoder[Walled | Went | Traced | Failed] = msgspec.
 
 
 class _Tracer:
-    """A chain from genesis on."""
+    """A chain executed from genesis."""
 
     def __init__(self, begin: Begin) -> None:
         genesis = genesis_from_json(begin.genesis_json)
@@ -105,7 +101,7 @@ class _Tracer:
         self._wanted = begin.wanted
 
     def take(self, block: Block) -> Went | Traced:
-        """Execute a block, or trace in it. Raises BLOCK_INVALID."""
+        """Raises BLOCK_INVALID."""
         if block.header.height == self._wanted.height:
             return Traced(_trace_in(self._state, self._chain_id, block, self._wanted))
         overlay, is_right = execute_on(self._machine, self._state, block)
@@ -116,7 +112,6 @@ class _Tracer:
 
 
 def _trace_in(state: MemoryState, chain_id: bytes, block: Block, wanted: Outcome) -> Trace:
-    """Execute a block up to a transaction, and that one watched."""
     header = block.header
     context = BlockContext(chain_id=chain_id, height=header.height, time_ms=header.timestamp_ms)
     host, catalogue = CallHost(state), Catalogue()
@@ -148,7 +143,6 @@ def _trace_in(state: MemoryState, chain_id: bytes, block: Block, wanted: Outcome
 
 
 def _watched(state: CallHost, recorder: Recorder) -> tuple[dict[str, CompiledContract], dict[str, str]]:
-    """Compile the contracts that answer on a state so that they tell the recorder; also return their sources."""
     table = decode_value(state.get(MACHINE_TABLE.flat) or b"\x80")
     sources = {name: read_source_of(state, row[1]) for name, row in table.items() if row[2]}
     return {
@@ -157,7 +151,6 @@ def _watched(state: CallHost, recorder: Recorder) -> tuple[dict[str, CompiledCon
 
 
 def main() -> int:
-    """Serve whoever asks for a trace at the other end of the standard input and output; return the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.umask(0o077)
     pipe = Pipe(0, 1)

@@ -1,1 +1,1 @@
-"""Custody over a whole network: what its custodians say, and what can be found of a record."""
+"""Custody across a network: custodians' status and search for remains of records."""

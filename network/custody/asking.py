@@ -1,4 +1,4 @@
-"""Asks custodians over their operator's listeners, with the token of their data directories."""
+"""Queries custodians over their operator listeners with their data directories' tokens."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _unreachable(config: NodeConfig) -> BlockRobotError:
 
 
 async def ask_status(config: NodeConfig) -> dict[str, Any]:
-    """Return how one custodian stands. Raises NODE_UNREACHABLE, CUSTODY_ELSEWHERE, STORE_UNAVAILABLE, OPERATOR_*."""
+    """Return a custodian's status. Raises NODE_UNREACHABLE, CUSTODY_ELSEWHERE, STORE_UNAVAILABLE, OPERATOR_*."""
     headers = _headers(config)
     async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=STATUS_TIMEOUT_S)) as session:
         try:
@@ -63,7 +63,7 @@ async def ask_status(config: NodeConfig) -> dict[str, Any]:
 
 
 async def run_work(config: NodeConfig, work: str, tell: Tell) -> dict[str, Any]:
-    """Let one custodian `scrub` or `rebuild` and return its report. Raises as `ask_status`, and CUSTODY_CATCHING_UP."""
+    """Run `scrub` or `rebuild`; return its report. Raises as `ask_status`, and CUSTODY_CATCHING_UP."""
     headers = _headers(config)
     timeout = aiohttp.ClientTimeout(total=None, connect=STATUS_TIMEOUT_S, sock_read=LINE_TIMEOUT_S)
     async with aiohttp.ClientSession(timeout=timeout, read_bufsize=_LINE_MAX_BYTES) as session:
@@ -87,7 +87,7 @@ async def run_work(config: NodeConfig, work: str, tell: Tell) -> dict[str, Any]:
 
 
 async def ask_all(configs: list[NodeConfig]) -> list[dict[str, Any] | BlockRobotError]:
-    """Ask several custodians at once; what one refuses stands in its place."""
+    """Query several custodians concurrently; a refusal takes its answer's place."""
 
     async def one(config: NodeConfig) -> dict[str, Any] | BlockRobotError:
         try:

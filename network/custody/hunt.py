@@ -1,8 +1,7 @@
-"""The hunt: searches a whole network for anything of a record, and says what may be left of it, where and until when.
+"""Searches a network for remains of records: what, where and until when.
 
-Every file
-below the network's folder is searched as bytes, free pages and logs of databases too, and every document of a MongoDB
-server; what its server's own files keep can only be searched where they are named.
+Searches all files below the network's folder as bytes, with free pages and logs of databases, and all MongoDB
+documents; a MongoDB server's own files only where they are named.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ _LOGS = frozenset({"node.log", "output.log"})
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something of a record in one place; `why` says what it is there for, or nothing if it must not be there."""
+    """Part of a record in one place; `why` it is allowed, empty if forbidden."""
 
     record_id: bytes
     place: str
@@ -64,21 +63,17 @@ class HuntReport:
 
     @property
     def forbidden(self) -> list[Finding]:
-        """What must not be there."""
         return [finding for finding in self.findings if not finding.why]
 
     @property
     def not_compared(self) -> list[Trace]:
-        """The records that are gone and of which nothing was known to look for."""
         return [trace for trace in self.traces if not trace.is_compared]
 
     @property
     def is_clean(self) -> bool:
-        """Tell whether everything could be read and compared, and nothing is there that must not be."""
         return not self.forbidden and not self.unread and not self.not_compared
 
     def as_json(self) -> dict[str, Any]:
-        """Return the report for JSON, ids in hex."""
         return {
             "ok": self.is_clean,
             "records": {trace.record_id.hex(): trace.status for trace in self.traces},
@@ -110,7 +105,6 @@ def _count_kinds(traces: Sequence[Trace]) -> Counter[str]:
 
 
 def place_of(relative: Path) -> str:
-    """Return the kind of a place by a file's path below the network's folder."""
     parts = relative.parts
     if len(parts) >= 3 and parts[0] == "nodes":
         if parts[2] in _LOGS:
@@ -124,7 +118,7 @@ def place_of(relative: Path) -> str:
 
 
 def explain(place: str, what: str, *, is_gone: bool) -> str:
-    """Say why something of a record may be in a kind of place; nothing if it must not be there."""
+    """Return why part of a record may be in a place; empty if forbidden."""
     if what in _ON_CHAIN and place in {"ledger", "journal"}:
         return _UNTIL_PRUNED if place == "ledger" else _UNTIL_CUT
     if what in _ON_CHAIN and place == "snapshots":
@@ -143,9 +137,9 @@ def _custodians(cluster: Cluster) -> list[NodeConfig]:
 
 
 def gather(cluster: Cluster, record_ids: Sequence[bytes], known: Sequence[Trace] = ()) -> list[Trace]:
-    """Return traces of these records, from every ledger and every store, with the pieces that were known before.
+    """Return traces of records from every ledger and store, with those already known.
 
-    Raises NOT_FOUND if no ledger knows one of them and nothing is known of it, STORE_UNAVAILABLE, STORAGE_*.
+    Raises NOT_FOUND for a record without ledger entry or traces, STORE_UNAVAILABLE, STORAGE_*.
     """
     remembered = {trace.record_id: trace for trace in known}
     traces = [
@@ -173,7 +167,7 @@ def gather(cluster: Cluster, record_ids: Sequence[bytes], known: Sequence[Trace]
 
 
 class _Tally:
-    """Findings as they come, put under the records that they belong to."""
+    """Findings, grouped by record."""
 
     def __init__(self, traces: Sequence[Trace]) -> None:
         self.owners: dict[bytes, list[tuple[Trace, str, bool]]] = {}
@@ -196,7 +190,7 @@ class _Tally:
 def hunt(
     cluster: Cluster, traces: Sequence[Trace], also: Sequence[Path] = (), tell: Tell = lambda _text: None
 ) -> HuntReport:
-    """Search everything of a network, and folders or files beside it, for these records."""
+    """Search a network, and the paths in `also`, for these records."""
     report, tally = HuntReport(list(traces)), _Tally(traces)
     places = [(path, place_of(path.relative_to(cluster.folder))) for path in files_below(cluster.folder, report.unread)]
     places += [(path, "other") for each in also for path in files_below(each, report.unread)]
@@ -235,7 +229,7 @@ def _hunt_documents(config: NodeConfig, tally: _Tally, report: HuntReport) -> No
 
 
 def files_below(place: Path, unread: list[str]) -> Iterator[Path]:
-    """Yield the files of a place by their order, through links too, each folder once; what fails goes to `unread`."""
+    """Yield files in order, following links, each folder once; failures go to `unread`."""
     if place.is_file():
         yield place
         return

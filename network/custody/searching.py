@@ -14,10 +14,10 @@ _PAIRS_COUNT = 1 << 16
 
 
 class Search:
-    """A set of byte strings of at least twelve bytes, to be looked for together."""
+    """A set of byte strings of at least 12 bytes, searched together."""
 
     def __init__(self, needles: Iterable[bytes]) -> None:
-        """Raises ValueError for a needle that is too short to tell anything."""
+        """Raises ValueError for a needle that is too short."""
         self._by_prefix: dict[bytes, list[bytes]] = {}
         for needle in set(needles):
             if len(needle) < PREFIX_BYTES:
@@ -30,7 +30,7 @@ class Search:
                 table[int.from_bytes(prefix[2 * place : 2 * place + 2], "big")] = True
 
     def in_file(self, path: Path) -> Counter[bytes]:
-        """Count the needles in a file; one that is gone meanwhile holds none. Raises OSError."""
+        """Count the needles in a file; a vanished file holds none. Raises OSError."""
         found: Counter[bytes] = Counter()
         try:
             file = path.open("rb")
@@ -45,13 +45,11 @@ class Search:
         return found
 
     def in_bytes(self, content: bytes) -> Counter[bytes]:
-        """Count the needles in a byte string."""
         found: Counter[bytes] = Counter()
         self._count(content, 0, found)
         return found
 
     def _count(self, chunk: bytes, seen_bytes: int, found: Counter[bytes]) -> None:
-        """Count what ends in the chunk behind the bytes that were seen before."""
         if len(chunk) < PREFIX_BYTES or not self._by_prefix:
             return
         content = np.frombuffer(chunk, dtype=np.uint8)
@@ -66,7 +64,7 @@ class Search:
 
 
 def spread(content: bytes, count: int) -> list[bytes]:
-    """Return up to `count` pieces of a byte string, from its start to its end; none that says nothing by itself."""
+    """Return up to `count` distinctive pieces of a byte string, in order."""
     last = len(content) - PREFIX_BYTES
     if last < 0:
         return []
@@ -75,5 +73,5 @@ def spread(content: bytes, count: int) -> list[bytes]:
 
 
 def _tells(piece: Sequence[int]) -> bool:
-    """Tell whether a piece could hardly be there by chance: background and padding are full of equal bytes."""
+    """Return whether a piece is unlikely by chance: padding is full of equal bytes."""
     return len(set(piece)) > PREFIX_BYTES // 2

@@ -1,4 +1,4 @@
-"""What custodians' answers mean, in plain sentences."""
+"""Custodians' answers as plain sentences."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ _SCRUB_FINDINGS = {
 
 
 def describe_position(answer: dict[str, Any]) -> str:
-    """Say in a word or two how far a custodian is."""
     behind = answer["behind_blocks"]
     if behind > BEHIND_TOLERATED_BLOCKS:
         return f"{behind} blocks behind"
@@ -37,10 +36,7 @@ def describe_position(answer: dict[str, Any]) -> str:
 def status_sentences(
     names: Sequence[str], answers: Sequence[dict[str, Any] | BlockRobotError], members: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Return what does not go as it should, a sentence each; nothing if all is well.
-
-    `members` names custodians by their keys (hex), also those that do not answer.
-    """
+    """Return a sentence per problem. `members`: key (hex) to name, also of silent custodians."""
     told: list[str] = []
     names_of, waiting = dict(members or {}), {}
     for name, answer in zip(names, answers, strict=True):
@@ -75,13 +71,11 @@ def _name(found: Any) -> str:
 
 
 def _shown(found: Sequence[Any]) -> str:
-    """Return the first record ids, whole: they are what `custody hunt` takes."""
     ids = [_name(each) for each in found]
     return ", ".join(ids[:_SHOWN_COUNT]) + (", ..." if len(ids) > _SHOWN_COUNT else "")
 
 
 def scrub_sentences(report: dict[str, Any]) -> list[str]:
-    """Say what a scrub found at one custodian."""
     node = report["node"]
     told = [
         f"{node}, at height {report['height']}: {report['records_count']} records of the chain looked up, "
@@ -108,7 +102,6 @@ def scrub_sentences(report: dict[str, Any]) -> list[str]:
 
 
 def rebuild_sentences(report: dict[str, Any]) -> list[str]:
-    """Say what a rebuild did at one custodian."""
     done = [
         (len(report["erased_again"]), "records erased again, as the chain says"),
         (len(report["corrected"]), "records set right"),

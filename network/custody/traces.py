@@ -1,7 +1,6 @@
-"""What there is to be found of a record: pieces of its id, its ciphertexts, its keys, its roots on the chain.
+"""Traces of a record: pieces of its id, ciphertexts, keys and roots on the chain.
 
-Pieces are taken while a record
-is kept; after its erasure nobody can make them any more, so they can be written to a file before it.
+Pieces can be taken only while a record is kept, so they can be written to a file before erasure.
 """
 
 from __future__ import annotations
@@ -52,11 +51,11 @@ _PAGE_BYTES = PAGE_SLOTS_COUNT * (1 + ERASE_KEY_BYTES)
 
 @dataclass
 class Trace:
-    """Pieces of one record by kind: id, root, metadata, leaf, ciphertext, wrapped-key, sealed-key, erase-key, plaintext,
-    and where it was shared wrapped-part, package, key-part.
+    """Pieces of one record by kind: id, root, metadata, leaf, ciphertext, wrapped-key, sealed-key, erase-key,
+    plaintext, and if shared wrapped-part, package, key-part.
 
-    `status` is what the finalized state says of the record: active, erasing, erased, expired, or unknown. `grants` has
-    the grant of each piece that is of a part of a shared key, `ended` the grants under which nothing may be left.
+    `status` in the finalized state: active, erasing, erased, expired, or unknown. `grants`: the grant of each piece of
+    a key part; `ended`: grants of which nothing may remain.
     """
 
     record_id: bytes
@@ -66,24 +65,23 @@ class Trace:
     ended: set[bytes] = field(default_factory=set)
 
     def add(self, kind: str, content: bytes, count: int = 1, *, grant: bytes = b"") -> None:
-        """Take pieces of a byte string, if it is long enough to tell; of a part of a shared key with its grant."""
+        """Add pieces of a long enough byte string; for a key part with its grant."""
         pieces = spread(content, count)
         self.pieces.setdefault(kind, set()).update(pieces)
         if grant:
             self.grants.update(dict.fromkeys(pieces, grant))
 
     def is_over(self, piece: bytes) -> bool:
-        """Tell whether what a piece is of may be left nowhere: the record is gone, or the grant of its part ended."""
+        """Return whether nothing of a piece may remain: record erased or grant ended."""
         return self.is_gone or self.grants.get(piece) in self.ended
 
     @property
     def is_gone(self) -> bool:
-        """Tell whether the chain has the record's erasure behind it, or under way at the latest custodian."""
+        """Return whether the record's erasure is done or under way."""
         return self.status in {"erasing", "erased", "expired"}
 
     @property
     def is_compared(self) -> bool:
-        """Tell whether a hunt would see what is left: of a gone record only its ciphertext of before or a picture can."""
         return not self.is_gone or any(self.pieces.get(kind) for kind in ("ciphertext", "plaintext"))
 
 
@@ -94,10 +92,7 @@ class _Kept(msgspec.Struct):
 
 
 def write_traces(path: Path, traces: Sequence[Trace]) -> None:
-    """Write pieces to a new file that only its owner can read: whole, or not at all. Raises OSError.
-
-    A part of it would be refused later, when it is too late to begin it again.
-    """
+    """Write pieces atomically to a new file only its owner can read. Raises OSError."""
     records = {
         trace.record_id.hex(): {kind: sorted(piece.hex() for piece in pieces) for kind, pieces in trace.pieces.items()}
         for trace in traces
@@ -122,7 +117,7 @@ def write_traces(path: Path, traces: Sequence[Trace]) -> None:
 
 
 def read_traces(path: Path) -> list[Trace]:
-    """Read pieces back. Raises FILE_UNUSABLE for another kind of file."""
+    """Raises FILE_UNUSABLE for another kind of file."""
     try:
         kept = read_json_as(path.read_bytes(), _Kept)
         traces = [
@@ -140,7 +135,6 @@ def read_traces(path: Path) -> list[Trace]:
 
 
 def trace_chain(trace: Trace, ledger: LedgerSnapshot) -> None:
-    """Take the record's id, and from its transaction, where that block is still there, its roots and sealed metadata."""
     trace.add("id", trace.record_id)
     row = RECORD.at(ledger, trace.record_id)
     if row is None:
@@ -158,7 +152,6 @@ def trace_chain(trace: Trace, ledger: LedgerSnapshot) -> None:
 
 
 def trace_grants(trace: Trace, ledger: LedgerSnapshot) -> None:
-    """Note which grants of a record's parts ended by this ledger: revoked, over, or of a visit that is denied."""
     record = RECORD.at(ledger, trace.record_id)
     at_ms = 0 if ledger.position is None else ledger.position.timestamp_ms
     is_denied = record is not None and QUARANTINE.has(ledger, record.owner)
@@ -177,7 +170,7 @@ class _Frame:
 
 
 def trace_store(trace: Trace, config: NodeConfig) -> None:
-    """Take what one custodian keeps of the record. Raises STORE_UNAVAILABLE."""
+    """Add what one custodian keeps of the record. Raises STORE_UNAVAILABLE."""
     is_mongo = config.custody_store.startswith(MONGO_SCHEMES)
     frames, leaves = (_read_mongo if is_mongo else _read_sqlite)(config, trace.record_id)
     for leaf in leaves:
@@ -197,7 +190,6 @@ def trace_store(trace: Trace, config: NodeConfig) -> None:
 
 
 def _trace_part(trace: Trace, grant: bytes, erase_key: bytes, wrapped: bytes) -> None:
-    """Take what a custodian keeps because the record was shared: its row, the package in it, and the parts of the key."""
     trace.add("wrapped-part", wrapped[-PREFIX_BYTES:], grant=grant)
     try:
         held = decode(unwrap_key(erase_key, trace.record_id, PART_PLACE, wrapped), HeldPart)
@@ -231,7 +223,6 @@ def _read_sqlite(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], li
 
 
 def _read_sqlite_parts(config: NodeConfig, record_id: bytes) -> list[tuple[bytes, int, bytes]]:
-    """Return grant, slot and bytes of each part; a store of a former format has none."""
     path = config.custody_dir / DATABASE_FILE_NAME
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5)) as database:
@@ -274,10 +265,7 @@ def _read_mongo(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], lis
 
 
 def mongo_documents(config: NodeConfig) -> Iterator[tuple[str, bytes]]:
-    """Yield each document of a custodian's database as its collection's name and its BSON bytes.
-
-    Raises STORE_UNAVAILABLE.
-    """
+    """Yield (collection, BSON bytes) for each document of a custodian's database. Raises STORE_UNAVAILABLE."""
     from bson.raw_bson import RawBSONDocument  # noqa: PLC0415 - only where there is a server
 
     try:
@@ -295,7 +283,7 @@ def mongo_documents(config: NodeConfig) -> Iterator[tuple[str, bytes]]:
 
 
 def trace_plaintext(trace: Trace, path: Path) -> None:
-    """Take pieces of a picture: of the file as it is, and of its pixels if it is an image. Raises OSError."""
+    """Add pieces of a picture's file and, for images, its pixels. Raises OSError."""
     import cv2  # noqa: PLC0415 - slow to import, and only for pictures
     import numpy as np  # noqa: PLC0415
 

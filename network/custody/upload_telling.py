@@ -1,4 +1,4 @@
-"""What custodians say of uploads, in plain sentences."""
+"""Custodians' answers about uploads as plain sentences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ def _name(row: dict[str, Any]) -> str:
 
 
 def find_upload_troubles(answer: dict[str, Any]) -> list[UploadTrouble]:
-    """Return what is wrong, or will be, with the uploads to one custodian."""
     told: list[UploadTrouble] = []
     if answer["uploads_paused"]:
         free, reserve = (answer[f"disk_{what}_bytes"] // _MIB for what in ("free", "reserve"))

@@ -1,1 +1,1 @@
-"""The whole story on embedded parts, checked at each step."""
+"""The demonstration of the whole system on embedded stores, checked at each step."""

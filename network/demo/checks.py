@@ -1,4 +1,4 @@
-"""The checks of the demonstration: a name, whether it held, and what was seen."""
+"""Checks of the demonstration: name, result and what was seen."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that must hold."""
+    """One check: name, result, and what was seen."""
 
     name: str
     ok: bool
@@ -18,13 +18,12 @@ class Check:
 
 @dataclass(slots=True)
 class CheckList:
-    """All checks of a run, in order; each is told to `listener` as it is made."""
+    """All checks of a run, in order; `listener` receives each as made."""
 
     listener: Callable[[Check], None]
     checks: list[Check] = field(default_factory=list)
 
     def add(self, name: str, ok: bool, detail: str) -> bool:
-        """Record a check and return whether it held."""
         check = Check(name=name, ok=ok, detail=detail)
         self.checks.append(check)
         self.listener(check)
@@ -32,9 +31,7 @@ class CheckList:
 
     @property
     def ok(self) -> bool:
-        """Whether there were checks and all of them held."""
         return bool(self.checks) and all(check.ok for check in self.checks)
 
     def as_json(self) -> list[dict[str, Any]]:
-        """Return the checks as JSON objects."""
         return [asdict(check) for check in self.checks]

@@ -1,4 +1,4 @@
-"""Kills the leading node in the middle of the recording, and measures how long nothing became final."""
+"""Kills the leader during recording and measures the gap in finality."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _WATCH_S = 4.0
 
 @dataclass(frozen=True, slots=True)
 class LeaderKill:
-    """What was done and seen: who was killed, how long finality stood still, whether the node caught up again."""
+    """The node killed, length of the finality gap, and whether it caught up."""
 
     name: str
     finalized_height_before: int
@@ -34,14 +34,12 @@ async def _finalized(cluster: Cluster, *, without: str = "") -> dict[str, int]:
 
 
 async def find_leader(cluster: Cluster) -> str:
-    """Return the node that leads now, as most nodes say it."""
     reports = await cluster.status()
     votes = [str(report.status["leader"]) for report in reports if report.status and report.status.get("leader")]
     return max(set(votes), key=votes.count) if votes else cluster.names[0]
 
 
 async def kill_and_restart_leader(cluster: Cluster) -> LeaderKill:
-    """SIGKILL the leader, measure how long transactions waited, restart it, let it catch up."""
     name = await find_leader(cluster)
     before = max((await _finalized(cluster)).values())
     cluster.kill(name)
@@ -61,7 +59,6 @@ async def kill_and_restart_leader(cluster: Cluster) -> LeaderKill:
 
 
 async def _watch_gap(cluster: Cluster, killed: str) -> float:
-    """Return the longest time in which transactions waited at a living node and no finalized height grew."""
     last_height = max((await _finalized(cluster, without=killed)).values())
     waiting_since: float | None = time.monotonic()
     started = time.monotonic()

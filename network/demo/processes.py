@@ -1,7 +1,4 @@
-"""Robot, wallet and registrar as processes of their own, driven by command line.
-
-Each child knows the genesis file, the nodes' HTTP addresses in it, and its own folder; nothing else.
-"""
+"""Robot, wallet and registrar as processes, driven by command line."""
 
 from __future__ import annotations
 
@@ -28,7 +25,7 @@ def _environment(extra: dict[str, str]) -> dict[str, str]:
 
 
 def parse_answer(output: bytes, errors: bytes, arguments: list[str]) -> dict[str, Any]:
-    """Return a child's JSON answer. Raises the child's own refusal, or INTERNAL if it said nothing readable."""
+    """Return a child's JSON answer. Raises the child's refusal, or INTERNAL if unreadable."""
     try:
         answer = read_json_text(output)
     except ValueError:
@@ -45,7 +42,7 @@ def parse_answer(output: bytes, errors: bytes, arguments: list[str]) -> dict[str
 
 
 async def run_command(arguments: list[str], *, environment: dict[str, str] | None = None) -> dict[str, Any]:
-    """Run `blockrobot ARGUMENTS --json` to its end and return its JSON object. Raises the command's refusal."""
+    """Run `blockrobot ARGUMENTS --json`; return its JSON object. Raises the command's refusal."""
     process = await asyncio.create_subprocess_exec(
         *_command([*arguments, "--json"]),
         stdin=asyncio.subprocess.DEVNULL,
@@ -65,7 +62,7 @@ async def run_command(arguments: list[str], *, environment: dict[str, str] | Non
 
 
 class LongCommand:
-    """A long-running command that reports progress as lines of JSON on standard error."""
+    """A long-running command that reports progress as JSON lines on standard error."""
 
     def __init__(
         self,
@@ -75,7 +72,6 @@ class LongCommand:
         *,
         module: str = "network.cli.main",
     ) -> None:
-        """`on_start` is told the process id; `module` is the program, `blockrobot` unless said."""
         self._module = module
         self._arguments = arguments
         self._on_progress = on_progress
@@ -123,5 +119,4 @@ class LongCommand:
 
 
 def wallet_arguments(folder: Path, profile: str, genesis: Path) -> list[str]:
-    """Return the beginning of a wallet command for one profile."""
     return ["wallet", "--wallet-dir", str(folder), "--profile", profile, "--genesis", str(genesis)]

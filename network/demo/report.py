@@ -1,4 +1,4 @@
-"""What the demonstration leaves: report.html (one file, pictures inside), events.jsonl, summary.json."""
+"""The demonstration's output: report.html (self-contained), events.jsonl, summary.json."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ _TILES = ("published", "kept", "withheld", "lost")
 
 
 def build_summary(checks: CheckList, state: DemoState, *, nodes: int, store: str, out: Path) -> dict[str, Any]:
-    """Return the one object that `demo --json` prints."""
     recording = state.summary
     return {
         "ok": checks.ok,
@@ -34,7 +33,6 @@ def build_summary(checks: CheckList, state: DemoState, *, nodes: int, store: str
 
 
 def write_report(out: Path, summary: dict[str, Any], state: DemoState) -> None:
-    """Write summary.json and report.html into `out`."""
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     (out / "report.html").write_text(_page(summary, state), encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""The truth about the synthetic scene, to judge what renditions show."""
+"""Ground truth of the synthetic scene, for judging renditions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ JUDGED_FRAMES_MAX_COUNT = 40
 
 
 def covered_frames(scenario: Scenario, alias: str) -> set[int]:
-    """Return which frames the readings of a person's tag cover, worked out from the scenario alone."""
     person = next(person for person in scenario.people if person.alias == alias)
     times = [round(1000 * reading) for reading in person.reading_times_s()] if person.tagged else []
     return {
@@ -28,10 +27,7 @@ def covered_frames(scenario: Scenario, alias: str) -> set[int]:
 
 
 def foreign_share(scenario: Scenario, renderer: Renderer, picture: Path, owner: str) -> float:
-    """Return the share of another person's true pixels in an owner's picture (0 if nobody else is there).
-
-    `picture` is a `.depth.png` that the wallet wrote.
-    """
+    """Return the share of another person's true pixels in an owner's `.depth.png`."""
     sequence = read_robot_frame(picture.name)
     _, labels = renderer.frame_with_truth(sequence)
     shown = decode_depth_png(picture.read_bytes())
@@ -42,7 +38,6 @@ def foreign_share(scenario: Scenario, renderer: Renderer, picture: Path, owner: 
 
 
 def worst_foreign_share(scenario: Scenario, pictures: list[Path], owner: str) -> tuple[float, int]:
-    """Judge up to 40 pictures spread evenly; return the worst share and how many of them had somebody else in view."""
     renderer = Renderer(scenario)
     step = max(1, len(pictures) // JUDGED_FRAMES_MAX_COUNT)
     shares, with_others = [0.0], 0

@@ -1,7 +1,4 @@
-"""The story, step by step: network, people, recording, a killed leader, looking, tampering, erasing, report.
-
-Robot, wallets and registrar are processes of their own that know the genesis file and HTTP.
-"""
+"""The demonstration's steps; robot, wallets and registrar run as separate processes."""
 
 from __future__ import annotations
 
@@ -37,7 +34,7 @@ PATIENTS = ("patient-a", "patient-b")
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
-    """Where the demonstration writes, where recordings are cached, which store custodians use, the first port."""
+    """Output folder, recording cache, custodians' store, and first port."""
 
     out: Path
     cache: Path
@@ -48,7 +45,7 @@ class DemoOptions:
 
 @dataclass(slots=True)
 class DemoState:
-    """What the steps learn from each other."""
+    """State shared by the steps."""
 
     robot_member: str = ""
     summary: dict[str, Any] = field(default_factory=dict)
@@ -61,7 +58,7 @@ class DemoState:
 
 
 class Demo:
-    """One run of the story. `tell` is given a line on what is being done; checks go to `checks`."""
+    """One run. `tell` receives progress lines; checks go to `checks`."""
 
     def __init__(self, options: DemoOptions, checks: CheckList, tell: Callable[[str], None]) -> None:
         self.options = options
@@ -73,7 +70,7 @@ class Demo:
         self.stage = Stage(options.out, store=options.store, base_port=options.base_port, purpose=PURPOSE)
 
     async def run(self) -> None:
-        """Run all steps in order. What a step raises becomes a failed check, and the story ends there."""
+        """Run all steps in order; an exception becomes a failed check and ends the run."""
         steps: list[tuple[str, Callable[[], Any]]] = [
             ("the recording is being rendered", self.render),
             ("the network starts", self.start_network),
@@ -94,7 +91,6 @@ class Demo:
                 return
 
     async def render(self) -> None:
-        """Render the recording, or find it in the cache."""
         started = time.monotonic()
         tags = load_or_draw_tags(self.options.cache, self.scenario)
         shown = -1
@@ -110,7 +106,6 @@ class Demo:
         self._tell(f"the recording is there ({time.monotonic() - started:.0f} s)")
 
     async def start_network(self) -> None:
-        """Make and start four node processes of two organisations, and wait until each is ready."""
         started = time.monotonic()
         peers = await self.stage.start_network("demo")
         self._notice_version = await self.stage.publish_notice()
@@ -131,7 +126,6 @@ class Demo:
         )
 
     async def enrol(self) -> None:
-        """Issue cards, make wallets, register them and the robot, and seal the robot's roster."""
         held = [await self.stage.enrol_person(patient, self._tags[patient]) for patient in PATIENTS]
         self.checks.add(
             "two patients are registered",
@@ -148,7 +142,6 @@ class Demo:
         )
 
     async def record(self) -> None:
-        """Let the robot record in real time; kill the leader when half of the frames are recorded, restart it later."""
         expected_kept = self._expected_covered() // 2
         kill: asyncio.Task[LeaderKill] | None = None
 
@@ -179,7 +172,6 @@ class Demo:
         )
 
     def _expected_covered(self) -> int:
-        """Return how many (frame, owner) pairs the readings cover, worked out from the scenario alone."""
         return sum(len(covered_frames(self.scenario, alias)) for alias in self.scenario.tagged_aliases)
 
     def _check_frames(self) -> None:
@@ -214,7 +206,6 @@ class Demo:
         )
 
     async def look(self) -> None:
-        """Both patients list, fetch, verify and open their records; neither can reach the other's."""
         for patient in PATIENTS:
             listed = await self.stage.wallet(patient, "records")
             self.state.records[patient] = [row for visit in listed["visits"] for row in visit["records"]]
@@ -262,7 +253,6 @@ class Demo:
         )
 
     async def tamper(self) -> None:
-        """Flip one bit in both custodians' stores; the wallet names the frame, opens the rest, says so on the chain."""
         record = max(self.state.records["patient-a"], key=lambda row: int(row["frames"]))
         index = int(record["frames"]) // 2
         for node in self.stage.cluster.genesis.custodians:
@@ -281,7 +271,6 @@ class Demo:
         )
 
     async def erase(self) -> None:
-        """Erase two frames, then everything; wait for the custodians' receipts each time."""
         records = self.state.records["patient-a"]
         traces = await asyncio.to_thread(self._trace, records)
         chosen = next(row for row in records if int(row["frames"]) >= 4)
@@ -327,11 +316,9 @@ class Demo:
         )
 
     def _trace(self, records: list[dict[str, Any]]) -> list[Trace]:
-        """Note what there is to be found of records, while it is there."""
         return gather(self.stage.cluster, [bytes.fromhex(row["record_id"]) for row in records])
 
     async def _hunt(self, traces: list[Trace]) -> None:
-        """Search every file and store of the network for what was noted before the erasure."""
         started, cluster = time.monotonic(), self.stage.cluster
         now = await asyncio.to_thread(gather, cluster, [trace.record_id for trace in traces], traces)
         report = await asyncio.to_thread(hunt, cluster, now)
@@ -346,7 +333,6 @@ class Demo:
         )
 
     async def take_along(self) -> None:
-        """Export three of B's records, and let a stranger check the file against the genesis file alone."""
         rows = self.state.records["patient-b"][:EXPORTED_COUNT]
         bundle = self.options.out / "patient-b.zip"
         chosen = [argument for row in rows for argument in ("--records", str(row["record_id"]))]
@@ -362,7 +348,6 @@ class Demo:
         )
 
     async def read_trail(self) -> None:
-        """Read A's audit trail and hold it against what was done."""
         trail = await self.stage.wallet("patient-a", "audit")
         self.state.audit = trail["entries"]
         kinds = [entry["kind"] for entry in self.state.audit]
@@ -377,7 +362,6 @@ class Demo:
         await self._check_agreement()
 
     async def _check_agreement(self) -> None:
-        """Compare the nodes' finalized state at the end."""
         deadline = time.monotonic() + 10
         while True:
             reports = [report.status for report in await self.stage.cluster.status() if report.status]
@@ -395,20 +379,17 @@ class Demo:
         )
 
     async def stop(self) -> None:
-        """Stop the network, unless it is to be kept."""
         if not self.options.keep:
             await self.stage.stop()
 
 
 def what_is_left(statuses: list[str]) -> str:
-    """Return how many pictures open, and why the others that are not erased do not."""
     left = f"{statuses.count('ok')} of {len(statuses)} still open"
     spoilt = statuses.count("corrupted")
     return f"{left}, {spoilt} is the one whose byte was changed before" if spoilt == 1 else left
 
 
 def _confirmed(answer: dict[str, Any]) -> bool:
-    """Tell whether every erasure of an answer is complete and confirmed by each of its custodians."""
     return bool(answer["erasures"]) and all(
         row["status"] == "complete" and sorted(row["confirmed"]) == sorted(row["custodians"])
         for row in answer["erasures"]

@@ -1,4 +1,4 @@
-"""Changes one byte of a stored ciphertext behind the system's back, in every custodian's store. For demonstrations only."""
+"""Changes one byte of a stored ciphertext at every custodian. For demonstrations only."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ DROP_MAX_MS = 3_000
 
 
 def flip_stored_byte(config: NodeConfig, record_id: bytes, index: int) -> None:
-    """Flip one bit of the frame's ciphertext in this custodian's store, whichever store it is."""
     if config.custody_store.startswith(MONGO_SCHEMES):
         _flip_in_mongo(config.custody_store, record_id, index)
     else:
@@ -43,7 +42,6 @@ def _flip_in_sqlite(folder: Path, record_id: bytes, index: int) -> None:
 
 
 def drop_databases(cluster: Cluster) -> None:
-    """Drop the databases that a demonstration made on a MongoDB server; embedded stores go with their folder."""
     for node in cluster.genesis.custodians:
         uri = cluster.config(node.name).custody_store
         if uri.startswith("mongodb"):

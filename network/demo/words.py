@@ -1,4 +1,4 @@
-"""What the demonstration calls in plain words what programs name by a code."""
+"""Plain words for the codes in the demonstration's output."""
 
 from __future__ import annotations
 
@@ -49,13 +49,11 @@ _QUANTILES = {"p50": "half within", "p95": "95 of 100 within", "max": "all withi
 
 
 def name_person(alias: str) -> str:
-    """Return what a person of the demonstration is called: `patient A`."""
     kind, _, letter = alias.partition("-")
     return f"{kind} {letter.upper()}" if kind == "patient" and len(letter) == 1 else alias
 
 
 def say_refusal(code: str | None) -> str:
-    """Return how an answer is told: a refusal by its meaning and its code; None is the thing itself."""
     if code is None:
         return "with the record"
     meaning = CATALOGUE[code].meaning.rstrip(".") if code in CATALOGUE else "refused"
@@ -63,15 +61,12 @@ def say_refusal(code: str | None) -> str:
 
 
 def say_reasons(counts: Mapping[str, int]) -> str:
-    """Return how many frames were withheld for which reason."""
     return ", ".join(f"{count}: {REASONS.get(reason, reason)}" for reason, count in counts.items()) or "none"
 
 
 def say_events(kinds: Iterable[str]) -> str:
-    """Return kinds of events, each once, in order."""
     return ", ".join(EVENTS.get(kind, kind) for kind in dict.fromkeys(kinds))
 
 
 def say_quantiles(values: Mapping[str, float]) -> str:
-    """Return how a figure is spread."""
     return ", ".join(f"{_QUANTILES.get(name, name)} {value:,}" for name, value in values.items())

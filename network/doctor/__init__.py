@@ -1,1 +1,1 @@
-"""What is wrong with a network, and what to do about it: `blockrobot doctor`."""
+"""`blockrobot doctor`: what is wrong with a network, and remedies."""

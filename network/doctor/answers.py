@@ -1,7 +1,4 @@
-"""What running nodes say of themselves, held against one another.
-
-All checks here are pure: they take answers that were collected before.
-"""
+"""Pure checks that compare running nodes' answers, collected before."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ STALE_HEARTBEATS_COUNT = 3
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What was heard from one node: whether its process is there, its status, its clock's offset to this machine's."""
+    """One node's answer: process presence, status, clock offset to this machine."""
 
     name: str
     running: bool
@@ -31,7 +28,7 @@ class Answer:
 
 
 def check_presence(answers: Sequence[Answer], removed: frozenset[str] = frozenset()) -> list[Finding]:
-    """Name nodes that are down or silent, with ports that others have taken; a removed node may well be down."""
+    """Report nodes that are down or silent, and their taken ports; skips `removed` ones."""
     found = []
     for answer in answers:
         if answer.status is not None or (answer.name in removed and not answer.running):
@@ -48,7 +45,6 @@ def check_presence(answers: Sequence[Answer], removed: frozenset[str] = frozense
 
 
 def check_words(answers: Sequence[Answer]) -> list[Finding]:
-    """Pass on what nodes say is wrong with themselves and with their peers."""
     found = []
     for answer in answers:
         status = answer.status or {}
@@ -80,7 +76,6 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
 
 
 def _check_floods(name: str, status: dict[str, Any]) -> list[Finding]:
-    """Name whom a node cut off, and who is over his budget there."""
     found = []
     for row in status.get("cut_off_peers", []):
         detail = f"{name} cut {row['peer']} off {row['count']} times, the last time for {row['code']}: {row['detail']}"
@@ -92,7 +87,6 @@ def _check_floods(name: str, status: dict[str, Any]) -> list[Finding]:
 
 
 def _what_the_wall_lacks(contracts: dict[str, Any]) -> str:
-    """Say what stands between a contract that broke out and the node's machine, if not all of it does."""
     if contracts.get("wall") == "off":
         return "Contracts run inside the node: the wall is switched off."
     missing = contracts.get("blocks", {}).get("missing", {})
@@ -101,7 +95,6 @@ def _what_the_wall_lacks(contracts: dict[str, Any]) -> str:
 
 
 def check_membership(names: Sequence[str], directory: DirectoryContent) -> list[Finding]:
-    """Name nodes that the network, by the newest chain that is here, does not know or has removed."""
     found = []
     for name in names:
         node = directory.nodes.get(name)
@@ -113,7 +106,6 @@ def check_membership(names: Sequence[str], directory: DirectoryContent) -> list[
 
 
 def check_links(answers: Sequence[Answer], directory: DirectoryContent) -> list[Finding]:
-    """Name pairs of running, active nodes that are not linked, though neither refuses the other."""
     here = {
         answer.name: answer.status
         for answer in answers
@@ -131,12 +123,10 @@ def check_links(answers: Sequence[Answer], directory: DirectoryContent) -> list[
 
 
 def _not_heard(status: dict[str, Any]) -> set[str]:
-    """Return whom a node refuses or has cut off."""
     return {row["peer"] for key in ("refused_peers", "cut_off_peers") for row in status.get(key, [])}
 
 
 def check_clocks(answers: Sequence[Answer], max_drift_ms: int) -> list[Finding]:
-    """Name nodes whose clock is off by more than half of what the chain tolerates."""
     found = []
     for answer in answers:
         if answer.status is not None and abs(answer.offset_ms) > max_drift_ms * SKEW_SHARE:
@@ -150,7 +140,6 @@ def check_clocks(answers: Sequence[Answer], max_drift_ms: int) -> list[Finding]:
 
 
 def check_heights(answers: Sequence[Answer]) -> list[Finding]:
-    """Name nodes that are far behind the others."""
     heights = {answer.name: answer.status["finalized_height"] for answer in answers if answer.status is not None}
     highest = max(heights.values(), default=0)
     return [
@@ -161,7 +150,6 @@ def check_heights(answers: Sequence[Answer]) -> list[Finding]:
 
 
 def check_versions(answers: Sequence[Answer], own_version: str) -> list[Finding]:
-    """Name nodes whose version is not that of most, or of this program."""
     versions = {answer.name: str(answer.status["version"]) for answer in answers if answer.status is not None}
     usual = Counter([*versions.values(), own_version]).most_common(1)[0][0]
     return [
@@ -172,10 +160,7 @@ def check_versions(answers: Sequence[Answer], own_version: str) -> list[Finding]
 
 
 def check_roots(roots: dict[str, dict[int, str]]) -> list[Finding]:
-    """Name nodes whose state root at a height is not that of the others. `roots` maps names to heights to roots.
-
-    Where most agree, the others are named; where nobody is in the majority, all are.
-    """
+    """Report deviating state roots (name -> height -> root): the minority, or all without majority."""
     found = []
     named: set[str] = set()
     for height in sorted({height for known in roots.values() for height in known}):
@@ -193,7 +178,6 @@ def check_roots(roots: dict[str, dict[int, str]]) -> list[Finding]:
 
 
 def check_finality(newest_ms: int, now_ms: int, heartbeat_ms: int, production: str, up_s: float) -> list[Finding]:
-    """Say so if the newest final block is older than several heartbeats, though nodes have run for that long."""
     tolerated_ms = STALE_HEARTBEATS_COUNT * heartbeat_ms
     if production == "manual" or up_s * 1000 < tolerated_ms or now_ms - newest_ms <= tolerated_ms:
         return []
@@ -204,7 +188,6 @@ def check_finality(newest_ms: int, now_ms: int, heartbeat_ms: int, production: s
 
 
 def check_late(answers: Sequence[Answer]) -> list[Finding]:
-    """Say so if nodes themselves find that a final block is overdue, though work waits or a heartbeat is due."""
     told = {answer.name: (answer.status or {}).get("finality") or {} for answer in answers}
     late = {name: finality for name, finality in told.items() if finality.get("late")}
     if not late:

@@ -1,7 +1,4 @@
-"""What can be seen in a data directory without the node: keys, certificate, disk, journal.
-
-Writability is tried with a file of its own that is gone again at once.
-"""
+"""Checks of a data directory without its node: keys, certificate, disk, journal."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ _CERTIFICATE_CODES = {
 def check_directory(
     config: NodeConfig, directory: DirectoryContent, now_ms: int, disk_free: tuple[int, int] | None = None
 ) -> list[Finding]:
-    """Return what is wrong in a node's data directory. `disk_free` is (free, total) bytes, measured unless given."""
+    """Return a data directory's problems. `disk_free`: (free, total) bytes, else measured."""
     return [
         *check_certificate(config, directory, now_ms),
         *check_keys(config),
@@ -44,7 +41,6 @@ def check_directory(
 
 
 def check_certificate(config: NodeConfig, directory: DirectoryContent, now_ms: int) -> list[Finding]:
-    """Look at the node's own certificate and key."""
     report = read_report(config)
     state = report.state(now_ms, directory.revoked)
     if state == "unusable":
@@ -57,7 +53,6 @@ def check_certificate(config: NodeConfig, directory: DirectoryContent, now_ms: i
 
 
 def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]:
-    """Look at the certificate authorities of the active organisations."""
     found = []
     for organisation in directory.organisations.values():
         if not organisation.is_active:
@@ -75,7 +70,6 @@ def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]
 
 
 def check_keys(config: NodeConfig) -> list[Finding]:
-    """Look whether the key files are there, and for nobody else."""
     keys = [config.tls_key_path, config.producer_key_path, config.custodian_key_path]
     found = [
         Finding("KEY_FILE_MISSING", config.name, f"{path.relative_to(config.data_dir)} is missing.")
@@ -99,7 +93,6 @@ def _mode(path: Path) -> int | None:
 
 
 def check_disk(config: NodeConfig, disk_free: tuple[int, int] | None = None) -> list[Finding]:
-    """Look whether the disk has room and takes writes."""
     found = []
     if disk_free is None:
         usage = shutil.disk_usage(config.data_dir)
@@ -123,7 +116,6 @@ def check_disk(config: NodeConfig, disk_free: tuple[int, int] | None = None) -> 
 
 
 def check_journal(config: NodeConfig) -> list[Finding]:
-    """Look whether the voting journal is there and whole."""
     try:
         count_records(config.journal_path)
     except BlockRobotError as error:

@@ -1,8 +1,4 @@
-"""The whole examination of a network's folder, or of one data directory.
-
-What it sees: the data directories, their ledgers, the nodes' operator listeners, the ports of nodes that do not run.
-A node that runs elsewhere is known by what the others say of it.
-"""
+"""Examines a network's folder, or one data directory."""
 
 from __future__ import annotations
 
@@ -38,7 +34,7 @@ DRIFT_DEFAULT_MS = 5_000
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """What was found, problems first, which nodes were looked at, and how far back those that run keep blocks."""
+    """Findings (problems first), nodes examined, and how far back blocks are kept."""
 
     nodes: tuple[str, ...]
     findings: tuple[Finding, ...]
@@ -46,19 +42,18 @@ class Examination:
 
     @property
     def ok(self) -> bool:
-        """Tell whether there is no problem; warnings may be there."""
         return all(finding.kind.severity != "problem" for finding in self.findings)
 
 
 def find_data_directories(network: Path) -> list[Path]:
-    """Return the data directories of a network's folder. Raises CLUSTER_NOT_RUNNING if it is none."""
+    """Return a network folder's data directories. Raises CLUSTER_NOT_RUNNING if it is none."""
     if not (network / "genesis.json").is_file():
         raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {network}.")
     return sorted(path.parent for path in (network / "nodes").glob(f"*/{CONFIG_FILE}"))
 
 
 def examine_network(network: Path) -> Examination:
-    """Examine all nodes of a network's folder. Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
+    """Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
     directories = find_data_directories(network)
     genesis = genesis_from_json((network / "genesis.json").read_text(encoding="utf-8"))
     found = examine(directories, genesis, whole=True)
@@ -67,7 +62,6 @@ def examine_network(network: Path) -> Examination:
 
 
 def _faults_on_purpose(network: Path) -> list[Finding]:
-    """Name what `blockrobot fault` left on. A node that is down says nothing of it."""
     states = asyncio.run(FaultControl(Cluster(network)).state())
     return [
         Finding("FAULT_ON_PURPOSE", state.name, words_of_fault + ".")
@@ -78,12 +72,11 @@ def _faults_on_purpose(network: Path) -> list[Finding]:
 
 
 def examine_node(data_dir: Path) -> Examination:
-    """Examine one data directory."""
     return examine([data_dir.resolve()], None, whole=False)
 
 
 def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool) -> Examination:
-    """Examine these data directories. `whole`: they are all that there is, so that they can be held against each other."""
+    """Examine these data directories. `whole`: they are the complete network, so compare them."""
     findings: list[Finding] = []
     configs = []
     for path in directories:
@@ -113,7 +106,6 @@ def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool
 
 
 def _load(path: Path, genesis: Genesis | None, findings: list[Finding]) -> NodeConfig | None:
-    """Read a node's configuration and genesis file, noting what is wrong with them."""
     try:
         config = load_config(path)
         own = load_genesis(config)
@@ -146,7 +138,6 @@ async def _ask(session: aiohttp.ClientSession, config: NodeConfig, genesis: Gene
 
 
 def _is_locked(data_dir: Path) -> bool:
-    """Tell whether a process has this data directory: the kernel says so, whoever started it."""
     if not (data_dir / LOCK_FILE_NAME).exists():
         return False
     try:
@@ -157,13 +148,11 @@ def _is_locked(data_dir: Path) -> bool:
 
 
 def _places(config: NodeConfig) -> tuple[tuple[str, int], ...]:
-    """Return where the node would listen."""
     own = (config.host, config.p2p_port), (config.host, config.api_port)
     return *own, (OPERATOR_HOST, config.operator_port)
 
 
 def _is_taken(host: str, port: int) -> bool:
-    """Tell whether somebody listens on a port of this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.settimeout(ASK_TIMEOUT_S)
         try:

@@ -1,6 +1,7 @@
-"""The fixed list of what the doctor can find.
+"""The fixed list of the doctor's findings.
 
-Each kind has a code, a severity and a next step. A *problem* makes the doctor's exit code 1; a *warning* will be one.
+Each kind has a code, a severity and a next step. A *problem* sets the doctor's exit code to 1; a *warning* does not
+yet.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ Severity = Literal["problem", "warning"]
 
 @dataclass(frozen=True, slots=True)
 class FindingKind:
-    """One row of the list."""
+    """One kind of finding: code, severity, next step."""
 
     code: str
     severity: Severity
@@ -271,7 +272,7 @@ KINDS: dict[str, FindingKind] = _table(
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong: its code, the node it is about ("" for the whole network), what was seen."""
+    """One finding: code, node ("" for the whole network) and what was seen."""
 
     code: str
     node: str
@@ -279,16 +280,13 @@ class Finding:
 
     @property
     def kind(self) -> FindingKind:
-        """The row of the list that it is of."""
         return KINDS[self.code]
 
     @property
     def next_step(self) -> str:
-        """What to do, with the node's name put in."""
         return self.kind.next_step.replace("NODE", self.node) if self.node else self.kind.next_step
 
     def to_json(self) -> dict[str, Any]:
-        """Return it ready for JSON."""
         return {
             "code": self.code,
             "severity": self.kind.severity,
@@ -299,5 +297,4 @@ class Finding:
 
 
 def in_order(findings: list[Finding]) -> list[Finding]:
-    """Return findings with problems first, then by node and code, none twice."""
     return sorted(set(findings), key=lambda item: (item.kind.severity, item.node, item.code, item.detail))

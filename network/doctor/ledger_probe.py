@@ -1,7 +1,7 @@
-"""Looks into the ledgers of data directories.
+"""Examines the ledgers of data directories.
 
-A damaged LMDB file can end the process that reads it. So the reading is done by a child process, which tells what it
-saw of each ledger in a line of JSON; of whichever ledger it dies, that one is damaged.
+A damaged LMDB file can kill its reader, so a child process reads and prints a JSON line per ledger; the ledger at which
+it dies is damaged.
 
     python -m network.doctor.ledger_probe DATA_DIR...
 """
@@ -38,7 +38,7 @@ PROBE_TIMEOUT_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class LedgerFacts:
-    """What a ledger says of its newest block; `trouble` is empty if it is whole, `height` -1 if there is none yet."""
+    """A ledger's newest block; `trouble` is empty if intact, `height` -1 if none."""
 
     name: str
     trouble: str
@@ -54,7 +54,6 @@ class LedgerFacts:
 
 
 def probe(config: NodeConfig) -> LedgerFacts:
-    """Read one ledger in this process."""
     if not (config.ledger_dir / DATA_FILE_NAME).exists():
         return LedgerFacts(config.name, "")
     try:
@@ -89,7 +88,6 @@ def probe(config: NodeConfig) -> LedgerFacts:
 
 
 def _check_links(snapshot: LedgerSnapshot, height: int, roots: dict[int, str]) -> str:
-    """Tell whether the newest blocks follow one another, noting their state roots; return what is wrong."""
     parent: bytes | None = None
     for number, data in snapshot.iter_blocks(max(0, height - BLOCKS_CHECKED_COUNT), BLOCKS_CHECKED_COUNT + 1):
         header = decode(data, Block).header
@@ -101,7 +99,6 @@ def _check_links(snapshot: LedgerSnapshot, height: int, roots: dict[int, str]) -
 
 
 def _check_state(snapshot: LedgerSnapshot, root: bytes) -> str:
-    """Tell whether some of the state, proved from the stored trie, leads to the header's root."""
     rows = [*snapshot.scan(flat_prefix(MEMBERSHIP), KEYS_PROVED_COUNT), (EPOCH.flat, snapshot.get(EPOCH.flat))]
     try:
         for key, value in rows:
@@ -112,7 +109,6 @@ def _check_state(snapshot: LedgerSnapshot, root: bytes) -> str:
 
 
 def probe_ledgers(configs: Sequence[NodeConfig]) -> dict[str, LedgerFacts]:
-    """Read the ledgers of these nodes in a child process; return what was seen by name."""
     waiting = list(configs)
     seen: dict[str, LedgerFacts] = {}
     while waiting:
@@ -140,7 +136,6 @@ def _run_child(configs: Sequence[NodeConfig]) -> dict[str, LedgerFacts]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Report each data directory in a line."""
     for argument in arguments:
         config = load_config(Path(argument))
         facts = probe(config)

@@ -1,4 +1,4 @@
-"""What the doctor asks custodians of uploads."""
+"""The doctor's checks of uploads at custodians."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from node.config import NodeConfig
 
 
 async def check_uploads(configs: Sequence[NodeConfig], answers: Sequence[Answer]) -> list[Finding]:
-    """Ask the custodians that run; only who may read their data directories learns anything."""
     running = {answer.name for answer in answers if answer.status is not None}
     custodians = [config for config in configs if config.custodian_key_path is not None and config.name in running]
     found = []

@@ -1,4 +1,4 @@
-"""The same tables from one log or two, by one program: text, JSON, files."""
+"""The same tables from one log or two: text, JSON, files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MAP_FILE = "process-map"
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One log, worked out: its name on the page, its table, its graph and its figures."""
+    """One analysed log: display name, table, graph and figures."""
 
     name: str
     table: EventTable
@@ -38,7 +38,6 @@ class Reading:
     figures: RunFigures
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything but the events as JSON."""
         return {
             "log": self.name,
             "form": self.table.form,
@@ -51,24 +50,22 @@ class Reading:
 
 
 def read_and_work_out(path: Path) -> Reading:
-    """Read a log and work out its graph and figures. Raises EVENT_LOG_INVALID, FILE_UNUSABLE."""
+    """Analyse a log file. Raises EVENT_LOG_INVALID, FILE_UNUSABLE."""
     return work_out(path.name, read_log(path))
 
 
 def work_out(name: str, table: EventTable) -> Reading:
-    """Work out the graph and figures of a table."""
     return Reading(name, table, build_flow_graph(table), work_out_figures(table))
 
 
 def prepare_new_folder(folder: Path) -> None:
-    """Make a folder, or take one that is empty. Raises FOLDER_NOT_EMPTY."""
+    """Create a folder, or accept an empty one. Raises FOLDER_NOT_EMPTY."""
     if folder.exists() and any(folder.iterdir()):
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{folder} is not empty.")
     folder.mkdir(parents=True, exist_ok=True)
 
 
 def show_readings(readings: list[Reading]) -> str:
-    """Return the figures side by side, then each log's tables, for a terminal."""
     columns = [[show_value(value) for _, value in figure_rows(reading.figures)] for reading in readings]
     names = [name for name, _ in figure_rows(readings[0].figures)]
     rows = [[name, *cells] for name, *cells in zip(names, *columns, strict=True)]
@@ -82,9 +79,9 @@ def show_readings(readings: list[Reading]) -> str:
 
 
 def write_reading(reading: Reading, folder: Path) -> BlockRobotError | None:
-    """Write a log's tables (CSV), its events (CSV, XES) and its process map (DOT, SVG; PNG by Graphviz) into a folder.
+    """Write tables (CSV), events (CSV, XES) and process map (DOT, SVG; PNG by Graphviz).
 
-    Returns DRAWING_UNAVAILABLE, not raised, if Graphviz could not draw: then the SVG is the plainer one of our own.
+    Returns, not raises, DRAWING_UNAVAILABLE if Graphviz failed; the SVG is then our plainer one.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_table(activity_rows(reading.graph), folder / "activities.csv")

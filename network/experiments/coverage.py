@@ -1,8 +1,4 @@
-"""Which frames the event log says became whose, tag by tag.
-
-A log's aliases are drawn for each run and name nobody. Whose tag one is, its frames say: they are held against those
-that the scenario's own readings cover.
-"""
+"""Frames per owner by the event log, tag by tag."""
 
 from __future__ import annotations
 
@@ -15,7 +11,7 @@ from network.experiments.pages.event_table import EventTable
 
 @dataclass(slots=True)
 class TagFrames:
-    """The numbers of one tag's frames: paired with it, final on the chain, withheld."""
+    """One tag's frame numbers: paired, final on the chain, withheld."""
 
     paired: set[int] = field(default_factory=set)
     kept: set[int] = field(default_factory=set)
@@ -23,17 +19,15 @@ class TagFrames:
 
     @property
     def lost(self) -> set[int]:
-        """Frames that were paired and of which nothing more is told."""
+        """Return the paired frames that were neither kept nor withheld."""
         return self.paired - self.kept - self.withheld
 
     @property
     def is_settled(self) -> bool:
-        """Whether every paired frame, and no other, was either kept or withheld."""
         return self.paired == self.kept | self.withheld and not self.kept & self.withheld
 
 
 def frames_by_tag(table: EventTable) -> dict[str, TagFrames]:
-    """Return the frames of each tag to which the log gives any."""
     tags: dict[str, TagFrames] = {}
     for event in table.events:
         if not event.alias or event.sequence is None:
@@ -49,10 +43,9 @@ def frames_by_tag(table: EventTable) -> dict[str, TagFrames]:
 
 
 def are_covered_frames(tags: Iterable[TagFrames], expected: Mapping[str, Set[int]]) -> bool:
-    """Tell whether the tags have exactly the frames that the scenario says, each person's at one tag."""
+    """Return whether tags and people match one to one with exactly the scenario's frames."""
     return sorted(sorted(tag.paired) for tag in tags) == sorted(sorted(own) for own in expected.values() if own)
 
 
 def total(sets: Iterable[Set[int]]) -> int:
-    """Return how many frames and owners these are."""
     return sum(len(one) for one in sets)

@@ -1,4 +1,4 @@
-"""The four experiments: who takes part, on which scenario, and beside which published run."""
+"""The four experiments: people, scenario and published run to compare with."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from network.experiments.published_figures import RUN_1, RUN_2, PublishedRun
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """One experiment. `people` are registered; those of them who are not in the scene must end with nothing."""
+    """One experiment. Registered `people` outside the scene have to end with nothing."""
 
     number: int
     title: str
@@ -23,11 +23,9 @@ class Experiment:
 
     @property
     def name(self) -> str:
-        """`experiment-1` and so on: its folder."""
         return f"experiment-{self.number}"
 
     def load_scenario(self) -> Scenario:
-        """Return the scenario, which ships with the robot."""
         file = resources.files("clients.robot") / "scenarios" / self.scenario_file
         return parse_scenario(file.read_text(encoding="utf-8"))
 

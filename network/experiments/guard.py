@@ -1,7 +1,7 @@
-"""Ends what a run of experiments started if the run is killed.
+"""Cleans up after a run of experiments that was killed.
 
-A process of its own that reads lines from the run: `pid N` and `network FOLDER` when something is started, `end` when
-the run has stopped all of it. If the run ends without a word (SIGKILL), the guard does it.
+A process that reads lines from the run: `pid N`, `network FOLDER` at each start, `end` after a clean stop. If the input
+ends without `end` (SIGKILL), it stops everything named.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _COMMAND_MODULE = b"network.cli.main"
 
 
 class Guard:
-    """The run's end of the line. Use as a context manager."""
+    """The run's side of the guard process. Context manager."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
@@ -45,11 +45,9 @@ class Guard:
             self._process.wait()
 
     def watch_process(self, pid: int) -> None:
-        """Tell of a command of ours that was started."""
         self._tell(f"pid {pid}")
 
     def watch_network(self, folder: Path) -> None:
-        """Tell of a network that is about to be started."""
         self._tell(f"network {folder}")
 
     def _tell(self, line: str) -> None:
@@ -60,7 +58,7 @@ class Guard:
 
 
 def stand_guard(lines: Iterable[str]) -> None:
-    """Read the run's lines; when they end without `end`, end everything that they named."""
+    """Read the run's lines; at end of input without `end`, stop everything named."""
     pids: list[int] = []
     networks: list[Path] = []
     for line in lines:
@@ -80,7 +78,7 @@ def stand_guard(lines: Iterable[str]) -> None:
 
 
 def _is_own_command(pid: int) -> bool:
-    """Tell whether the number still belongs to a command of ours, where the system can say so."""
+    """Return whether the process id still belongs to a command of ours, if known."""
     try:
         return _COMMAND_MODULE in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
     except OSError:

@@ -1,4 +1,4 @@
-"""Reads an event log of any form: published text, JSON lines, CSV, XES."""
+"""Reads event logs: published text, JSON lines, CSV, XES."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _WHOLE = re.compile(r"\d{1,15}")
 
 
 def read_log(path: Path) -> EventTable:
-    """Return the events of a log file, told by its first characters from the other forms.
+    """Return a log file's events; the form is detected by its first characters.
 
-    Raises EVENT_LOG_INVALID with the line, also if there is no event; FILE_UNUSABLE if it cannot be opened.
+    Raises EVENT_LOG_INVALID with the line, also if without events; FILE_UNUSABLE.
     """
     try:
         if path.stat().st_size > EVENT_LOG_MAX_BYTES:
@@ -43,7 +43,7 @@ def read_log(path: Path) -> EventTable:
 
 
 def parse_log(text: str) -> EventTable:
-    """Return the events of a log's text. Raises EVENT_LOG_INVALID."""
+    """Raises EVENT_LOG_INVALID."""
     beginning = text.lstrip()[:64]
     if beginning.startswith("{"):
         return EventTable.of("json lines", _parse_json_lines(text))
@@ -95,7 +95,7 @@ def _parse_csv(text: str) -> Iterator[LoggedEvent]:
 
 
 class _XesReader:
-    """Reads XES with a parser that refuses document types: with no entities of its own a file cannot grow on reading."""
+    """Reads XES with a parser that refuses document types, against entity expansion."""
 
     def __init__(self) -> None:
         self._parser = expat.ParserCreate(namespace_separator=" ")
@@ -108,7 +108,6 @@ class _XesReader:
         self._fields: dict[str, str] = {}
 
     def read(self, text: str) -> list[LoggedEvent]:
-        """Return the events of all traces."""
         try:
             self._parser.Parse(text, True)
         except expat.ExpatError as error:

@@ -1,7 +1,7 @@
-"""The folder of a run of experiments.
+"""The output folder of a run of experiments.
 
-It bears a mark, which the running command keeps locked. A folder that is not empty is only taken if it bears the mark
-and holds nothing but what experiments write, however deep: one file of another name, and nothing is removed.
+A non-empty folder is accepted only if it has our mark (locked while in use) and no foreign file; otherwise nothing is
+removed.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _PART_FILES = re.compile(
 
 @contextlib.contextmanager
 def taken(out: Path) -> Iterator[None]:
-    """Hold the folder for one run. Raises FOLDER_NOT_EMPTY if it is somebody's, or if another run is at work in it."""
+    """Hold the folder for one run. Raises FOLDER_NOT_EMPTY if foreign or in use."""
     if out.is_symlink() or (out.exists() and not out.is_dir()):
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is a link or a file.")
     mark = out / MARK
@@ -72,7 +72,7 @@ def taken(out: Path) -> Iterator[None]:
 
 
 def _check(out: Path) -> None:
-    """Raise FOLDER_NOT_EMPTY unless everything in the folder is what experiments write."""
+    """Raises FOLDER_NOT_EMPTY."""
     if not (out / MARK).is_file() or (out / MARK).is_symlink():
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is not empty and not of earlier experiments.")
     folders = {experiment.name for experiment in EXPERIMENTS}
@@ -89,7 +89,6 @@ def _check(out: Path) -> None:
 
 
 def _foreign_below(folder: Path) -> list[Path]:
-    """Return what is in the folders of an experiment and no experiment writes; empty folders are nobody's."""
     found = []
     for place, folders, files in os.walk(folder):
         here = Path(place)
@@ -102,7 +101,7 @@ def _foreign_below(folder: Path) -> list[Path]:
 
 
 def make_experiment_folder(out: Path, name: str) -> Path:
-    """Return an experiment's empty folder, ending and removing what an earlier run of the same experiment left."""
+    """Return an experiment's empty folder; stop and remove an earlier run's remains."""
     folder = out / name
     if folder.exists():
         stop_network(folder / "network")
@@ -112,6 +111,5 @@ def make_experiment_folder(out: Path, name: str) -> Path:
 
 
 def stop_network(network: Path) -> None:
-    """Stop the nodes of a network folder that still run, as those of a run that was killed do."""
     if (network / "genesis.json").is_file():
         Cluster(network).stop_all()

@@ -1,7 +1,4 @@
-"""The post-stage: what wallets get after a run, judged by the scene's truth.
-
-The paper's claims, each as a check: own data only, no frame of another, others hidden, corruption detected.
-"""
+"""Post-stage: wallets' results checked by ground truth: own data only, others hidden, corruption detected."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ REFUSALS = frozenset({"NOT_PERMITTED", "ACCESS_NOT_GRANTED"})
 
 @dataclass(slots=True)
 class Belongings:
-    """What a person's wallet found: her records as listed, and the pictures that it wrote (for people, and of depth)."""
+    """What a person's wallet found: records as listed, and pictures written."""
 
     records: list[dict[str, Any]] = field(default_factory=list)
     pictures: list[Path] = field(default_factory=list)
@@ -33,12 +30,11 @@ class Belongings:
 
     @property
     def record_ids(self) -> list[str]:
-        """The ids of her records, in hexadecimal."""
         return [str(row["record_id"]) for row in self.records]
 
 
 class PostStage:
-    """Looks with every wallet, and with the eyes of everybody else."""
+    """Checks every wallet's access, also to others' records."""
 
     def __init__(
         self, stage: Stage, scenario: Scenario, pictures: Path, checks: CheckList, tell: Callable[[str], None]
@@ -50,7 +46,6 @@ class PostStage:
         self._tell = tell
 
     async def look(self, people: Sequence[str], kept: int) -> dict[str, Belongings]:
-        """List, fetch, verify and open each person's records; let each try the others'. Returns what each has."""
         found = {alias: await self._open(alias) for alias in people}
         total = sum(len(belongings.depths) for belongings in found.values())
         self._checks.add(
@@ -97,7 +92,6 @@ class PostStage:
         return alias in self._scenario.tagged_aliases
 
     async def _check_own(self, alias: str, found: Belongings) -> None:
-        """Check that each picture is of a moment around her tag's readings in which she was there, and shows her alone."""
         person = next(person for person in self._scenario.people if person.alias == alias)
         covered = covered_frames(self._scenario, alias)
         sequences = {read_robot_frame(path.name) for path in found.depths}
@@ -116,7 +110,6 @@ class PostStage:
         )
 
     def _met_others(self, alias: str, sequences: set[int]) -> bool:
-        """Tell whether somebody else was there when her pictures were taken: then some must have been judged."""
         others = [person for person in self._scenario.people if person.alias != alias]
         rate = self._scenario.frame_rate
         return any(other.place(number / rate) is not None for number in sequences for other in others)
@@ -135,7 +128,6 @@ class PostStage:
         )
 
     async def corrupt_and_verify(self, found: dict[str, Belongings]) -> None:
-        """Flip one bit of one frame in every custodian's store; the wallet must name that frame, and no other."""
         alias = next(alias for alias, belongings in found.items() if belongings.records)
         record = max(found[alias].records, key=lambda row: int(row["frames"]))
         record_id, index = str(record["record_id"]), int(record["frames"]) // 2
@@ -162,7 +154,6 @@ class PostStage:
         self._checks.add("the verdict is on the chain", ok=len(told) == 1, detail=f"{len(told)} about this record")
 
     async def verify_untouched(self, found: dict[str, Belongings]) -> None:
-        """Verify some of everybody's records where nothing was changed: a check that always cried would prove nothing."""
         verdicts: dict[tuple[str, int], str] = {}
         for alias, belongings in found.items():
             if belongings.records:
@@ -176,7 +167,6 @@ class PostStage:
         )
 
     async def _verify(self, alias: str, *record_ids: str) -> dict[tuple[str, int], str]:
-        """Let the wallet verify records (all if none is named); return the status of each (record, frame)."""
         self._tell(f"post-stage: {name_person(alias)} verifies her records")
         answer = await self._stage.wallet(alias, "verify", *record_ids)
         return {

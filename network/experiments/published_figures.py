@@ -1,7 +1,7 @@
-"""What the prototype's two published runs show, as facts to stand beside ours.
+"""Figures of the prototype's two published runs, for comparison.
 
-Worked out from the event logs that the authors of the first BlockRobot prototype published with it; run 1's can be
-worked out again with `blockrobot experiment compare LOG`. The names are those of `figure_rows`.
+Computed from the event logs published with the first BlockRobot prototype; run 1's are reproduced by `blockrobot
+experiment compare LOG`. Names as in `figure_rows`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ SOURCE = (
 
 @dataclass(frozen=True, slots=True)
 class PublishedRun:
-    """One published run: its name on a page, its figures by name, and what else is known of its pairing."""
+    """One published run: display name, figures by name, and pairing facts."""
 
     name: str
     figures: dict[str, float]

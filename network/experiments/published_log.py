@@ -1,9 +1,8 @@
-"""Reads an event log as the prototype's authors published theirs.
+"""Reads an event log in the prototype authors' format.
 
-One line an event: `HH:MM:SS:mmm, ACTIVITY, image sequence number[, tag hash[, txid]]`, milliseconds not padded with
-zeros; a reading is `time, RFID_RETRIEVE, tag words, tag hash`. The hashes are of short numbers and can be reversed, so
-a tag is spoken of by a number: tag-1 is the first that the log names. A log has no date: midnight is taken where a
-time is nearer to the line before on another day.
+A line is `HH:MM:SS:mmm, ACTIVITY, image sequence number[, tag hash[, txid]]`, ms unpadded, or `time, RFID_RETRIEVE, tag
+words, tag hash`. Hashes are reversible, so tags are numbered by appearance. Without dates, midnight is inferred where
+nearer.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _SEQUENCE = re.compile(r"\d{1,18}")
 
 
 class _Tags:
-    """Numbers tags in the order in which the log names them."""
+    """Numbers tags by first appearance."""
 
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
@@ -34,7 +33,7 @@ class _Tags:
 
 
 def parse_published_log(lines: Iterable[str]) -> EventTable:
-    """Return the events of a published log. Raises EVENT_LOG_INVALID with the number of the first line that is wrong."""
+    """Raises EVENT_LOG_INVALID with the number of the first wrong line."""
     tags = _Tags()
     events = []
     before_ms: int | None = None
@@ -57,7 +56,6 @@ def _parse_time(text: str, number: int) -> int:
 
 
 def _near(time_ms: int, before_ms: int | None) -> int:
-    """Return the time on the day on which it is nearest to the line before."""
     if before_ms is None:
         return time_ms
     day = before_ms - before_ms % DAY_MS
@@ -81,7 +79,6 @@ def _parse_event(time_ms: int, parts: list[str], tags: _Tags, number: int) -> Lo
 
 
 def invalid_line(number: int, reason: str) -> BlockRobotError:
-    """Return the error for a line (from 1) of an event log."""
     return BlockRobotError(
         "EVENT_LOG_INVALID", f"Line {number} of the event log cannot be read: {reason}.", line=number
     )

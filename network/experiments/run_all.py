@@ -1,4 +1,4 @@
-"""Runs experiments, each on a network of its own, and writes what they leave."""
+"""Runs experiments, each on its own network, and writes the results."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from network.testbed import NODES_COUNT
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """Where results and recordings go, the first port, and who is told of progress and checks."""
+    """Output and cache folders, first port, and receivers of progress and checks."""
 
     out: Path
     cache: Path
@@ -38,10 +38,9 @@ class RunOptions:
 async def run_experiments(
     chosen: Sequence[tuple[Experiment, Scenario]], options: RunOptions
 ) -> tuple[dict[str, Any], list[Outcome]]:
-    """Run experiments and return the result (`name`, `ok`, `figures`, `conditions`) and what each came to.
+    """Run experiments; return the result (`name`, `ok`, `figures`, `conditions`) and outcomes.
 
-    Raises FOLDER_NOT_EMPTY. Ends everything that it started, also on Ctrl-C, SIGTERM and SIGHUP, and by the guard if it
-    is killed.
+    Raises FOLDER_NOT_EMPTY. Stops everything it started, also on Ctrl-C, SIGTERM, SIGHUP, or by the guard if killed.
     """
     _cancel_on_signals()
     conditions = measure_conditions(nodes=NODES_COUNT, scenarios={item.name: s.digest[:16] for item, s in chosen})
@@ -61,7 +60,6 @@ async def run_experiments(
 
 
 def _cancel_on_signals() -> None:
-    """Let the signals that end a command cancel it, so that what it started is stopped first."""
     task, loop = asyncio.current_task(), asyncio.get_running_loop()
     assert task is not None
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -93,7 +91,6 @@ async def _run_one(experiment: Experiment, scenario: Scenario, options: RunOptio
 
 
 def _leave(outcome: Outcome, folder: Path) -> None:
-    """Write an experiment's files beside its event log."""
     refusal: BlockRobotError | None = None
     drawn: str | None = None
     if outcome.reading is not None:
@@ -105,7 +102,6 @@ def _leave(outcome: Outcome, folder: Path) -> None:
 
 
 def _drawn_by(outcomes: Sequence[Outcome], out: Path) -> str:
-    """Say who drew the process maps: only Graphviz leaves a PNG."""
     drawn = [(out / outcome.experiment.name / "process-map.png").is_file() for outcome in outcomes]
     return "graphviz" if drawn and all(drawn) else "blockrobot"
 

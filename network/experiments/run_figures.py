@@ -1,7 +1,4 @@
-"""What a log says of a run as a whole: what share was paired, where time goes, what was lost.
-
-A frame counts as lost only if its neighbours' numbers show that it existed.
-"""
+"""A run's overall figures: share paired, durations, losses."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ WINDOW_MS = 5_000
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """How long one stretch of the way took, in milliseconds, over `count` frames and owners."""
+    """Durations of one stretch in ms, over `count` (frame, owner) pairs."""
 
     count: int
     mean_ms: float
@@ -34,7 +31,6 @@ class Stretch:
 
     @classmethod
     def of(cls, values_ms: list[int]) -> Stretch:
-        """Return the figures of a list of durations; zeros for none."""
         if not values_ms:
             return cls(0, 0.0, 0.0, 0.0)
         mean = round(sum(values_ms) / len(values_ms), 1)
@@ -43,7 +39,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class RunFigures:
-    """The figures of one run; `stretches` by name. Frames are counted once, however many owners they have."""
+    """Figures of one run; each frame counts once, however many owners."""
 
     length_s: float
     frames_published: int
@@ -61,16 +57,13 @@ class RunFigures:
 
     @property
     def lost_share(self) -> float:
-        """The share of published frames that never arrived."""
         return 1 - self.frames_received / self.frames_published if self.frames_published else 0.0
 
     @property
     def recorded_share(self) -> float:
-        """The share of received frames that are on the chain."""
         return self.frames_recorded / self.frames_received if self.frames_received else 0.0
 
     def as_json(self) -> dict[str, Any]:
-        """Return the figures as JSON."""
         return {
             **asdict(self),
             "lost_share": round(self.lost_share, 4),
@@ -87,7 +80,6 @@ STRETCHES = {
 
 
 def work_out_figures(table: EventTable) -> RunFigures:
-    """Return the figures of a run's table."""
     frames = _frames_by_activity(table)
     received = frames.get(IMAGE_RETRIEVE, {})
     paired, recorded = frames.get(IMAGE_PAIRED, {}), frames.get(BLOCKCHAIN_TRANSACTION, {})
@@ -113,7 +105,6 @@ def work_out_figures(table: EventTable) -> RunFigures:
 
 
 def _frames_by_activity(table: EventTable) -> dict[str, dict[int, int]]:
-    """Return, for each activity, the time at which each frame first met it."""
     frames: dict[str, dict[int, int]] = {}
     for event in table.events:
         if event.sequence is not None:
@@ -126,12 +117,10 @@ def _span(frames: dict[int, int]) -> int:
 
 
 def _busiest_second(times_ms: list[int]) -> int:
-    """Return how many events fell into the fullest second, wherever it begins."""
     return max((bisect_left(times_ms, at + 1000) - place for place, at in enumerate(times_ms)), default=0)
 
 
 def _count_covered(received: dict[int, int], readings_ms: list[int]) -> int:
-    """Count the frames that arrived within five seconds of a reading, by the clock of arrival."""
     covered = 0
     for at in received.values():
         first = bisect_left(readings_ms, at - WINDOW_MS)
@@ -150,7 +139,6 @@ def _stretches(table: EventTable) -> dict[str, Stretch]:
 
 
 def _ways(events: list[LoggedEvent]) -> list[dict[str, int]]:
-    """Return when each activity first happened, for each owner of a case: her own events, and those of nobody."""
     shared = {event.activity: event.time_ms for event in reversed(events) if not event.alias}
     aliases = dict.fromkeys(event.alias for event in events if event.alias)
     ways = []

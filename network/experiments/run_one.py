@@ -1,8 +1,4 @@
-"""One experiment with its pre-, run and post-stage on a network of its own.
-
-Pre: a network, people, wallets, a robot and its roster. Run: the robot records the scenario in real time. Post: what
-each person's wallet gets, what strangers get, and, where the experiment says so, data corrupted behind the chain's back.
-"""
+"""One experiment on its own network."""
 
 from __future__ import annotations
 
@@ -41,7 +37,7 @@ Tell = Callable[[str], None]
 
 @dataclass(slots=True)
 class Outcome:
-    """What an experiment came to."""
+    """Result of an experiment."""
 
     experiment: Experiment
     scenario: Scenario
@@ -54,11 +50,9 @@ class Outcome:
 
     @property
     def ok(self) -> bool:
-        """Whether every check held, and there is a log to show for it."""
         return self.checks.ok and self.reading is not None
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures as JSON."""
         return {
             "ok": self.ok,
             "checks_held": sum(check.ok for check in self.checks.checks),
@@ -73,7 +67,7 @@ class Outcome:
 
 
 class ExperimentRun:
-    """One experiment in one folder, which is empty. `stop` must be called in any case."""
+    """One experiment in an empty folder. `stop` has to be called in any case."""
 
     def __init__(
         self,
@@ -102,7 +96,7 @@ class ExperimentRun:
         return self.outcome.checks
 
     async def run(self) -> Outcome:
-        """Run the stages in order. What a stage raises becomes a failed check, and the experiment ends there."""
+        """Run the stages; an exception becomes a failed check and ends the experiment."""
         for name, stage in (
             ("rendering", self._render),
             ("pre-stage", self._prepare),
@@ -120,7 +114,6 @@ class ExperimentRun:
         return self.outcome
 
     async def stop(self) -> None:
-        """Stop everything that was started."""
         self._stopping = True
         await self.stage.stop()
 
@@ -180,7 +173,6 @@ class ExperimentRun:
         self._check_log(self.outcome.reading)
 
     def _check_frames(self, reading: Reading) -> None:
-        """Hold each tag's frames in the log against the scenario, and the robot's own counts against the log."""
         frames, experiment = self.outcome.robot["frames"], self.outcome.experiment
         scenario = self.outcome.scenario
         arrived = {event.sequence for event in reading.table.of_activity(IMAGE_RETRIEVE)}
@@ -219,7 +211,6 @@ class ExperimentRun:
         )
 
     def _check_log(self, reading: Reading) -> None:
-        """Hold the event log's ways against the frames that it says were kept."""
         pairs = {pair: tally.absolute for pair, tally in reading.graph.pairs.items()}
         kept = total(tag.kept for tag in frames_by_tag(reading.table).values())
         stored = pairs.get(("IMAGE_PAIRED", "DATABASE_PERSISTANCE"), 0)

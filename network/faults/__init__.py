@@ -1,7 +1,7 @@
-"""Breaks a running local network on purpose, and mends it.
+"""Injects faults into a running local network, and repairs them.
 
-`actions.py` says what can be done, `control.py` does it to a cluster, `plan.py` reads plans (TOML, a seed, timed and
-random steps), `run.py` carries a plan out, `profiles.py` names kinds of links. From a test:
+`actions.py`: possible actions, `control.py`: applies them, `plan.py`: plans (TOML), `run.py`: runs them, `profiles.py`:
+link kinds. From a test:
 
     control = FaultControl(cluster)
     await control.carry_out(Partition((("node-1", "node-2"), ("node-3", "node-4"))))

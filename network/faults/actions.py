@@ -1,4 +1,4 @@
-"""What can be done to a network, as values: each says in a line what it does."""
+"""Fault actions as values, each with a description."""
 
 from __future__ import annotations
 
@@ -21,46 +21,40 @@ _LINK = re.compile(r"\s*(\S+?)\s*(<->|->)\s*(\S+?)\s*")
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """SIGKILL: no last word, nothing flushed."""
+    """SIGKILL: nothing flushed."""
 
     node: str
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return (self.node,)
 
     def describe(self) -> str:
-        """Say what is done."""
         return f"kill {self.node}"
 
 
 @dataclass(frozen=True, slots=True)
 class Restart:
-    """Start a node honestly; one that runs is stopped cleanly first. Its other faults stay on."""
+    """Start a node as honest, after a clean stop if running; other faults stay."""
 
     node: str
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return (self.node,)
 
     def describe(self) -> str:
-        """Say what is done."""
         return f"restart {self.node}"
 
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """SIGSTOP: connections stay open, nothing is said."""
+    """SIGSTOP: connections stay open, nothing is sent."""
 
     node: str
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return (self.node,)
 
     def describe(self) -> str:
-        """Say what is done."""
         return f"pause {self.node}"
 
 
@@ -71,26 +65,22 @@ class Resume:
     node: str
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return (self.node,)
 
     def describe(self) -> str:
-        """Say what is done."""
         return f"resume {self.node}"
 
 
 @dataclass(frozen=True, slots=True)
 class Partition:
-    """Nodes of different groups hear nothing of each other. It replaces an earlier partition; one group joins all."""
+    """Isolate groups of nodes. Replaces an earlier partition; one group joins all."""
 
     groups: tuple[tuple[str, ...], ...]
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return tuple(name for group in self.groups for name in group)
 
     def describe(self) -> str:
-        """Say what is done."""
         if len(self.groups) == 1:
             return "join " + ", ".join(self.groups[0])
         return "partition " + " | ".join(", ".join(group) for group in self.groups)
@@ -98,22 +88,21 @@ class Partition:
 
 @dataclass(frozen=True, slots=True)
 class Heal:
-    """All faults of these nodes (of all, if none is named) end; who was killed stays down."""
+    """End all faults of these nodes (none named: all); killed nodes stay down."""
 
     nodes: tuple[str, ...] = ()
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches; nobody for all that take faults."""
+        """Return the nodes affected; empty for all that accept faults."""
         return self.nodes
 
     def describe(self) -> str:
-        """Say what is done."""
         return "heal " + (", ".join(self.nodes) or "everything")
 
 
 @dataclass(frozen=True, slots=True)
 class SetLink:
-    """What is wrong with the direction from one node to another, or with both directions."""
+    """Set the link fault of one direction between nodes, or both."""
 
     source: str
     target: str
@@ -121,61 +110,53 @@ class SetLink:
     is_both: bool = False
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return (self.source, self.target)
 
     def describe(self) -> str:
-        """Say what is done."""
         return f"link {self.source} {'<->' if self.is_both else '->'} {self.target}: {self.fault.describe()}"
 
 
 @dataclass(frozen=True, slots=True)
 class Skew:
-    """Set a node's clock wrong by this much. A change of it is a jump, forward or back."""
+    """Set a node's clock offset; a change is a jump."""
 
     node: str
     offset_ms: int
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return (self.node,)
 
     def describe(self) -> str:
-        """Say what is done."""
         return f"skew {self.node} by {format_duration(self.offset_ms)}"
 
 
 @dataclass(frozen=True, slots=True)
 class FillDisk:
-    """A node's disk under this part is full, or free again."""
+    """Make a node's disk for this part full, or free again."""
 
     node: str
     disk: str
     is_full: bool = True
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return (self.node,)
 
     def describe(self) -> str:
-        """Say what is done."""
         return f"disk of {self.node} under its {self.disk}: {'full' if self.is_full else 'free again'}"
 
 
 @dataclass(frozen=True, slots=True)
 class GoByzantine:
-    """Restart a node as one that lies."""
+    """Restart a node with a Byzantine behaviour."""
 
     node: str
     behaviour: str
     seed: int = 0
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes that it touches."""
         return (self.node,)
 
     def describe(self) -> str:
-        """Say what is done."""
         return f"byzantine {self.node}: {self.behaviour} (seed {self.seed})"
 
 
@@ -184,18 +165,17 @@ Action = Kill | Restart | Pause | Resume | Partition | Heal | SetLink | Skew | F
 
 @dataclass(frozen=True, slots=True)
 class ActionReader:
-    """Makes actions of what a person wrote, for these nodes. All of it raises FAULT_UNKNOWN and FAULT_INVALID."""
+    """Builds actions for these nodes from text. Methods raise FAULT_UNKNOWN and FAULT_INVALID."""
 
     names: Sequence[str] = field(default=())
 
     def node(self, name: str) -> str:
-        """Check a node's name."""
         if name not in self.names:
             raise BlockRobotError("FAULT_UNKNOWN", f"There is no node {name!r}; there are {', '.join(self.names)}.")
         return name
 
     def partition(self, text: str) -> Partition:
-        """Read groups such as `a,b | c,d`; nodes that are not named make one more group."""
+        """Parse groups such as `a,b | c,d`; unnamed nodes form one more group."""
         groups = [tuple(self.node(name.strip()) for name in part.split(",")) for part in text.split("|")]
         named = [name for group in groups for name in group]
         if len(set(named)) != len(named):
@@ -209,7 +189,6 @@ class ActionReader:
         return Partition(tuple(groups))
 
     def link(self, text: str, fault: LinkFault) -> SetLink:
-        """Read `A -> B` or `A <-> B`."""
         found = _LINK.fullmatch(text)
         if found is None:
             raise BlockRobotError("FAULT_INVALID", "A link is `A -> B` (one direction) or `A <-> B`.")
@@ -220,20 +199,17 @@ class ActionReader:
         return SetLink(source, target, fault, is_both=found[2] == "<->")
 
     def skew(self, name: str, offset: str) -> Skew:
-        """Read an offset such as `+1h`, `-90s` or `0`."""
         offset_ms = 0 if offset.strip() in {"0", "+0", "-0"} else parse_duration(offset)
         if abs(offset_ms) > CLOCK_OFFSET_MAX_MS:
             raise BlockRobotError("FAULT_INVALID", "A clock is wrong by ten years at most.")
         return Skew(self.node(name), offset_ms)
 
     def disk(self, name: str, disk: str, *, is_full: bool) -> FillDisk:
-        """Check the name of a disk."""
         if disk not in DISKS:
             raise BlockRobotError("FAULT_UNKNOWN", f"There is no disk {disk!r}; there are {', '.join(DISKS)}.")
         return FillDisk(self.node(name), disk, is_full)
 
     def byzantine(self, name: str, behaviour: str, seed: int) -> GoByzantine:
-        """Check the name of a behaviour."""
         check_behaviour(behaviour)
         return GoByzantine(self.node(name), behaviour, check_seed(seed))
 
@@ -247,7 +223,7 @@ def make_link_fault(
     bandwidth_kbytes_per_s: float | None = None,
     cut: bool = False,
 ) -> LinkFault:
-    """Return a profile's figures with those that are given in their place. Raises FAULT_UNKNOWN, FAULT_INVALID."""
+    """Return a profile's figures, overridden by those given. Raises FAULT_UNKNOWN, FAULT_INVALID."""
     figures = (profile, delay_ms, jitter_ms, loss, bandwidth_kbytes_per_s)
     if cut and any(figure is not None for figure in figures):
         raise BlockRobotError("FAULT_INVALID", "A link that is cut lets nothing through: no profile or figure fits it.")
@@ -266,7 +242,7 @@ def make_link_fault(
 
 
 def _bytes_per_s(kbytes_per_s: float) -> int:
-    """Return a bandwidth in bytes a second. Raises FAULT_INVALID, also for one that would be rounded to no limit."""
+    """Return bytes/s. Raises FAULT_INVALID, also if rounding gives 0 (no limit)."""
     bytes_per_s = kbytes_per_s * 1000
     if not math.isfinite(bytes_per_s) or not (bytes_per_s == 0 or 1 <= bytes_per_s <= BANDWIDTH_MAX_BYTES_PER_S):
         most = BANDWIDTH_MAX_BYTES_PER_S // 1000
@@ -275,14 +251,14 @@ def _bytes_per_s(kbytes_per_s: float) -> int:
 
 
 def check_seed(seed: int) -> int:
-    """Return a seed. Raises FAULT_INVALID for one out of range."""
+    """Raises FAULT_INVALID if out of range."""
     if not 0 <= seed <= SEED_MAX:
         raise BlockRobotError("FAULT_INVALID", f"A seed is a whole number from 0 to {SEED_MAX}.")
     return seed
 
 
 def parse_duration(text: str) -> int:
-    """Return milliseconds of a duration such as `250ms`, `-90s`, `1h30m`. Raises FAULT_INVALID."""
+    """Return the ms of a duration such as `250ms`, `-90s`, `1h30m`. Raises FAULT_INVALID."""
     found = _DURATION.fullmatch(text.strip())
     if found is None:
         raise BlockRobotError("FAULT_INVALID", f"{text!r} is no duration; write 250ms, 2s, -90s, 5m, 1h30m or 2d.")
@@ -293,7 +269,6 @@ def parse_duration(text: str) -> int:
 
 
 def format_duration(duration_ms: int) -> str:
-    """Return a duration as a person writes it, with its sign."""
     if duration_ms == 0:
         return "0"
     sign, rest = ("+" if duration_ms > 0 else "-"), abs(duration_ms)

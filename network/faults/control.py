@@ -1,7 +1,7 @@
-"""Does to a local cluster what an action says.
+"""Applies fault actions to a local cluster.
 
-A node that runs is told over its operator's listener, with the token of its data directory. One that does not is told by
-the file that it reads when it starts, so that a partition holds for whoever was down when it began.
+A running node is reached over its operator listener, with its data directory's token; a stopped one by a file that it
+reads at start, so a partition also holds for it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _POLL_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class NodeFaults:
-    """What is wrong with one node on purpose. `switched` is its own switch's state, None if it does not say."""
+    """A node's injected faults. `switched`: its own switch's state, None if not reported."""
 
     name: str
     running: bool
@@ -54,7 +54,6 @@ class NodeFaults:
     switched: Mapping[str, Any] | None
 
     def describe(self) -> list[str]:
-        """Say in a few words each what is on."""
         said = [] if self.running else ["down"]
         said += ["paused"] if self.paused else []
         said += [f"byzantine: {self.behaviour}"] if self.behaviour else []
@@ -71,13 +70,13 @@ class FaultControl:
     """The faults of one cluster."""
 
     def __init__(self, cluster: Cluster, seed: int = 0) -> None:
-        """`seed` is what the chance of sick links is drawn from, together with the link's ends."""
+        """`seed`, with a link's ends, seeds that link's random losses."""
         self.cluster = cluster
         self.reader = ActionReader(tuple(cluster.names))
         self._seed = seed
 
     async def carry_out(self, action: Action) -> None:
-        """Do one thing. Raises FAULT_UNKNOWN, FAULTS_DISABLED, FAULT_TARGET_ABSENT, CLUSTER_START_FAILED."""
+        """Apply an action. Raises FAULT_UNKNOWN, FAULTS_DISABLED, FAULT_TARGET_ABSENT, CLUSTER_START_FAILED."""
         self._require_allowed(action.touched() or self._allowing())
         match action:
             case Kill(node=node):
@@ -102,7 +101,6 @@ class FaultControl:
                 await self._heal(nodes)
 
     async def state(self) -> list[NodeFaults]:
-        """Ask every node what is on."""
         return list(await asyncio.gather(*(self._state_of(name) for name in self.cluster.names)))
 
     async def _state_of(self, name: str) -> NodeFaults:
@@ -115,7 +113,7 @@ class FaultControl:
         return NodeFaults(name, cluster.is_running(name), is_paused, behaviour, switched)
 
     def require_running(self, name: str) -> None:
-        """Refuse for a node that is down what only one that runs could notice. Raises FAULT_TARGET_ABSENT."""
+        """Raise FAULT_TARGET_ABSENT for a node that is down."""
         self._running(name)
 
     def _running(self, name: str) -> Cluster:
@@ -124,20 +122,19 @@ class FaultControl:
         return self.cluster
 
     def _allowing(self) -> tuple[str, ...]:
-        """Return the nodes that take faults: the others have none to end. Raises FAULTS_DISABLED if nobody does."""
+        """Raises FAULTS_DISABLED."""
         found = tuple(name for name in self.cluster.names if self.cluster.config(name).faults_enabled)
         if not found:
             raise BlockRobotError("FAULTS_DISABLED", "No node of this network takes faults.")
         return found
 
     def _require_allowed(self, names: Iterable[str]) -> None:
-        """Refuse before anything is done, if one of these nodes takes no faults. Raises FAULTS_DISABLED."""
+        """Raise FAULTS_DISABLED, before anything is done, if a node accepts no faults."""
         for name in names:
             if not self.cluster.config(self.reader.node(name)).faults_enabled:
                 raise BlockRobotError("FAULTS_DISABLED", f"{name} takes no faults: its node.toml does not allow them.")
 
     def _require_listening(self, names: Iterable[str]) -> None:
-        """Refuse before anything is done, if one of these nodes is paused and would not hear of it."""
         for name in names:
             if self.cluster.is_paused(name):
                 raise BlockRobotError("FAULT_TARGET_ABSENT", f"{name} is paused.")
@@ -193,10 +190,7 @@ class FaultControl:
     # Talking to one node
 
     async def _switched(self, name: str) -> Mapping[str, Any]:
-        """Return what a node's switch says is on; of one that is down or paused, what its file says.
-
-        Raises FAULTS_DISABLED, FAULT_TARGET_ABSENT.
-        """
+        """Raises FAULTS_DISABLED and FAULT_TARGET_ABSENT."""
         self._require_allowed([name])
         if not self.cluster.is_running(name) or self.cluster.is_paused(name):
             return self._switch_of(name).describe()
@@ -209,7 +203,6 @@ class FaultControl:
             self._switch_of(name).request(body)
 
     async def _ask_patiently(self, name: str, method: str, body: bytes) -> Mapping[str, Any] | None:
-        """Ask a node that runs, waiting for one that is starting; None if it does not run. Raises as `_ask`."""
         deadline_s = time.monotonic() + STARTING_TIMEOUT_S
         while self.cluster.is_running(name):
             try:
@@ -222,7 +215,6 @@ class FaultControl:
         return None
 
     def _switch_of(self, name: str) -> FaultSwitch:
-        """Return the switch of a node that does not run, which only writes its file."""
         return FaultSwitch(name, self.cluster.config(name).data_dir, WallClock())
 
     async def _ask(self, name: str, method: str, body: bytes) -> Mapping[str, Any]:

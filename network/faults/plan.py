@@ -1,6 +1,6 @@
-"""Fault plans: TOML with a seed, timed steps and random ones.
+"""Fault plans: TOML with a seed, timed and random steps.
 
-seed = 7
+    seed = 7
 
     [[step]]
     at = "2s"
@@ -18,8 +18,8 @@ seed = 7
     lasting = "3s"
     do = ["kill", "pause", "partition", "link", "skew"]
 
-A random table draws, every so often, one of its kinds and a node (or the groups, a link, a clock) from the seed, and ends
-that fault again after `lasting`. The draws are made when the plan is read, so that a dry run shows what will happen.
+A random table draws a kind and target from the seed and ends the fault after `lasting`. Draws are made at parsing, so a
+dry run shows them.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ _OF_ONE_NODE: dict[str, Callable[[str], Action]] = {"kill": Kill, "restart": Res
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One thing to do, at a time after the plan's start. `line` is where the plan says so."""
+    """An action at a time after the plan's start, with its source line."""
 
     at_ms: int
     action: Action
@@ -87,14 +87,14 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
-    """What to do, in order of time."""
+    """Steps in order of time."""
 
     seed: int
     steps: tuple[Step, ...]
 
 
 def parse_plan(text: str, names: Sequence[str]) -> FaultPlan:
-    """Read a plan for a network of these nodes. Raises FAULT_PLAN_INVALID, whose detail begins with the line."""
+    """Raises FAULT_PLAN_INVALID, whose detail begins with the line."""
     try:
         document = read_toml_text(text)
     except TextInvalidError as error:
@@ -115,7 +115,7 @@ def _wrong(line: int, detail: str) -> BlockRobotError:
 
 
 class _PlanReader:
-    """One document, with the lines that its tables begin on."""
+    """One document, with its tables' first lines."""
 
     def __init__(self, text: str, document: dict[str, Any], names: Sequence[str]) -> None:
         self._lines = split_lines(text)
@@ -130,7 +130,6 @@ class _PlanReader:
             raise _wrong(self._line_of("seed", 1), f"the seed is a whole number from 0 to {SEED_MAX}.")
 
     def _line_of(self, key: str, from_line: int) -> int:
-        """Return the line of a key at or behind a line, but in the same table; else the line itself."""
         for number, line in enumerate(self._lines[from_line - 1 :], start=from_line):
             if number > from_line and line.lstrip().startswith("["):
                 break
@@ -150,7 +149,6 @@ class _PlanReader:
         return list(zip(lines, tables, strict=True))
 
     def steps(self) -> list[Step]:
-        """Return all steps, those drawn by chance among them."""
         steps = [self._step(line, dict(table)) for line, table in self._tables("step")]
         chance = Random(self.seed)  # noqa: S311 - a plan is to be repeated
         for line, table in self._tables("random"):
@@ -170,7 +168,6 @@ class _PlanReader:
         return Step(at_ms, self.checked(line, table, lambda: action_of(self._reader, kind, table)), line)
 
     def checked(self, line: int, table: dict[str, Any], read: Callable[[], Action]) -> Action:
-        """Read an action; what is wrong with it is said with the line of the value that is named, if one is."""
         try:
             return read()
         except BlockRobotError as error:
@@ -178,7 +175,6 @@ class _PlanReader:
             raise _wrong(self._line_of(str(key), line) if key else line, error.detail) from None
 
     def duration(self, line: int, table: dict[str, Any], key: str) -> int:
-        """Take a duration out of a table."""
         value = table.pop(key, None)
         place = self._line_of(key, line)
         if not isinstance(value, str):
@@ -193,7 +189,7 @@ class _PlanReader:
 
 
 def action_of(reader: ActionReader, kind: str, table: Mapping[str, Any]) -> Action:
-    """Return the action of a step of this kind with these fields. Raises FAULT_UNKNOWN, FAULT_INVALID."""
+    """Return a step's action. Raises FAULT_UNKNOWN, FAULT_INVALID."""
     make = _OF_ONE_NODE.get(kind)
     if make is not None:
         return make(reader.node(_text(table, "node")))
@@ -225,7 +221,6 @@ def _text(table: Mapping[str, Any], key: str) -> str:
 
 
 def _figures(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the figures of a link as they are given, checked for their kind."""
     given: dict[str, Any] = {}
     for key in _FIGURES:
         if key not in table:
@@ -262,7 +257,6 @@ class _Draws:
             raise _wrong(line, f"that is more than {STEPS_MAX_COUNT} faults.")
 
     def steps(self) -> list[Step]:
-        """Draw one fault for each moment, and its end."""
         drawn: list[Step] = []
         for at_ms in range(self._from_ms, self._to_ms + 1, self._every_ms):
             begin, end = self._draw(self._chance.choice(self._kinds))

@@ -1,7 +1,4 @@
-"""Kinds of links by name.
-
-Figures are for one direction, so that a round trip takes twice the delay.
-"""
+"""Link kinds by name; figures are per direction, so a round trip doubles the delay."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from node.p2p.shaping import LinkFault
 
 @dataclass(frozen=True, slots=True)
 class LinkProfile:
-    """A kind of link and what it stands for."""
+    """A kind of link and its meaning."""
 
     fault: LinkFault
     meaning: str
@@ -40,7 +37,7 @@ LINK_PROFILES: dict[str, LinkProfile] = {
 
 
 def link_profile(name: str) -> LinkFault:
-    """Return what is wrong with a link of this kind. Raises FAULT_UNKNOWN."""
+    """Raises FAULT_UNKNOWN."""
     if name not in LINK_PROFILES:
         raise BlockRobotError(
             "FAULT_UNKNOWN", f"There is no link profile {name!r}; there are {', '.join(LINK_PROFILES)}."

@@ -1,8 +1,4 @@
-"""What a person asked for, by a command or a button: one way for both.
-
-`read_action` makes an action of named fields, as a plan's step has them; `open_control` refuses a network that does not
-run; `carry_out_requested` refuses what only a node that runs could notice, does it, and waits for a node that it started.
-"""
+"""Fault actions requested by command or button: parsing, checks and application."""
 
 from __future__ import annotations
 
@@ -19,14 +15,14 @@ LINK_SEED = "seed"
 
 
 def open_control(cluster: Cluster, seed: int = 0) -> FaultControl:
-    """Return the faults of a network of which a node runs. Raises CLUSTER_NOT_RUNNING."""
+    """Return a running network's faults. Raises CLUSTER_NOT_RUNNING."""
     if not any(cluster.is_running(name) for name in cluster.names):
         raise BlockRobotError("CLUSTER_NOT_RUNNING", f"No node of the network in {cluster.folder} is running.")
     return FaultControl(cluster, seed)
 
 
 def read_action(fields: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Action, int]:
-    """Return the action that `do` and the fields of its kind name, and the seed of a link's chance.
+    """Return the action of `do` and its fields, and the link's seed.
 
     Raises FAULT_UNKNOWN, FAULT_INVALID.
     """
@@ -48,9 +44,9 @@ def read_action(fields: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Acti
 
 
 async def carry_out_requested(control: FaultControl, action: Action) -> tuple[str, ...]:
-    """Do one thing, wait for the nodes that it starts, and return these: a liar becomes honest by a new start only.
+    """Apply an action, wait for started nodes and return them.
 
-    Raises what `FaultControl.carry_out` and `wait_answering` do.
+    Raises as `FaultControl.carry_out` and `wait_answering`.
     """
     started: tuple[str, ...] = ()
     match action:

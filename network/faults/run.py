@@ -1,4 +1,4 @@
-"""Carries a fault plan out, step by step, on time."""
+"""Runs a fault plan, step by step, on time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from network.faults.plan import FaultPlan, Step
 
 @dataclass(frozen=True, slots=True)
 class StepDone:
-    """What became of a step: when it was done, after the plan's start, and what went wrong, if anything did."""
+    """Result of a step: time after the plan's start, and error if any."""
 
     step: Step
     at_ms: int
@@ -21,9 +21,9 @@ class StepDone:
 
 
 async def run_plan(plan: FaultPlan, control: FaultControl, tell: Callable[[StepDone], None]) -> list[StepDone]:
-    """Carry a plan out and tell of each step as it is done; return all of them.
+    """Run a plan, report each step to `tell` and return all.
 
-    A step that fails (a node to be killed is down already) does not end the plan: its error is told and returned.
+    A failed step does not end the plan; its error is reported.
     """
     loop = asyncio.get_running_loop()
     started_s = loop.time()

@@ -1,7 +1,4 @@
-"""Executes finalized blocks again on a state of its own, to learn which transaction wrote a key.
-
-What it begins with is genesis or a verified snapshot, and every block has to give the root that its header names.
-"""
+"""Re-executes finalized blocks to find which transaction wrote a key."""
 
 from __future__ import annotations
 
@@ -22,7 +19,7 @@ from node.storage.memory_store import MemoryRestore
 
 @dataclass(frozen=True, slots=True)
 class Writer:
-    """What wrote a key last: the block, and the transaction in it (None if the block did so by itself)."""
+    """A key's last writer: block and transaction (None: the block itself)."""
 
     height: int
     block_id: bytes
@@ -31,7 +28,7 @@ class Writer:
 
 @dataclass(slots=True)
 class Base:
-    """A state that can be believed, and the block that it comes after."""
+    """A trusted state and the block it follows."""
 
     state: MemoryState
     height: int
@@ -39,7 +36,7 @@ class Base:
 
 
 def base_of_genesis(genesis: Genesis) -> Base:
-    """Return the state that the chain begins with. Raises GENESIS_INVALID."""
+    """Return the initial state. Raises GENESIS_INVALID."""
     opened = open_genesis(genesis)
     state = MemoryState()
     state.absorb(opened.writes, opened.pages, opened.state_root)
@@ -47,7 +44,7 @@ def base_of_genesis(genesis: Genesis) -> Base:
 
 
 def base_of_snapshot(source: SnapshotSource, genesis: Genesis) -> Base:
-    """Return the state of a snapshot, verified from genesis on. It is held in memory. Raises SNAPSHOT_*."""
+    """Return a snapshot's state in memory, verified from genesis. Raises SNAPSHOT_*."""
     restore = MemoryRestore()
     head = restore_into(source, genesis, restore)
     state = MemoryState()
@@ -58,7 +55,7 @@ def base_of_snapshot(source: SnapshotSource, genesis: Genesis) -> Base:
 
 
 def execute_on(machine: Machine, parent: StateView, block: Block) -> tuple[Overlay, bool]:
-    """Execute a finalized block; return what it makes of the state, and whether that has the root of its header."""
+    """Execute a finalized block; return its state and whether the root matches."""
     header = block.header
     transactions = [decode_transaction(wire) for wire in block.transactions]
     gives_up = header.gives_up_change
@@ -68,7 +65,7 @@ def execute_on(machine: Machine, parent: StateView, block: Block) -> tuple[Overl
 
 
 class Replay:
-    """Goes forward block by block from a base, and remembers who wrote the keys that are asked for."""
+    """Replays blocks from a base and tracks the requested keys' writers."""
 
     def __init__(self, machine: Machine, base: Base, keys: Iterable[bytes] = ()) -> None:
         self._machine = machine
@@ -78,18 +75,16 @@ class Replay:
 
     @property
     def height(self) -> int:
-        """The height of the newest block that was replayed."""
         return self._base.height
 
     @property
     def state(self) -> MemoryState:
-        """The state after that block."""
         return self._base.state
 
     def run(self, read: Callable[[int], Block | None], until: int, progress: Callable[[int], None]) -> None:
-        """Replay blocks up to a height, as `read` gives them.
+        """Replay blocks, as `read` gives them, up to a height.
 
-        Raises BLOCK_PRUNED where a block is missing, BLOCK_INVALID where one does not follow or gives another root.
+        Raises BLOCK_PRUNED if one is missing, BLOCK_INVALID if unlinked or with another root.
         """
         while self._base.height < until:
             height = self._base.height + 1
@@ -100,7 +95,7 @@ class Replay:
             progress(height)
 
     def take(self, block: Block) -> None:
-        """Replay the next block. Raises BLOCK_INVALID."""
+        """Raises BLOCK_INVALID."""
         header = block.header
         if header.parent_id != self._base.block_id:
             raise BlockRobotError("BLOCK_INVALID", f"Block {header.height} does not follow the one replayed before it.")
@@ -115,7 +110,7 @@ class Replay:
 
 
 def find_writers(machine: Machine, parent: StateView, block: Block, keys: Iterable[bytes]) -> dict[bytes, Writer]:
-    """Return which transaction of a block wrote each of these keys last: each is executed by itself, in order."""
+    """Return each key's last writing transaction, executing one at a time."""
     header: Header = block.header
     found = {key: Writer(header.height, block.block_id, None) for key in sorted(keys)}
     view, gives_up = parent, header.gives_up_change

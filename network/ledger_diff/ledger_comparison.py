@@ -1,8 +1,7 @@
-"""Compares two nodes' ledgers: the first block, and then the state keys, on which they differ.
+"""Compares two nodes' ledgers: first differing block, then differing state keys.
 
-Headers name their parents, so the first that differs is found by bisection. Where all headers are equal, bodies and
-receipts are compared byte for byte, then the state: the trie by pages, going down only where two pages refer to
-different things, and the flat tables row by row, which finds values that no longer are what the trie says.
+Headers are bisected. If equal, bodies and receipts are compared bytewise, then tries (only differing pages) and flat
+tables row by row, which finds values that the trie contradicts.
 """
 
 from __future__ import annotations
@@ -36,9 +35,9 @@ DifferenceKind = Literal["none", "header", "body", "receipts", "state"]
 
 @dataclass(frozen=True, slots=True)
 class KeyDifference:
-    """A flat key and what either side holds under it (None: nothing).
+    """A flat key and both values (None: absent).
 
-    `agrees` tells of each side whether its value is the one that the header's state root proves.
+    `agrees`: whether each value is proved by the header's state root.
     """
 
     key: bytes
@@ -48,7 +47,7 @@ class KeyDifference:
 
 @dataclass(slots=True)
 class Comparison:
-    """What a comparison found. `height` is that of the first block that differs, or of the compared state."""
+    """A comparison's result; `height` of the first differing block or compared state."""
 
     kind: DifferenceKind
     height: int
@@ -61,7 +60,6 @@ class Comparison:
 
     @property
     def is_same(self) -> bool:
-        """Tell whether nothing differs."""
         return self.kind == "none"
 
 
@@ -74,7 +72,7 @@ class Pages(Protocol):
 
 
 def newest_height(ledger: LedgerSnapshot) -> int:
-    """Return the height of a ledger's newest block. Raises STORAGE_DAMAGED if there is none."""
+    """Raises STORAGE_DAMAGED if there is no block."""
     if ledger.position is None:
         raise BlockRobotError("STORAGE_DAMAGED", "The ledger holds no block.")
     return ledger.position.height
@@ -84,7 +82,7 @@ def newest_height(ledger: LedgerSnapshot) -> int:
 
 
 def lowest_common_header(first: LedgerSnapshot, second: LedgerSnapshot, top: int) -> int:
-    """Return the lowest height from which both know every header up to `top` (by bisection: gaps are below)."""
+    """Return the lowest height from which both have all headers to `top` (bisection)."""
     low, high = 0, top
     while low < high:
         middle = (low + high) // 2
@@ -96,7 +94,7 @@ def lowest_common_header(first: LedgerSnapshot, second: LedgerSnapshot, top: int
 
 
 def first_other_header(first: LedgerSnapshot, second: LedgerSnapshot, low: int, top: int) -> int | None:
-    """Return the lowest height from `low` to `top` at which the headers differ, or None."""
+    """Return the lowest height in `low` to `top` with different headers, or None."""
     if read_header_bytes(first, top) == read_header_bytes(second, top):
         return None
     high = top
@@ -110,7 +108,6 @@ def first_other_header(first: LedgerSnapshot, second: LedgerSnapshot, low: int, 
 
 
 def compare_blocks(first: LedgerSnapshot, second: LedgerSnapshot) -> Comparison:
-    """Compare headers, bodies and receipts up to the lower of the two heights."""
     top = min(newest_height(first), newest_height(second))
     low = lowest_common_header(first, second, top)
     bodies_from = max(first.earliest_height, second.earliest_height)
@@ -137,14 +134,13 @@ _Leaf = tuple[bytes, bytes | None, bytes | None]
 
 
 class _Walk:
-    """Goes down two tries at once, where they refer to different things."""
+    """Descends two tries where they differ."""
 
     def __init__(self, first: Pages, second: Pages) -> None:
         self._sides = (first, second)
         self.damaged: list[str] = []
 
     def leaves(self, path: bytes, slots: tuple[_Slot, _Slot]) -> Iterator[_Leaf]:
-        """Yield (SHA-256 of a key, value hash here, value hash there) of what differs below two slots."""
         if slots[0] == slots[1]:
             return
         branches = [slot is not None and len(slot) == HASH_SIZE_BYTES for slot in slots]
@@ -168,7 +164,6 @@ class _Walk:
             yield from self._all(side, path + b"%x" % nibble, _slot_of(page, nibble))
 
     def load(self, side: int, path: bytes, expected: bytes) -> bytes | None:
-        """Return a page of one side, noting it if it is not the one that is expected; None if it makes no sense."""
         page = self._sides[side].page(path)
         if page is None or not is_page(page) or hash_page(page) != expected:
             self.damaged.append(f"{'AB'[side]}:{path.decode() or 'root'}")
@@ -176,7 +171,6 @@ class _Walk:
 
 
 def damaged_pages(view: StateView, side: int) -> Iterator[str]:
-    """Walk one whole trie and yield the places of pages that are missing or not what refers to them."""
     walk = _Walk(view, view)
     waiting: list[tuple[bytes, bytes]] = [] if view.state_root == EMPTY_ROOT else [(b"", view.state_root)]
     while waiting:
@@ -207,7 +201,7 @@ def _root_slot(root: bytes) -> _Slot:
 
 
 def differing_paths(first: StateView, second: StateView, damaged: list[str]) -> Iterator[bytes]:
-    """Yield the SHA-256 of every key on which two tries differ; pages that are not what refers to them are noted."""
+    """Yield SHA-256 of keys on which tries differ; note damaged pages."""
     walk = _Walk(first, second)
     for path, _, _ in walk.leaves(b"", (_root_slot(first.state_root), _root_slot(second.state_root))):
         yield path
@@ -215,7 +209,7 @@ def differing_paths(first: StateView, second: StateView, damaged: list[str]) -> 
 
 
 def differing_rows(first: StateView, second: StateView) -> Iterator[tuple[bytes, bytes | None, bytes | None]]:
-    """Yield (flat key, value here, value there) of every row on which two flat tables differ, in key order."""
+    """Yield (flat key, both values) of differing rows, in key order."""
     sides = [iter(view.scan(b"", STATE_ROWS_MAX_COUNT)) for view in (first, second)]
     heads = [next(side, None) for side in sides]
     while heads[0] is not None or heads[1] is not None:
@@ -230,7 +224,6 @@ def differing_rows(first: StateView, second: StateView) -> Iterator[tuple[bytes,
 
 
 def _agrees(view: StateView, root: bytes, key: bytes, value: bytes | None) -> bool:
-    """Tell whether the root proves this value of a key, with the pages of this view."""
     try:
         verify_proof(root, key, value, prove(view, root, key))
     except BlockRobotError:
@@ -239,10 +232,7 @@ def _agrees(view: StateView, root: bytes, key: bytes, value: bytes | None) -> bo
 
 
 def compare_states(first: StateView, second: StateView, header: Header, *, full: bool = False) -> Comparison:
-    """Compare two states that should both be the one after `header`: tries first, then the flat tables.
-
-    `full` looks at every page of both tries too, not only at those below which something differs.
-    """
+    """Compare two states after `header`: tries, then flat tables. `full` reads all pages."""
     found = Comparison("none", header.height)
     if full:
         found.damaged_pages += [*damaged_pages(first, 0), *damaged_pages(second, 1)]
@@ -285,7 +275,6 @@ def _hash_of(value: bytes | None) -> bytes | None:
 
 
 def _proves(view: StateView, root: bytes, key: bytes) -> bool:
-    """Tell whether a view has all pages that lead from the root to a key."""
     try:
         prove(view, root, key)
     except BlockRobotError:
@@ -294,7 +283,6 @@ def _proves(view: StateView, root: bytes, key: bytes) -> bool:
 
 
 def _trie_value(view: StateView, key: bytes) -> bytes | None:
-    """Return the value hash that a view's own trie has for a key, or None. Damaged pages count as nothing."""
     path = sha256(key)
     slot = _root_slot(view.state_root)
     digits = path.hex().encode()
@@ -309,7 +297,6 @@ def _trie_value(view: StateView, key: bytes) -> bytes | None:
 
 
 def read_block(ledgers: tuple[LedgerSnapshot, ...], height: int) -> Block | None:
-    """Return the first body of this height that one of the ledgers has."""
     for ledger in ledgers:
         data = ledger.block(height)
         if data is not None:

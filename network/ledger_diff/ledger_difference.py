@@ -1,4 +1,4 @@
-"""Tells on what two nodes differ: the first block, the first state key, and the transaction that wrote it."""
+"""Where two nodes differ: first block, first state key, its writing transaction."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Ledgers = tuple[LedgerSnapshot, LedgerSnapshot]
 
 @dataclass(slots=True)
 class Difference:
-    """What a comparison of two ledgers found, side by side. `keys` come in the order in which they were written."""
+    """A ledger comparison side by side; `keys` in order of writing."""
 
     comparison: Comparison
     heights: tuple[int, int]
@@ -47,7 +47,7 @@ def _say_nothing(_height: int) -> None:
 
 
 class LedgerDiff:
-    """Compares two open ledgers of one chain. `open_base` gives the state that a replay begins with."""
+    """Compares two open ledgers of one chain. `open_base` gives the replay's base."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class LedgerDiff:
         self._full = full
 
     def run(self) -> Difference:
-        """Compare. Raises STORAGE_DAMAGED if a ledger holds no block."""
+        """Raises STORAGE_DAMAGED if a ledger holds no block."""
         first, second = self._ledgers
         heights = newest_height(first), newest_height(second)
         blocks = compare_blocks(first, second)
@@ -88,7 +88,6 @@ class LedgerDiff:
     # State
 
     def _compare_states(self, found: Difference) -> Comparison | None:
-        """Compare the states at the higher of the two heights; the other one is brought up to it in memory."""
         top = max(found.heights)
         header = self._header(top)
         try:
@@ -99,7 +98,7 @@ class LedgerDiff:
         return compare_states(views[0], views[1], header, full=self._full)
 
     def _bring_up(self, ledger: LedgerSnapshot, top: int) -> StateView:
-        """Return the ledger's state after block `top`, by executing what it lacks. Raises BLOCK_PRUNED."""
+        """Raises BLOCK_PRUNED."""
         height = newest_height(ledger)
         if top - height > BROUGHT_UP_MAX_COUNT:
             raise BlockRobotError("BLOCK_PRUNED", f"One node is {top - height} blocks behind: let it catch up first.")
@@ -124,7 +123,6 @@ class LedgerDiff:
         return block.header
 
     def _replay(self, found: Difference, until: int, keys: list[bytes]) -> Replay | None:
-        """Replay up to a height; None, with a note, where that cannot be."""
         try:
             replay = Replay(self._machine, self._open_base(), keys)
             replay.run(lambda height: read_block(self._ledgers, height), until, self._progress)
@@ -147,7 +145,6 @@ class LedgerDiff:
     # Forks
 
     def _look_into_fork(self, found: Difference) -> None:
-        """Execute both blocks on the state below them, and compare what they write."""
         blocks = [None if data is None else decode(data, Block) for data in self._at(found.comparison.height)]
         if blocks[0] is None or blocks[1] is None:
             found.notes.append("The bodies of the differing blocks were pruned.")
@@ -184,13 +181,11 @@ def _height_of(writer: Writer | None) -> int:
 
 
 def describe_key(key: bytes) -> dict[str, str]:
-    """Return a flat key for people: the contract, the key within it as text and hex, and both in hex."""
     contract, _, rest = key.partition(b"\x00")
     return {"contract": contract.decode("utf-8", "replace"), "key": _readable(rest), "flat_key": key.hex()}
 
 
 def _readable(key: bytes) -> str:
-    """Return the leading text of a key as it is and the rest in hex."""
     end = 0
     while end < len(key) and 0x20 < key[end] < 0x7F:
         end += 1
@@ -248,7 +243,6 @@ def _describe_header(data: bytes | None) -> dict[str, Any] | None:
 
 
 def _fits_header(ledger: LedgerSnapshot, height: int) -> bool:
-    """Tell whether a stored body and its receipts are those that their header names."""
     data, receipts = ledger.block(height), ledger.receipts(height)
     try:
         block = decode(data or b"", Block)
@@ -261,7 +255,6 @@ def _fits_header(ledger: LedgerSnapshot, height: int) -> bool:
 
 
 def describe_difference(found: Difference, names: tuple[str, str], ledgers: Ledgers) -> dict[str, Any]:
-    """Return what was found as one object, ready for JSON. `A` is the first of the two names."""
     comparison = found.comparison
     sides = dict(zip("AB", names, strict=True))
     described: dict[str, Any] = {

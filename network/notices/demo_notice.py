@@ -1,4 +1,4 @@
-"""The privacy notice of the demonstration hospital, as it ships."""
+"""The demonstration hospital's privacy notice, as shipped."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ DEMO_ORGANISATION = "hospital"
 
 
 def demo_notice_text() -> str:
-    """Return the TOML file, with its remarks on how to write one of your own."""
     return resources.files("network.notices").joinpath("demo_notice.toml").read_text(encoding="utf-8")
 
 
 @cache
 def demo_notice() -> Notice:
-    """Return the notice."""
     return notice_from(read_toml_text(demo_notice_text()))

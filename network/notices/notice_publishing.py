@@ -1,4 +1,4 @@
-"""Publishes what an organisation tells people, from its admin's key."""
+"""Publishes an organisation's privacy notice with its admin's key."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice
 async def publish_notice(
     client: NetworkClient, key: PrivateKey, organisation: str, notice: Notice
 ) -> tuple[PublishedNotice, bool]:
-    """Publish a notice for an admin's organisation unless it is in force; tell whether it is new.
+    """Publish a notice unless in force; return whether it is new.
 
-    Raises NOTICE_INVALID, NOTICE_NOT_FOUND if another admin was faster, and what `NetworkClient.call` raises.
+    Raises NOTICE_INVALID, NOTICE_NOT_FOUND if another admin was faster, and as `NetworkClient.call`.
     """
     before = await read_notice(client, organisation)
     if before is not None and before.notice == notice:
@@ -32,9 +32,9 @@ async def publish_notice(
 
 
 async def publish_demo_notice(folder: Path) -> int:
-    """Publish the demonstration's notice on a network of this machine unless its hospital has one; return the version.
+    """Publish the demonstration's notice on a local network unless present; return its version.
 
-    Raises what `publish_notice` raises, OSError if the hospital's admin key is not here.
+    Raises as `publish_notice`; OSError without the hospital's admin key.
     """
     genesis = genesis_from_json((folder / "genesis.json").read_text(encoding="utf-8"))
     key = PrivateKey((folder / "organisations" / DEMO_ORGANISATION / "admin.key").read_bytes())

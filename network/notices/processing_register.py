@@ -1,4 +1,4 @@
-"""The register of processing activities of Art. 30, made from the chain and the notice in force."""
+"""The Art. 30 register of processing activities, from chain and notice."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OPEN = (
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A node of the network: who runs it, where it is reached, and whether it keeps clips."""
+    """A node: operator, address, and whether it keeps clips."""
 
     name: str
     organisation: str
@@ -35,7 +35,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Activities:
-    """The register of one organisation as of one block."""
+    """One organisation's register as of one block."""
 
     published: PublishedNotice
     height: int
@@ -45,17 +45,15 @@ class Activities:
 
     @property
     def notice(self) -> Notice:
-        """The notice in force."""
         return self.published.notice
 
     @property
     def processors(self) -> tuple[str, ...]:
-        """The other organisations whose nodes keep what robots record: joint controllers or processors, by contract."""
+        """Return other organisations whose nodes keep recordings: joint controllers or processors, by contract."""
         own = self.published.row.organisation
         return tuple(sorted({place.organisation for place in self.places if place.keeps_clips} - {own}))
 
     def as_json(self) -> dict[str, Any]:
-        """Return the register for a program."""
         notice, row = self.notice, self.published.row
         activities = [
             {
@@ -102,7 +100,7 @@ def _party(party: Party) -> dict[str, str]:
 
 
 async def read_activities(client: NetworkClient, organisation: str, membership: MembershipView) -> Activities:
-    """Read the register of an organisation, proved. Raises NOTICE_NOT_FOUND where it tells people nothing."""
+    """Read an organisation's proved register. Raises NOTICE_NOT_FOUND without a notice."""
     published = await read_notice(client, organisation)
     if published is None:
         raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} has published none, and the register rests on it.")
@@ -114,7 +112,7 @@ async def read_activities(client: NetworkClient, organisation: str, membership: 
 
 
 def _on_one_line(text: str) -> str:
-    """Return words of a notice for Markdown, where a further line could be a heading or a row."""
+    """Return text on one line, since further lines could inject Markdown headings or rows."""
     return " ".join(text.split())
 
 
@@ -126,7 +124,6 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def tell_activities(found: Activities) -> str:
-    """Return the register as Markdown, in the order of Art. 30(1)."""
     notice, row = found.notice, found.published.row
     when = show_utc_moment(found.time_ms)
     lines = [

@@ -1,7 +1,4 @@
-"""Looks at certificate authorities before an organisation is tied to them.
-
-No contract can read a certificate: what is proposed is checked here, by who proposes it and by who approves.
-"""
+"""Checks certificate authorities before an organisation is bound to them."""
 
 from __future__ import annotations
 
@@ -21,16 +18,16 @@ _OWNER_FIELDS = {"add_org": "name", "replace_ca": "organisation"}
 
 
 def check_authority_change(kind: str, arguments: Mapping[str, Any], organisations: Iterable[OrganisationRow]) -> None:
-    """Refuse a proposal that gives an organisation an authority that is none, or another's. Raises AUTHORITY_UNFIT."""
+    """Reject a proposal with an invalid or foreign authority. Raises AUTHORITY_UNFIT."""
     if kind in _OWNER_FIELDS:
         check_authority(arguments["ca_certificate"], arguments[_OWNER_FIELDS[kind]], organisations)
 
 
 def check_authority(ca_certificate: str, owner: str, organisations: Iterable[OrganisationRow]) -> None:
-    """Refuse certificates (PEM) that cannot be the authority of `owner` beside the other organisations.
+    """Reject certificates (PEM) unfit as `owner`'s authority. Raises AUTHORITY_UNFIT.
 
-    Each must be one that may sign certificates, with a key that no other organisation's authority has and without
-    another organisation's name in its subject. Raises AUTHORITY_UNFIT.
+    Each has to be a CA, with a key of no other organisation's authority and no other organisation's name in its
+    subject.
     """
     found = load_authorities(ca_certificate)
     if not found:
@@ -50,7 +47,7 @@ def check_authority(ca_certificate: str, owner: str, organisations: Iterable[Org
 
 
 def _key_of(certificate: x509.Certificate) -> bytes:
-    """Return a certificate's public key (DER); of one that cannot be read, what no other has: the certificate."""
+    """Return the public key (DER); if unreadable, the certificate itself."""
     try:
         return certificate.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
     except (ValueError, UnsupportedAlgorithm):
@@ -58,7 +55,6 @@ def _key_of(certificate: x509.Certificate) -> bytes:
 
 
 def _may_sign(certificate: x509.Certificate) -> bool:
-    """Tell whether a certificate says of itself that it is an authority's, whose key signs certificates."""
     try:
         extensions = certificate.extensions
         basic = extensions.get_extension_for_class(x509.BasicConstraints).value

@@ -1,7 +1,7 @@
-"""Certificate authorities of organisations and certificates of their nodes.
+"""Organisations' certificate authorities and their nodes' certificates.
 
-Each organisation has one CA (ECDSA P-256). Its certificate stands in the genesis file; a node proves who it is with a
-certificate whose common name is the node's name, signed by the CA of the node's own organisation.
+One CA (ECDSA P-256) per organisation, certified in the genesis file; a node's certificate has its name as common name,
+signed by its organisation's CA.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _BACKDATED_HOURS = 25  # so that a node whose clock is a day behind takes a new 
 
 @dataclass(frozen=True, slots=True)
 class Authority:
-    """An organisation's CA: its certificate and its private key."""
+    """An organisation's CA certificate and private key."""
 
     organisation: str
     certificate: x509.Certificate
@@ -34,13 +34,12 @@ class Authority:
 
     @property
     def certificate_pem(self) -> str:
-        """The CA certificate as PEM text, as the genesis file holds it."""
         return self.certificate.public_bytes(serialization.Encoding.PEM).decode()
 
 
 @dataclass(frozen=True, slots=True)
 class NodeCertificate:
-    """A node's TLS certificate and key, both PEM, and the certificate's serial number."""
+    """A node's TLS certificate and key (PEM), and serial number."""
 
     certificate_pem: bytes
     key_pem: bytes
@@ -85,7 +84,6 @@ def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 
 def create_authority(organisation: str) -> Authority:
-    """Make a new CA for an organisation."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name(organisation, f"{organisation} node authority")
     certificate = (
@@ -100,7 +98,7 @@ def create_authority(organisation: str) -> Authority:
 
 
 def load_authority(folder: Path, organisation: str = "") -> Authority:
-    """Read an organisation's CA from its folder, whose name is the organisation's unless said. Raises FILE_UNUSABLE."""
+    """Read an organisation's CA; its name defaults to the folder's. Raises FILE_UNUSABLE."""
     try:
         key = serialization.load_pem_private_key((folder / "ca.key.pem").read_bytes(), None)
         certificate = x509.load_pem_x509_certificate((folder / "ca.crt.pem").read_bytes())
@@ -127,9 +125,9 @@ def issue_node_certificate(
     key: ec.EllipticCurvePrivateKey | None = None,
     now: dt.datetime | None = None,
 ) -> NodeCertificate:
-    """Issue a certificate for a node: common name and DNS name are its name, the address is `host` (an IP or a name).
+    """Issue a certificate: common and DNS name `node`, address `host` (IP or name).
 
-    It counts until `lifetime` after `now`, for `key` if one is given, else for a new one.
+    Valid until `now` + `lifetime`; for `key`, else a new one.
     """
     key = key or ec.generate_private_key(ec.SECP256R1())
     names: list[x509.GeneralName] = [x509.DNSName(node), _address(host)]
@@ -158,14 +156,14 @@ def issue_node_certificate(
 
 
 def encode_private_key(key: ec.EllipticCurvePrivateKey) -> bytes:
-    """Return a TLS or CA key as unencrypted PKCS#8 PEM (the file's mode protects it)."""
+    """Return a TLS or CA key as unencrypted PKCS#8 PEM."""
     return key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
 
 
 def write_secret(path: Path, data: bytes) -> None:
-    """Write a new file that only its owner may read (mode 0600). Raises FileExistsError rather than overwrite."""
+    """Write a new file of mode 0600. Raises FileExistsError, never overwrites."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as file:

@@ -1,7 +1,7 @@
-"""Files that one party of a network hands to another.
+"""Files exchanged between a network's parties.
 
-What is proposed stands on the chain for good, and everybody reads it: certificates are written anew from what was
-parsed, entries field by field, and a file that holds a private key is refused whole.
+Proposals are public for ever: certificates and entries are re-encoded from parsed data, and files with a private key
+rejected.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CERTIFICATES_MAX_CHARS = 4096
 
 
 def read_public_text(path: Path) -> str:
-    """Read a file whose content is to be shown to everybody. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
+    """Read a file to be published. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
     with path.open("rb") as file:
         data = file.read(HANDED_OVER_MAX_BYTES + 1)
     if b"PRIVATE KEY" in data:
@@ -41,7 +41,7 @@ def read_public_text(path: Path) -> str:
 
 
 def public_certificates(text: str, place: Path) -> str:
-    """Return the CA certificates in a text, written anew as PEM and nothing besides. Raises FILE_UNUSABLE."""
+    """Return a text's CA certificates, re-encoded as PEM alone. Raises FILE_UNUSABLE."""
     found = load_authorities(text)
     if not found:
         raise BlockRobotError("FILE_UNUSABLE", f"{place} holds no certificate in PEM that can be used.")
@@ -53,12 +53,12 @@ def public_certificates(text: str, place: Path) -> str:
 
 
 def read_authority_certificates(path: Path) -> str:
-    """Return the CA certificates in a file, as a proposal holds them. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
+    """Return a file's CA certificates for a proposal. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
     return public_certificates(read_public_text(path), path)
 
 
 def read_certificate(path: Path) -> x509.Certificate:
-    """Return the certificate in a file. Raises FILE_UNUSABLE."""
+    """Raises FILE_UNUSABLE."""
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except (ValueError, x509.InvalidVersion):
@@ -66,7 +66,7 @@ def read_certificate(path: Path) -> x509.Certificate:
 
 
 def organisation_entry_to_json(entry: Organisation) -> str:
-    """Return an organisation's entry as `org propose add-org` reads it: public halves only, keys in hexadecimal."""
+    """Return an entry for `org propose add-org`: public keys only, in hex."""
     document = {
         "name": entry.name,
         "ca_certificate": entry.ca_certificate,
@@ -77,16 +77,13 @@ def organisation_entry_to_json(entry: Organisation) -> str:
 
 
 def _require_public_keys(keys: list[bytes], path: Path) -> None:
-    """Refuse keys that nobody can have the secret half of: they would count, and never speak. Raises FILE_UNUSABLE."""
+    """Reject keys without a possible secret key: they count but never sign. Raises FILE_UNUSABLE."""
     if not all(is_public_key(key) for key in keys):
         raise BlockRobotError("FILE_UNUSABLE", f"A key in {path} is no public key.")
 
 
 def read_organisation_entry(path: Path) -> dict[str, Any]:
-    """Read an organisation's entry; return the arguments of a proposal to add it.
-
-    Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE.
-    """
+    """Return an organisation entry as proposal arguments. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
     text = read_public_text(path)
     try:
         document = read_json_text(text)
@@ -101,7 +98,7 @@ def read_organisation_entry(path: Path) -> dict[str, Any]:
 
 
 def read_node_entry(path: Path) -> dict[str, Any]:
-    """Read a node's entry: a JSON object with the fields of a node in the genesis file, keys in hexadecimal.
+    """Read a node's entry: the genesis file's node fields as JSON, keys in hex.
 
     Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE.
     """

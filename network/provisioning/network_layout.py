@@ -1,10 +1,10 @@
-"""Makes a network on disk: keys, certificates, genesis, one data directory a node.
+"""Creates a network on disk: keys, certificates, genesis, data directories.
 
-DIRECTORY/genesis.json
+    DIRECTORY/genesis.json
     DIRECTORY/organisations/<name>/   ca.crt.pem, ca.key.pem, admin.key, registrar.key, organisation-entry.json
     DIRECTORY/nodes/<name>/           node.toml, genesis.json, keys/, journal/
 
-Private keys are raw 32 bytes (TLS and CA keys: PEM), readable by their owner only.
+Private keys are raw 32 bytes (TLS and CA: PEM), readable by the owner only.
 """
 
 from __future__ import annotations
@@ -55,24 +55,21 @@ _ORGANISATION_NAMES = ("hospital", "university")
 
 @dataclass(frozen=True, slots=True)
 class NodeKeys:
-    """The two signing keys of a node; only a custodian has the second."""
+    """A node's two signing keys; only custodians have the second."""
 
     producer: PrivateKey
     custodian: PrivateKey | None
 
 
 def new_key() -> PrivateKey:
-    """Return a fresh random signing key."""
     return PrivateKey(secrets.token_bytes(PRIVATE_KEY_SIZE_BYTES))
 
 
 def organisation_name(number: int) -> str:
-    """Return the name of the organisation with this number, from 0 on."""
     return _ORGANISATION_NAMES[number] if number < len(_ORGANISATION_NAMES) else f"organisation-{number + 1}"
 
 
 def store_uri_of(store: str, network: str, node: str) -> str:
-    """Return the custodian store of one node: `sqlite`, or a database of its own on the MongoDB server named."""
     if store == "sqlite":
         return store
     if not store.startswith(("mongodb://", "mongodb+srv://")):
@@ -97,14 +94,11 @@ def create_network(
     followers: int = 0,
     archives: Collection[str] = (),
 ) -> Genesis:
-    """Make a network of `nodes` nodes and return its genesis file's content. `faults`: it may be broken on purpose.
+    """Create a network atomically; return its genesis. `faults`: permit fault injection.
 
-    The last `followers` of them are no producers; those named in `archives` keep every block.
-
-    Node i (from 0) listens on base_port + 10*i (peers), +1 (clients), +2 (operator). The first node of each
-    organisation is a custodian. `store` is `sqlite` or a MongoDB URI. The folder appears whole or not at all. Raises
-    CONFIGURATION_INVALID for numbers that make no network, DATA_DIRECTORY_INVALID if there is a network already,
-    FOLDER_NOT_EMPTY if there is something else. What a killed maker of the same folder left aside is removed.
+    The last `followers` are no producers; `archives` keep every block. Node i (from 0) listens on base_port + 10*i
+    (peers), +1 (clients), +2 (operator); each organisation's first node is a custodian. `store`: `sqlite` or a MongoDB
+    URI. Raises CONFIGURATION_INVALID, DATA_DIRECTORY_INVALID if a network exists, FOLDER_NOT_EMPTY.
     """
     if not 1 <= nodes <= PRODUCERS_MAX_COUNT or not 1 <= organisations <= nodes:
         raise BlockRobotError(
@@ -154,7 +148,7 @@ def _put_in_place(making: Path, directory: Path) -> None:
 
 
 def check_name(name: str, what: str) -> None:
-    """Refuse what is no name of a node or organisation: it also names a folder. Raises CONFIGURATION_INVALID."""
+    """Reject an invalid node or organisation name (also a folder name). Raises CONFIGURATION_INVALID."""
     if not 0 < len(name) <= NAME_MAX_CHARS or not set(name) <= _NAME_CHARS:
         text = f"The name of {what} has 1 to {NAME_MAX_CHARS} small letters, digits and hyphens."
         raise BlockRobotError("CONFIGURATION_INVALID", text)
@@ -217,9 +211,9 @@ def _write_network(
 
 
 def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
-    """Make the folder of an organisation in a network's folder: its CA, an admin's and a registrar's key, its public entry.
+    """Create an organisation's folder: CA, admin and registrar keys, public entry.
 
-    Raises ORGANISATION_EXISTS if there is one already, CONFIGURATION_INVALID for a name that is none.
+    Raises ORGANISATION_EXISTS, CONFIGURATION_INVALID for an invalid name.
     """
     check_name(name, "an organisation")
     folder = directory / "organisations" / name
@@ -266,9 +260,9 @@ def create_node(
     organisation: str = "",
     archive: bool = False,
 ) -> None:
-    """Make a node's data directory. `organisation` is for a node that the genesis file does not name.
+    """Create a node's data directory; `organisation` if genesis does not name the node.
 
-    Raises FileExistsError if there is one already.
+    Raises FileExistsError.
     """
     folder.mkdir(parents=True, mode=0o700)  # ledger and custody tell who was where when
     config = NodeConfig(

@@ -1,8 +1,7 @@
-"""Removes a local network again.
+"""Removes a local network.
 
-A folder is only ever emptied of parts that have a network's names, and removed itself only if nothing else is in it: the
-folder may be one's home, or hold something that nobody can bring back. A network is made in a folder aside, which bears
-a mark; the mark is locked by who makes it for as long as that process lives.
+Only parts with a network's names are removed, and the folder only if then empty. Networks are created in a marked
+temporary folder; the mark is locked while its process lives.
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ _CHANCE = re.compile(r"[a-z0-9_]{8}")
 
 
 def remove_network(directory: Path) -> None:
-    """Remove the parts of a stopped network, and its folder if that is empty then.
+    """Remove a stopped network's parts, and its folder if then empty.
 
-    Raises DATA_DIRECTORY_INVALID if there is no network, or if a part of it is a link to somewhere else.
+    Raises DATA_DIRECTORY_INVALID if there is no network, or a part is a symlink elsewhere.
     """
     if not (directory / GENESIS_FILE).is_file():
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no network in {directory}.")
@@ -49,7 +48,7 @@ def remove_network(directory: Path) -> None:
 
 @contextlib.contextmanager
 def marked_as_making(folder: Path) -> Iterator[None]:
-    """Mark an empty folder as one in which this process makes a network; the mark goes with it if it is renamed."""
+    """Mark an empty folder as under construction; the mark follows a rename."""
     mark = folder / MAKING_MARK
     with mark.open("xb", buffering=0) as file:
         fcntl.flock(file, fcntl.LOCK_EX)
@@ -58,10 +57,9 @@ def marked_as_making(folder: Path) -> Iterator[None]:
 
 
 def remove_abandoned(directory: Path) -> None:
-    """Remove what a process that was killed left of the network that it was making for this directory.
+    """Remove a killed creation's remains.
 
-    Only a folder beside it that is named `.NAME.` and eight characters, bears the mark, which nobody holds any more, and
-    has nothing in it that no network has.
+    Only a neighbour named `.NAME.` plus eight characters, with an unlocked mark and only network parts.
     """
     prefix = f".{directory.name}."
     for place in sorted(directory.parent.iterdir()) if directory.parent.is_dir() else []:

@@ -1,7 +1,6 @@
-"""One more node for a network of this machine, agreed on by the organisations whose keys are here.
+"""Adds a node to a local network, approved by locally held organisation keys.
 
-Where the keys of
-this machine make no majority, it says what the others have to do, and goes no further.
+Without a local majority, it reports what the others have to do and stops.
 """
 
 from __future__ import annotations
@@ -30,25 +29,23 @@ _POLL_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One thing that was done: by whom (empty for this machine), what, and the height at which it was final, if any."""
+    """One completed step: actor (empty: this machine), action, final height if any."""
 
     who: str
     what: str
     height: int | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the step for `--json`."""
         return asdict(self)
 
     def sentence(self) -> str:
-        """Return the step for people."""
         speaker = f"{self.who}: " if self.who else ""
         return f"{speaker}{self.what}" + ("" if self.height is None else f" (final at height {self.height})")
 
 
 @dataclass
 class Growth:
-    """The organisations that can speak here, by name, with their admins' keys; and who is told of each step."""
+    """Local organisations by name with admin keys, and the receiver of steps."""
 
     client: NetworkClient
     voices: Mapping[str, PrivateKey]
@@ -56,7 +53,7 @@ class Growth:
     waiting_for: list[str] = field(default_factory=list)
 
     async def begin(self) -> MembershipView:
-        """Read who belongs to the network, as anyone who may. Raises GOVERNANCE_NOT_ADMIN if nobody here may ask."""
+        """Read the membership. Raises GOVERNANCE_NOT_ADMIN if no local key may ask."""
         membership: MembershipView | None = None
         known = {}
         for name, key in self.voices.items():
@@ -77,7 +74,6 @@ class Growth:
         return [name for name in self.voices if name == first] + [name for name in self.voices if name != first]
 
     async def agree(self, kind: str, arguments: dict[str, Any], first: str) -> bool:
-        """Propose a change of membership and approve it until it is in force; tell whether it is."""
         what = f"{kind.replace('_', '-')} {arguments.get('name') or arguments.get('node')}"
         proposal: ProposalRow | None = None
         for name in self._order(first):
@@ -100,7 +96,6 @@ class Growth:
         return next((row for row in rows if row.id == decision.proposal_id), None)
 
     async def vote_in(self, node: str, key: bytes, first: str) -> bool:
-        """Propose a node as a producer and vote for it with every voice it needs; tell whether the votes suffice."""
         needed = 0
         for count, name in enumerate(self._order(first)):
             governor = Governor(self.client, self.voices[name])
@@ -119,7 +114,7 @@ class Growth:
         return False
 
     async def wait_seated(self, node: str, key: bytes, timeout_s: float = SEAT_TIMEOUT_S) -> None:
-        """Wait until the node has said that it is ready, and has its seat. Raises CLUSTER_START_FAILED if it has not."""
+        """Wait until the node is ready and seated. Raises CLUSTER_START_FAILED on timeout."""
         reader = next(iter(self.voices.values()))
         deadline = time.monotonic() + timeout_s
         while True:

@@ -1,7 +1,7 @@
-"""The certificates of an organisation's nodes: made, renewed, looked at.
+"""Creates, renews and reports nodes' certificates.
 
-An organisation's authority is a folder with `ca.crt.pem` and `ca.key.pem`; its name is the organisation's. A renewed
-certificate keeps the node's key unless a new one is asked for, so that one file changes, in one step.
+An authority is a folder, named as the organisation, with `ca.crt.pem` and `ca.key.pem`. Renewal keeps the node's key by
+default, so one file changes atomically.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DAY_MS = 24 * 3600 * 1000
 
 @dataclass(frozen=True, slots=True)
 class CertificateReport:
-    """A node's certificate as its files have it; `trouble` says what is wrong with them, if anything."""
+    """A node's certificate on disk; `trouble` is what is wrong, if anything."""
 
     node: str
     facts: CertificateFacts | None
@@ -57,11 +57,10 @@ class CertificateReport:
         return "expiring" if self.days_left(now_ms) * DAY_MS < EXPIRY_WARNING_MS else "valid"
 
     def days_left(self, now_ms: int) -> int:
-        """How many whole days it still counts; below zero if its time is over."""
+        """Return whole days of validity left; negative if expired."""
         return -1 if self.facts is None else (self.facts.not_after_ms - now_ms) // DAY_MS
 
     def to_json(self, now_ms: int, revoked: frozenset[tuple[str, int]]) -> dict[str, Any]:
-        """Return it ready for JSON."""
         facts = self.facts
         return {
             "node": self.node,
@@ -75,17 +74,16 @@ class CertificateReport:
 
 
 def now_ms() -> int:
-    """Return milliseconds since 1970 UTC."""
     return time.time_ns() // 1_000_000
 
 
 def serial_bytes(serial: int) -> bytes:
-    """Return a serial number as the contract `membership` takes it: 20 bytes, big-endian."""
+    """Return a serial as the contract `membership` takes it: 20 bytes, big-endian."""
     return serial.to_bytes(SERIAL_SIZE_BYTES, "big")
 
 
 def parse_serial(text: str) -> int:
-    """Read a serial number in hexadecimal. Raises SERIAL_INVALID."""
+    """Parse a hexadecimal serial number. Raises SERIAL_INVALID."""
     try:
         serial = int(text.replace(":", ""), 16)
     except ValueError:
@@ -96,7 +94,6 @@ def parse_serial(text: str) -> int:
 
 
 def read_report(config: NodeConfig) -> CertificateReport:
-    """Look at the certificate and key of a node's data directory."""
     try:
         certificate = x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())
         facts = read_facts(certificate)
@@ -115,7 +112,7 @@ def read_report(config: NodeConfig) -> CertificateReport:
 
 
 def issue_into(folder: Path, authority: Authority, name: str, host: str, days: int = NODE_LIFETIME_DAYS) -> int:
-    """Write a new key and certificate for a node into a folder; return the serial number. Raises FileExistsError."""
+    """Write a node's new key and certificate; return the serial. Raises FileExistsError."""
     issued = issue_node_certificate(authority, name, host, lifetime=dt.timedelta(days=days))
     write_secret(folder / KEY_FILE, issued.key_pem)
     write_secret(folder / CERTIFICATE_FILE, issued.certificate_pem)
@@ -123,9 +120,9 @@ def issue_into(folder: Path, authority: Authority, name: str, host: str, days: i
 
 
 def renew(config: NodeConfig, authority: Authority, *, days: int = NODE_LIFETIME_DAYS, new_key: bool = False) -> int:
-    """Renew a node's certificate in its data directory; return the new serial number.
+    """Renew a node's certificate in place; return the new serial number.
 
-    A running node takes it within a second. Raises FILE_UNUSABLE if the old key cannot be read and none is asked for.
+    A running node reloads it within a second. Raises FILE_UNUSABLE if the kept key is unreadable.
     """
     key = None if new_key else _read_key(config)
     issued = issue_node_certificate(authority, config.name, config.host, lifetime=dt.timedelta(days=days), key=key)
@@ -144,7 +141,7 @@ def _read_key(config: NodeConfig) -> ec.EllipticCurvePrivateKey:
 
 
 def _replace(config: NodeConfig, issued: NodeCertificate, *, with_key: bool) -> None:
-    """Put new files in the place of the old ones: both written in full first, then renamed, the certificate last."""
+    """Replace files: write both in full, then rename, the certificate last."""
     pairs = [(config.tls_certificate_path, issued.certificate_pem)]
     if with_key:
         pairs.insert(0, (config.tls_key_path, issued.key_pem))
@@ -161,9 +158,9 @@ def _replace(config: NodeConfig, issued: NodeCertificate, *, with_key: bool) -> 
 
 
 def find_authority(network: Path, organisation: str, folder: Path | None = None) -> Authority:
-    """Return an organisation's authority: from the folder given, or from the network's `organisations/`.
+    """Return an organisation's authority from `folder` or the network's `organisations/`.
 
-    Raises AUTHORITY_NOT_HERE if its key is not on this machine, FILE_UNUSABLE.
+    Raises AUTHORITY_NOT_HERE without its key, FILE_UNUSABLE.
     """
     place = folder or network / "organisations" / organisation
     if not (place / AUTHORITY_KEY_FILE).is_file() or not (place / AUTHORITY_CERTIFICATE_FILE).is_file():

@@ -1,4 +1,4 @@
-"""A node for a network that runs already: its data directory, and its entry for the others to agree on."""
+"""Creates a node for a running network: data directory, and entry for approval."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PORT_MAX = 65_535
 
 
 def read_directory_of(config: NodeConfig) -> DirectoryContent | None:
-    """Return what the ledger of a node of this machine says of the network, running or not; None if it says nothing.
+    """Return the directory in a local node's ledger, running or not; None if absent.
 
     Raises STORAGE_DAMAGED, STORAGE_BUSY, DATA_DIRECTORY_INVALID.
     """
@@ -34,10 +34,6 @@ def read_directory_of(config: NodeConfig) -> DirectoryContent | None:
 
 
 def newest_directory(genesis: Genesis, configs: Iterable[NodeConfig]) -> DirectoryContent:
-    """Return the newest directory among the ledgers of these nodes of this machine, else that of the genesis file.
-
-    A ledger that cannot be read, or is not there yet, is passed over.
-    """
     newest = content_of_genesis(genesis)
     for config in configs:
         try:
@@ -50,7 +46,7 @@ def newest_directory(genesis: Genesis, configs: Iterable[NodeConfig]) -> Directo
 
 
 def of_chain(configs: Iterable[NodeConfig], chain_id: bytes) -> list[NodeConfig]:
-    """Return those nodes of this machine that belong to this network; one whose genesis cannot be read does not."""
+    """Return the local nodes of this network; skips unreadable genesis files."""
     found = []
     for config in configs:
         try:
@@ -63,10 +59,7 @@ def of_chain(configs: Iterable[NodeConfig], chain_id: bytes) -> list[NodeConfig]
 
 
 def organisation_of(config: NodeConfig, configs: Iterable[NodeConfig]) -> str:
-    """Return whose node this is, by its configuration, the genesis file, or the ledgers of this machine.
-
-    Raises NOT_FOUND.
-    """
+    """Return a node's organisation by configuration, genesis or local ledgers. Raises NOT_FOUND."""
     if config.organisation:
         return config.organisation
     node = newest_directory(load_genesis(config), configs).nodes.get(config.name)
@@ -77,7 +70,7 @@ def organisation_of(config: NodeConfig, configs: Iterable[NodeConfig]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Newcomer:
-    """What is asked of a new node. `base_port` and the two after it are its ports."""
+    """A new node's parameters. Uses ports `base_port` to `base_port` + 2."""
 
     name: str
     organisation: str
@@ -90,13 +83,12 @@ class Newcomer:
 
 
 def next_base_port(directory: DirectoryContent, configs: Iterable[NodeConfig]) -> int:
-    """Return a base port behind those of all nodes that are known here."""
     used = [node.p2p_port for node in directory.nodes.values()] + [config.p2p_port for config in configs]
     return max(used, default=7_262) + PORTS_PER_NODE
 
 
 def check_newcomer(newcomer: Newcomer, directory: DirectoryContent) -> None:
-    """Refuse at once what the network would refuse later. Raises NODE_EXISTS, NOT_FOUND, CONFIGURATION_INVALID."""
+    """Check early as the network would. Raises NODE_EXISTS, NOT_FOUND, CONFIGURATION_INVALID."""
     name = newcomer.name
     check_name(name, "a node")
     if name in directory.nodes:
@@ -111,13 +103,12 @@ def check_newcomer(newcomer: Newcomer, directory: DirectoryContent) -> None:
 
 
 def api_url_of(newcomer: Newcomer) -> str:
-    """Return where clients are told to reach it."""
     host = f"[{newcomer.host}]" if ":" in newcomer.host else newcomer.host
     return newcomer.api_url or f"http://{host}:{newcomer.base_port + 1}"
 
 
 def check_api_url(name: str, url: str) -> None:
-    """Refuse an address at which no client would talk to the node. Raises CONFIGURATION_INVALID."""
+    """Reject an address that no client would use. Raises CONFIGURATION_INVALID."""
     try:
         check_address(NodeAddress(name, url))
     except BlockRobotError:
@@ -131,10 +122,7 @@ def check_api_url(name: str, url: str) -> None:
 def init_node(
     folder: Path, newcomer: Newcomer, genesis: Genesis, authority: Authority, directory: DirectoryContent
 ) -> NodeEntry:
-    """Make the data directory of a node that joins: keys, certificate, journal, genesis copy, directory, entry.
-
-    Returns the entry that the organisations have to agree on. Raises NODE_EXISTS if the folder is there.
-    """
+    """Create a joining node's data directory; return its entry for approval. Raises NODE_EXISTS."""
     check_newcomer(newcomer, directory)
     if folder.exists():
         raise BlockRobotError("NODE_EXISTS", f"There is something in {folder} already.")
@@ -169,7 +157,7 @@ def init_node(
 
 
 def entry_to_json(entry: NodeEntry) -> str:
-    """Return a node's entry as `org propose add-node` reads it: named fields, bytes in hexadecimal."""
+    """Return an entry for `org propose add-node`: named fields, bytes in hex."""
     fields = {name: getattr(entry, name) for name in NodeEntry.__struct_fields__}
     shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in fields.items()}
     return json.dumps(shown, indent=2) + "\n"

@@ -1,1 +1,1 @@
-"""Whole networks in one process: production nodes and clients on a virtual clock, network, disk. One seed, one history."""
+"""Whole networks in one process on virtual clock, network and disk; deterministic by seed."""

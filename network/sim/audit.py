@@ -1,4 +1,4 @@
-"""Holds a custodian's store against the chain of its node, at the store's own checkpoint."""
+"""Compares a custodian's store with its node's chain, at the store's checkpoint."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 
 def audit_custody(node: SimNode) -> None:
-    """Note a `CustodyAudit` of a custodian; other nodes have nothing to audit."""
     if node.custody_key is None:
         return
     held = node.store.holdings()
@@ -59,7 +58,6 @@ def audit_custody(node: SimNode) -> None:
 def _follow(
     kind: str, data: dict[str, object], now_ms: int, recorded: set[bytes], erased: set[bytes], granted: set[bytes]
 ) -> None:
-    """Take one event of the chain into what a custodian must hold."""
     match kind, data:
         case "records.recorded", {"record_id": bytes(record_id), "expires_at_ms": int(expires_at_ms)}:
             recorded.add(record_id)

@@ -1,7 +1,4 @@
-"""Measures on this machine what the simulator's cost model charges.
-
-Each figure is CPU time of this process, the least of several measurements: what else the machine does can only add to it.
-"""
+"""Measures the simulator's cost model on this machine."""
 
 from __future__ import annotations
 
@@ -40,7 +37,6 @@ SIZE = NetworkSize(4, 4)
 
 
 def measure_costs() -> Costs:
-    """Return what each kind of work takes here, in microseconds."""
     block_us, execution_us = _block_us()
     return Costs(
         frame=_frame_us(),
@@ -57,7 +53,6 @@ def measure_costs() -> Costs:
 
 
 def _least_us(work: Callable[[], object], times: int) -> float:
-    """Return the least time of one `work()`, over measurements of so many each."""
     taken_us = []
     for _ in range(MEASUREMENTS_COUNT):
         started_ns = time.process_time_ns()
@@ -83,7 +78,6 @@ def _frame_us() -> float:
 
 
 def _kib_us() -> float:
-    """Return what 1 KiB takes that is sealed and sent, or opened and received: half of both."""
     content, seal, nonce = bytes(64 * KIB), AESGCM(bytes(16)), bytes(12)
 
     def pass_on() -> None:
@@ -104,7 +98,6 @@ def _signing_us() -> float:
 
 
 def _transaction_us() -> float:
-    """Return what it takes to refuse a transaction that a peer sent and that is over."""
     chain, wire = make_chain(SIZE), enrolment(SIZE, 0).transaction.wire
     pool = Mempool(
         chain_id=chain.genesis.chain_id,
@@ -123,7 +116,6 @@ def _transaction_us() -> float:
 
 
 def _block_us() -> tuple[float, float]:
-    """Return what a block takes by itself, and each of its transactions: robots that register."""
     chain, ledger = make_chain(SIZE), MemoryStore()
     asyncio.run(ledger.commit([chain.first_block], b""))
     calls = [enrolment(SIZE, client).transaction for client in range(EXECUTED_COUNT)]
@@ -134,7 +126,6 @@ def _block_us() -> tuple[float, float]:
 
 
 def _request_us() -> float:
-    """Return what it takes to answer a request that asks for nothing, in a task of its own."""
     body = encode(FinalizedRequest(from_height=1, count=1))
 
     async def answer() -> bytes:
@@ -148,7 +139,6 @@ def _request_us() -> float:
 
 
 def _range_kib_us() -> float:
-    """Return what reading 1 KiB of stored blocks takes; the blocks are those of a short simulated run."""
     kept: list[SimCluster] = []
     run_seed(Plan(seed=1, rounds=ROUNDS_COUNT), mutate=kept.append)
     with kept[0].nodes[0].ledger.snapshot() as snapshot:
@@ -157,7 +147,6 @@ def _range_kib_us() -> float:
 
 
 def _call_us() -> float:
-    """Return what an HTTP request with a small JSON body takes, the client's writing and reading among it."""
     return asyncio.run(_serve_calls())
 
 

@@ -1,7 +1,4 @@
-"""What organisations of a simulated network decide about contracts.
-
-Everything follows from a number, as in `network.sim.workload`: the same call has the same bytes in each run.
-"""
+"""Simulated organisations' contract decisions, deterministic by number as `network.sim.workload`."""
 
 from __future__ import annotations
 
@@ -61,10 +58,7 @@ def _write(chain: Chain, number: int, place: int, *excused: str) -> tuple[Call, 
 
 @cache
 def contract_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
-    """Return the batches by which a contract comes or is upgraded with a migration, rests and returns.
-
-    Every second time `settings` is upgraded too, and used. Until a change is due a call of `guests` may be refused.
-    """
+    """Return batches: contract deployment or upgrade with migration, disabling, re-enabling."""
     chain = make_chain(size)
     batches = _deploy(chain, "guests", GUESTS.replace("NUMBER", str(number + 1)), number)
     early = ("CONTRACT_UNKNOWN", "CONTRACT_DISABLED")

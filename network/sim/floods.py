@@ -1,4 +1,4 @@
-"""A member that floods the others: genuine links, frames that are cheap to send and dear to handle."""
+"""Flooding members: genuine links, frames cheap to send and expensive to handle."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MESSAGE_SIZE_BYTES = 32
 
 
 class Flood:
-    """One fault `flood` while it lasts. What it sends is drawn from the plan's seed."""
+    """One active `flood` fault; its content is drawn from the plan's seed."""
 
     def __init__(self, cluster: SimWorld, node: SimNode, fault: Fault) -> None:
         self._cluster, self._node, self._fault = cluster, node, fault
@@ -36,7 +36,6 @@ class Flood:
         self._template = b""
 
     def start(self) -> None:
-        """Begin, and say so if nothing else goes wrong and no more than f nodes do harm: then something is promised."""
         plan = self._cluster.plan
         flooding = {fault.node for fault in plan.faults} | set(plan.byzantine_nodes)
         is_alone = all(fault.kind == "flood" for fault in plan.faults)
@@ -47,7 +46,6 @@ class Flood:
         self._send()
 
     def _send(self) -> None:
-        """Send one message to each peer, and the next one when as many bytes are due."""
         cluster, network = self._cluster, self._node.network
         if cluster.is_healed or cluster.loop.now_ms >= self._until_ms:
             return
@@ -93,7 +91,6 @@ class Flood:
                 return FrameKind.TRANSACTIONS, encode(TransactionBatch(transactions=wires))
 
     def _next_transaction(self) -> bytes:
-        """Return a transaction that no other has the salt of, under a signature that is none of its sender's."""
         if not self._template:
             is_expired = self._fault.point == "expired-transactions"
             lives_ms = -1 if is_expired else TRANSACTION_LIFETIME_MAX_MS // 2

@@ -1,6 +1,6 @@
-"""What happened in a simulated network, as typed observations in order, and a running hash over all of it.
+"""A simulation's history: typed observations in order, and a running hash.
 
-Checkers judge nothing but these.
+Checkers judge only these.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ _FRAME = struct.Struct(">dBBB")
 
 
 class Observation(msgspec.Struct, frozen=True, array_like=True, tag=True):
-    """Something seen at a virtual time (ms since the start), mostly at a node (its index)."""
+    """An observation at a virtual time (ms since start), mostly with node index."""
 
     at_ms: float
     node: int
 
 
 class NodeStarted(Observation, frozen=True):
-    """A node came up with this ledger head and this checkpoint of its custodian's store (-1: none)."""
+    """A node started with this ledger head and custody checkpoint (-1: none)."""
 
     height: int
     block_id: bytes
@@ -32,19 +32,19 @@ class NodeStarted(Observation, frozen=True):
 
 
 class NodeRefusedStart(Observation, frozen=True):
-    """A node would not start, with this error code."""
+    """A node refused to start, with this error code."""
 
     code: str
 
 
 class NodeRestored(Observation, frozen=True):
-    """A backup was put back on a node that is down: its ledger now ends at this height."""
+    """A backup was restored on a stopped node; its ledger ends here."""
 
     height: int
 
 
 class NodeStopped(Observation, frozen=True):
-    """A node lost its power, or was stopped."""
+    """A node lost power or was stopped."""
 
     why: str
 
@@ -66,7 +66,7 @@ class TimeoutSent(Observation, frozen=True):
 
 
 class ProposalSent(Observation, frozen=True):
-    """A proposal of a node's own left it."""
+    """A node sent its own proposal."""
 
     epoch: int
     round: int
@@ -75,7 +75,7 @@ class ProposalSent(Observation, frozen=True):
 
 
 class BlockFinalized(Observation, frozen=True):
-    """A node's core called a block final and handed it to the store (`stored` False), or its store has it safe (True)."""
+    """A core finalized a block (`stored` False), or its store made it durable (True)."""
 
     stored: bool
     height: int
@@ -87,7 +87,7 @@ class BlockFinalized(Observation, frozen=True):
 
 
 class EpochBegan(Observation, frozen=True):
-    """A node is in an epoch from now on: its number, its producers' keys, and the block from which it begins."""
+    """A node entered an epoch: number, producers' keys, first block."""
 
     epoch: int
     producers: tuple[bytes, ...]
@@ -95,22 +95,22 @@ class EpochBegan(Observation, frozen=True):
 
 
 class Asked(Observation, frozen=True):
-    """A client sends a transaction to a node; it may be busy, or never get it."""
+    """A client sends a transaction to a node, which may never receive it."""
 
     txid: bytes
 
 
 class Submitted(Observation, frozen=True):
-    """A client handed a transaction to a node; `code` is empty if the node took it."""
+    """A client submitted a transaction; `code` is empty if accepted."""
 
     txid: bytes
     code: str
 
 
 class Acknowledged(Observation, frozen=True):
-    """A node told a client that a transaction is final, in this place, and what came of it.
+    """A node reported a transaction final, with place and outcome.
 
-    `excused` are the codes with which such a call may fail, whatever nodes do: nothing else may come of it but success.
+    `excused`: the only codes with which the call may fail.
     """
 
     txid: bytes
@@ -122,13 +122,13 @@ class Acknowledged(Observation, frozen=True):
 
 
 class ClipTaken(Observation, frozen=True):
-    """A custodian told a robot that it has a clip."""
+    """A custodian confirmed a clip to a robot."""
 
     record_id: bytes
 
 
 class ValueRead(Observation, frozen=True):
-    """A client read a key of the finalized state: the state's height and root, and a digest of the value."""
+    """A client's read of finalized state: height, root, value digest."""
 
     key: bytes
     height: int
@@ -137,9 +137,9 @@ class ValueRead(Observation, frozen=True):
 
 
 class CustodyAudit(Observation, frozen=True):
-    """What a custodian's store holds at its checkpoint, beside what the node's chain says up to there, each sorted.
+    """A custodian's store at its checkpoint and its chain's content there, sorted.
 
-    `confirmed`, `missing`, `erased` are record ids; `keys_left` counts keys that still open an erased frame.
+    `confirmed`, `missing`, `erased`: record ids; `keys_left`: keys that still open erased frames.
     """
 
     checkpoint: int
@@ -156,27 +156,27 @@ class CustodyAudit(Observation, frozen=True):
 
 
 class FaultBegan(Observation, frozen=True):
-    """An entry of the fault plan took effect."""
+    """A fault of the plan took effect."""
 
     text: str
 
 
 class Flooded(Observation, frozen=True):
-    """A node begins to send the others more than anybody should, until `until_ms`, in a network without other faults."""
+    """A node starts flooding until `until_ms`, in a network without other faults."""
 
     until_ms: float
     text: str
 
 
 class PeerCutOff(Observation, frozen=True):
-    """A node does not hear a peer for a while, since that sent what no honest node sends."""
+    """A node temporarily cut off a misbehaving peer."""
 
     peer: int
     code: str
 
 
 class Healed(Observation, frozen=True):
-    """All faults are over; `height` is the highest of any honest node, `round` the highest of the newest `epoch`."""
+    """All faults are over; highest honest `height`, and `round` of the newest `epoch`."""
 
     height: int
     epoch: int
@@ -185,9 +185,9 @@ class Healed(Observation, frozen=True):
 
 
 class Ended(Observation, frozen=True):
-    """The run is over; each node's stored height and round (-1: down).
+    """The run ended; each node's stored height and round (-1: down).
 
-    `settled`: all is answered, stored and kept everywhere. `reached`: so many rounds were played as were asked for.
+    `settled`: all answered, stored and kept everywhere. `reached`: the requested rounds were played.
     """
 
     heights: tuple[int, ...]
@@ -197,14 +197,14 @@ class Ended(Observation, frozen=True):
 
 
 class ExecutionDiffered(Observation, frozen=True):
-    """Two executions of one block of this height gave different results."""
+    """Two executions of a block at this height differed."""
 
     height: int
     text: str
 
 
 class CodeFault(Observation, frozen=True):
-    """An exception that no code caught."""
+    """An uncaught exception."""
 
     text: str
 
@@ -213,7 +213,7 @@ Kind = TypeVar("Kind", bound=Observation)
 
 
 class History:
-    """The observations of one run. `listener`, if set, is told of each as it comes."""
+    """One run's observations; `listener`, if set, receives each."""
 
     def __init__(self, listener: Callable[[Observation], None] | None = None) -> None:
         self.observations: list[Observation] = []
@@ -222,22 +222,18 @@ class History:
         self._hash = hashlib.blake2b(digest_size=16)
 
     def add(self, observation: Observation) -> None:
-        """Note an observation."""
         self.observations.append(observation)
         self._hash.update(msgspec.msgpack.encode(observation))
         if self.listener is not None:
             self.listener(observation)
 
     def note_frame(self, at_ms: float, sender: int, receiver: int, kind: int, payload: bytes) -> None:
-        """Take the arrival of a frame into the hash."""
         self._hash.update(_FRAME.pack(at_ms, sender, receiver, kind))
         self._hash.update(payload)
 
     def of(self, kind: type[Kind]) -> list[Kind]:
-        """Return the observations of one type, in order."""
         return [item for item in self.observations if type(item) is kind]
 
     @property
     def trace_hash(self) -> str:
-        """The hash over everything so far, in hex: equal for equal histories."""
         return self._hash.hexdigest()

@@ -1,6 +1,6 @@
-"""What goes wrong in a simulated run, and when: a list of faults that can be read, written, cut down and replayed.
+"""A simulated run's fault schedule: readable, writable, reducible, replayable.
 
-`make_plan` draws one from a seed; its printed form is in `plan_file.py`.
+`make_plan` draws one from a seed; `plan_file.py` prints it.
 """
 
 from __future__ import annotations
@@ -54,13 +54,12 @@ Governance = Literal["", "settings", "producers", "grow", "contracts"]
 
 
 class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One fault: `at_ms` after the start, for `for_ms`. Which other fields count depends on the kind.
+    """One fault: `at_ms` after start, for `for_ms`; other fields depend on the kind.
 
-    crash: `node` dies at `point` and is back after `for_ms`. power-cut: all die at once. partition: `groups` are apart.
-    one-way: `node` is not heard by `peer`. links: `profile`. pause, skew (`amount` ms), slow-disk (`amount` ms a
-    sync), full-disk, slow-store (`amount` ms a commit): of `node`. old-disk: of `node` a backup is taken, `amount` ms
-    later it dies, and comes back with what the backup held: its `journal`, or the whole `machine` (`point`).
-    flood: `node` sends every peer `amount` KiB a second of what `point` says, besides what it has to say.
+    crash: `node` dies at `point`. power-cut: all die. partition: `groups`. one-way: `peer` does not hear `node`. links:
+    `profile`. pause, skew (`amount` ms), slow-disk (ms per sync), full-disk, slow-store (ms per commit): of `node`.
+    old-disk: backup, death `amount` ms later, restore of `journal` or `machine` (`point`). flood: `amount` KiB/s of
+    `point` to every peer.
     """
 
     kind: FaultKind
@@ -74,7 +73,7 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     amount: int = 0
 
     def fields_set(self) -> dict[str, Any]:
-        """Return the fields that are not at their default, by value: what was unpickled is no other fault."""
+        """Return the non-default fields, compared by value (robust to unpickling)."""
         usual = dict(zip(reversed(self.__struct_fields__), reversed(self.__struct_defaults__), strict=False))
         shown: dict[str, Any] = msgspec.to_builtins(self)
         return {name: value for name, value in shown.items() if name not in usual or getattr(self, name) != usual[name]}
@@ -85,22 +84,19 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class NetworkSize(NamedTuple):
-    """How many nodes there are, and how many of them (the first ones) produce from the beginning."""
+    """Number of nodes, and of initial producers (the first ones)."""
 
     nodes: int
     producers: int
 
 
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A run: its seed (of delays and clients), size, and faults. `byzantine` maps a node's index to its behaviour.
+    """A run: seed, size and faults. `byzantine`: node index to behaviour.
 
-    `rounds` is how many rounds the run lasts at least; `profile` is how links are while no fault says otherwise.
-    `producers` of the `nodes` have a seat at the start (0: all of them); the others follow, and no organisation named
-    them yet. `governance` says what organisations change meanwhile: nothing, `settings`, `producers` (one loses its
-    seat and has it again), `grow` (followers become members, are seated step by step and unseated again), or
-    `contracts` (they deploy, upgrade with a migration, disable and roll back contracts, `settings` among them). With
-    `executes_apart` every node executes each block for itself; otherwise the first node that verifies a block does,
-    after the leader, and the others are given its result. With `cpu` work takes time of each node's core.
+    `rounds`: minimum; `profile`: default links; `producers`: initially seated (0: all), others follow without
+    membership. `governance`: `settings`, `producers` (unseat, reseat), `grow` (followers join stepwise, leave),
+    `contracts` (deploy, upgrade, disable, roll back), or nothing. `executes_apart`: every node executes each block;
+    else leader and first verifier only. `cpu`: work takes core time.
     """
 
     seed: int
@@ -116,29 +112,24 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def size(self) -> NetworkSize:
-        """How many nodes there are and how many of them produce at the start."""
         return NetworkSize(self.nodes, self.producers or self.nodes)
 
     @property
     def horizon_ms(self) -> int:
-        """When all faults are over."""
         return max([self.rounds * PLAN_MS_PER_ROUND, *(fault.at_ms + fault.for_ms for fault in self.faults)])
 
     @property
     def byzantine_nodes(self) -> dict[int, str]:
-        """The faulty nodes' indexes and behaviours."""
         return {int(index): behaviour for index, behaviour in self.byzantine.items()}
 
 
 def max_faulty(nodes: int) -> int:
-    """Return f: how many nodes of so many may be faulty."""
     return (nodes - 1) // 3
 
 
 def make_plan(
     seed: int, *, nodes: int = 4, rounds: int = 200, byzantine: int = 0, behaviours: tuple[str, ...] = ()
 ) -> Plan:
-    """Draw a plan: one to a dozen faults over the first rounds, `byzantine` nodes misbehaving throughout."""
     dice = random.Random(f"plan {seed} {nodes} {rounds} {byzantine}")  # noqa: S311 - a simulation's dice
     span_ms = rounds * PLAN_MS_PER_ROUND
     kinds: list[FaultKind] = dice.choices(
@@ -174,11 +165,7 @@ def make_plan(
 
 
 def make_growth_plan(seed: int, *, rounds: int = 200) -> Plan:
-    """Draw a plan named `grow`: four producers and six followers, which are seated in two steps and unseated again.
-
-    Faults are as `make_plan` draws them, but that no old disk is put back: four producers bear one forgetful node, and
-    the same one might be among those whose word is awaited.
-    """
+    """Draw plan `grow`: four producers; six followers seated in two steps, then unseated."""
     smallest, largest = GROWTH_SEATS_COUNT[0], GROWTH_SEATS_COUNT[-1]
     drawn = make_plan(seed, nodes=largest, rounds=rounds)
     faults = tuple(fault for fault in drawn.faults if fault.kind != "old-disk")
@@ -186,7 +173,6 @@ def make_growth_plan(seed: int, *, rounds: int = 200) -> Plan:
 
 
 def make_flood_plan(seed: int, *, nodes: int = 4, rounds: int = 200, kinds: tuple[str, ...] = tuple(FLOODS)) -> Plan:
-    """Draw a plan named `flood`: after a while of quiet, f of the nodes flood the others, and nothing else goes wrong."""
     dice = random.Random(f"floods {seed} {nodes} {rounds}")  # noqa: S311 - a simulation's dice
     span_ms = rounds * PLAN_MS_PER_ROUND
     faults = []
@@ -200,7 +186,7 @@ def make_flood_plan(seed: int, *, nodes: int = 4, rounds: int = 200, kinds: tupl
 
 
 def _draw_governance(dice: random.Random, nodes: int, *, is_whole: bool) -> Governance:
-    """Draw what organisations change; the seat only of a node that a network without faulty ones can spare."""
+    """Draw the changes; only a seat that a fault-free network can spare."""
     drawn: Governance = dice.choices(("", "settings", "producers"), weights=[70, 15, 15])[0]
     return "" if nodes < SPARING_NODES_COUNT or (drawn == "producers" and not is_whole) else drawn
 

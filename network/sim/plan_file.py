@@ -1,4 +1,4 @@
-"""Plans as files: their printed form in TOML, and what a plan written by hand must not say."""
+"""Plans as TOML files, and validation of hand-written plans."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ _OF_A_NODE = frozenset(
 
 
 def plan_to_toml(plan: Plan) -> str:
-    """Return the printed form of a plan."""
     lines = [f"seed = {plan.seed}", f"nodes = {plan.nodes}", f"rounds = {plan.rounds}", f'profile = "{plan.profile}"']
     if plan.producers:
         lines.append(f"producers = {plan.producers}")
@@ -52,7 +51,7 @@ def plan_to_toml(plan: Plan) -> str:
 
 
 def load_plan(path: Path) -> Plan:
-    """Read a plan. Raises CONFIGURATION_INVALID with what is wrong, FILE_UNUSABLE."""
+    """Read a plan. Raises CONFIGURATION_INVALID, FILE_UNUSABLE."""
     try:
         data = read_given_file(path, TOML_MAX_BYTES)
     except OSError as error:
@@ -68,7 +67,7 @@ def load_plan(path: Path) -> Plan:
 
 
 def find_problem(plan: Plan) -> str:
-    """Return the first thing in a plan that could not be played as it reads, or an empty text."""
+    """Return the first problem that makes a plan unplayable, or ""."""
     return next(_problems_of_plan(plan), "")
 
 

@@ -1,4 +1,4 @@
-"""Plays one plan and judges its history: the unit of the simulator."""
+"""Plays one plan and checks its history."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Mutation = Callable[[SimCluster], None]
 
 
 class RunResult(msgspec.Struct, frozen=True):
-    """What came of a run: `trace` is the hash of its history; times are CPU seconds.
+    """Result of one run; times are CPU seconds, `trace` hashes the history.
 
-    `records_never_given` are those on the chain whose clip no custodian was given: nobody can have them.
+    `records_never_given`: on the chain, but no custodian got their clip.
     """
 
     seed: int
@@ -37,21 +37,19 @@ class RunResult(msgspec.Struct, frozen=True):
 
     @property
     def ok(self) -> bool:
-        """Tell whether no checker found anything."""
         return not self.violations
 
 
 def run_seed(
     plan: Plan, *, mutate: Mutation | None = None, listener: Callable[[Observation], None] | None = None
 ) -> RunResult:
-    """Play a plan and check it. `mutate` may change the cluster before it starts; `listener` sees observations."""
+    """Play and check a plan; `mutate` may change the cluster before it starts."""
     return run_with_history(plan, mutate=mutate, listener=listener)[0]
 
 
 def run_with_history(
     plan: Plan, *, mutate: Mutation | None = None, listener: Callable[[Observation], None] | None = None
 ) -> tuple[RunResult, History]:
-    """Play a plan and check it; return the history too."""
     started_s = time.process_time()
     history = History(listener)
     with quiet_logs() as logged, _no_collection():
@@ -82,7 +80,6 @@ def run_with_history(
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Collect garbage between runs only: when an object dies must not depend on what ran before."""
     was_on = gc.isenabled()
     gc.disable()
     try:

@@ -1,4 +1,4 @@
-"""Cuts a plan that breaks something down to a small one that still does: delta debugging over its faults."""
+"""Shrinks a failing plan by delta debugging over its faults."""
 
 from __future__ import annotations
 
@@ -15,20 +15,17 @@ SHORTEST_MS = 4
 
 
 def shrink_plan(plan: Plan, result: RunResult, play: Callable[[Plan], RunResult]) -> tuple[Plan, RunResult]:
-    """Return a smaller plan and its result; `play` runs one. Needs a result with violations."""
+    """Return a smaller failing plan and its result. Needs violations."""
     return _Shrinking(plan, result, play).shrink()
 
 
 class _Shrinking:
-    """The smallest plan so far, and how many runs are left."""
-
     def __init__(self, plan: Plan, result: RunResult, play: Callable[[Plan], RunResult]) -> None:
         self._plan, self._result, self._play = plan, result, play
         self._checkers = {violation.checker for violation in result.violations}
         self._left = RUNS_MAX_COUNT
 
     def shrink(self) -> tuple[Plan, RunResult]:
-        """Leave out faults, then liars, then time."""
         self._leave_out_faults()
         for index in list(self._plan.byzantine):
             rest = {other: name for other, name in self._plan.byzantine.items() if other != index}
@@ -48,7 +45,7 @@ class _Shrinking:
         return self._try(self._with(faults))
 
     def _leave_out_faults(self) -> None:
-        """Zeller's ddmin: leave out ever smaller parts, for as long as what is left still fails."""
+        """Zeller's ddmin over the faults."""
         parts = 2
         while self._plan.faults and self._left:
             faults = list(self._plan.faults)
@@ -65,7 +62,6 @@ class _Shrinking:
         return msgspec.structs.replace(self._plan, faults=tuple(faults))
 
     def _try(self, plan: Plan) -> bool:
-        """Play a smaller plan; keep it if the same checker finds something."""
         if self._left == 0:
             return False
         self._left -= 1

@@ -25,7 +25,7 @@ SHRUNK_MAX_COUNT = 3
 
 
 class Failure(msgspec.Struct, frozen=True):
-    """A plan that broke something, cut down, and what it broke."""
+    """A failing plan, cut down, and what it broke."""
 
     seed: int
     plan: Plan
@@ -35,7 +35,7 @@ class Failure(msgspec.Struct, frozen=True):
 
 @dataclass
 class SweepResult:
-    """Totals over all seeds; `cpu_s` is CPU time, `elapsed_s` time on the wall. `traces` has each seed's hash."""
+    """Totals over all seeds: CPU seconds, elapsed seconds, and each seed's trace hash."""
 
     seeds: int = 0
     rounds: int = 0
@@ -52,7 +52,6 @@ class SweepResult:
     failures: list[Failure] = field(default_factory=list)
 
     def add(self, result: RunResult) -> None:
-        """Count one seed."""
         self.seeds += 1
         self.traces[result.seed] = result.trace
         self.rounds += result.rounds
@@ -68,23 +67,19 @@ class SweepResult:
 
     @property
     def trace(self) -> str:
-        """One hash over the histories of all seeds: the same for any number of workers."""
         told = " ".join(f"{seed}={trace}" for seed, trace in sorted(self.traces.items()))
         return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
 
     @property
     def violations(self) -> int:
-        """How many promises were broken, over all seeds."""
         return sum(len(result.violations) for result in self.failed)
 
 
 def plan_of(seed: int, nodes: int, rounds: int, byzantine: int) -> Plan:
-    """Return the plan of a seed, with dishonest nodes of any behaviour."""
     return make_plan(seed, nodes=nodes, rounds=rounds, byzantine=byzantine, behaviours=tuple(sorted(BEHAVIOURS)))
 
 
 def play(plan: Plan, listener: Callable[[Observation], None] | None = None) -> RunResult:
-    """Play one plan; an exception of the simulator itself is a violation too, so that no seed is passed over."""
     try:
         return run_seed(plan, listener=listener)
     except Exception as error:  # noqa: BLE001 - reported with its seed
@@ -105,11 +100,7 @@ def sweep(
     on_progress: Callable[[SweepResult, int], None] | None = None,
     on_shrink: Callable[[int], None] | None = None,
 ) -> SweepResult:
-    """Play all plans in `workers` processes (as many as cores); cut the first failing plans down.
-
-    `on_progress` is told the totals so far and the number of plans after each handful, `on_shrink` each seed whose plan
-    is about to be cut down. The time of the result is that of the playing.
-    """
+    """Play all plans in `workers` processes (default: all cores); shrink the first failing ones."""
     started_s = time.perf_counter()
     total = SweepResult()
     handfuls = [plans[start : start + SEEDS_A_TASK_COUNT] for start in range(0, len(plans), SEEDS_A_TASK_COUNT)]

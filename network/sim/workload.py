@@ -1,7 +1,6 @@
-"""What simulated clients ask of the network: signed once in a process and used again for every seed.
+"""Transactions of simulated clients, signed once per process and reused.
 
-A client's work is a list of batches: the calls of one are made together, the next when all of them are final. Robots
-register, open visits, record clips; owners ask for access and erasure; organisations change settings and producers.
+Calls of a batch run together; the next batch follows once all are final.
 """
 
 from __future__ import annotations
@@ -35,10 +34,9 @@ TOO_LATE = ("RECORD_UNKNOWN", "RECORD_ERASED")
 
 @dataclass(frozen=True)
 class Call:
-    """One call: its transaction, and the clip that goes to the custodians with it.
+    """A transaction and the clip that goes to the custodians with it.
 
-    With `seats` it is made only once so many producers have one. `excused` are the codes with which it may fail: a
-    record's time may be over before it is final.
+    It waits until `seats` producers are seated; `excused` error codes are no failure.
     """
 
     transaction: Transaction
@@ -48,7 +46,6 @@ class Call:
 
 
 def _material(size: int, *parts: Any) -> bytes:
-    """Return that many bytes that depend on the parts alone."""
     seed = " ".join(map(str, parts)).encode()
     return b"".join(sha256(seed + bytes([number])) for number in range(-(-size // 32)))[:size]
 
@@ -56,7 +53,7 @@ def _material(size: int, *parts: Any) -> bytes:
 def sign_call(
     chain: Chain, key: PrivateKey, contract: str, entry: str, arguments: list[Any], *salt: Any
 ) -> Transaction:
-    """Return a signed call; the salt follows from what is called and from `salt`."""
+    """Return a signed call; its salt is derived from the call and `salt`."""
     return sign_transaction(
         key,
         chain_id=chain.genesis.chain_id,
@@ -70,7 +67,6 @@ def sign_call(
 
 @cache
 def enrolment(size: NetworkSize, client: int) -> Call:
-    """Return the registration of a client's robot."""
     chain, robot = make_chain(size), make_key(f"robot {client}")
     card = issue_card(
         chain.registrar,
@@ -90,7 +86,6 @@ def enrolment(size: NetworkSize, client: int) -> Call:
 
 @cache
 def visit(size: NetworkSize, client: int, number: int) -> tuple[tuple[Call, ...], ...]:
-    """Return the batches of one visit: opened, recorded, looked at, some of it erased, closed."""
     chain, robot = make_chain(size), make_key(f"robot {client}")
     owner = make_key(f"owner {client} {number}")
     clips = [_record(chain, robot, owner, client, number, index) for index in range(RECORDS_A_VISIT)]
@@ -110,7 +105,6 @@ def visit(size: NetworkSize, client: int, number: int) -> tuple[tuple[Call, ...]
 
 @cache
 def setting_change(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
-    """Return the batches by which the organisations change a setting: each change ends an epoch."""
     chain = make_chain(size)
     proposal = sign_call(chain, chain.admins[0], "settings", "propose", ["heartbeat_ms", 20_000 + number], number)
     approval = sign_call(chain, chain.admins[-1], "settings", "approve", [proposal.txid], number)
@@ -119,7 +113,7 @@ def setting_change(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ..
 
 @cache
 def producer_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
-    """Return the batches by which the last node loses its seat and, once it said that it is ready, has it again."""
+    """Return the batches by which the last node loses and regains its seat."""
     chain, index = make_chain(size), size.nodes - 1
     key = chain.producers[index].public_key
     own = chain.admins[index % len(chain.admins)]
@@ -132,10 +126,7 @@ def producer_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...],
 
 @cache
 def growth(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
-    """Return the batches by which the followers are seated in steps and, once all have seats, lose them at once.
-
-    The first time round they become members of the network before.
-    """
+    """Return batches that make members of followers, seat them, and unseat all."""
     chain = make_chain(size)
     admins = (chain.admins[0], chain.admins[-1])
     batches: list[tuple[Call, ...]] = []
@@ -156,7 +147,6 @@ def growth(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
 
 
 def _join(chain: Chain, newcomers: range) -> list[tuple[Call, ...]]:
-    """Return the batches by which nodes become members: proposed by one organisation, approved by the other."""
     proposer, approver = chain.admins[0], chain.admins[-1]
     entries = [msgspec.structs.asdict(make_node_entry(index, chain.producers[index])) for index in newcomers]
     proposals = [sign_call(chain, proposer, "membership", "propose", ["add_node", entry]) for entry in entries]

@@ -1,8 +1,6 @@
-"""The aiohttp application of one node's HTTP interface.
+"""The aiohttp application of a node's HTTP interface.
 
-One function handles every route: it limits, authorises, calls, charges, and turns whatever goes wrong into a problem
-document; what is of no route is answered for the price of one. The log names the route, never the address asked for:
-addresses hold ids.
+Failures become problem documents; logs name routes, never addresses, which hold ids.
 """
 
 from __future__ import annotations
@@ -40,10 +38,7 @@ _WebHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def require_rules(routes: Iterable[Route]) -> None:
-    """Check the route table: every route has a rule, and no method of a path or operation stands in it twice.
-
-    Raises CONFIGURATION_INVALID.
-    """
+    """Raise CONFIGURATION_INVALID for a route without rule or a duplicate."""
     seen: set[str] = set()
     for route in routes:
         if not isinstance(route.access, Access):
@@ -55,8 +50,6 @@ def require_rules(routes: Iterable[Route]) -> None:
 
 
 class _Gate:
-    """What every request passes: the number of open requests, the rate, the session, the rule."""
-
     def __init__(self, services: ApiServices) -> None:
         self._services = services
         self._limiter = RateLimiter(services.note_over)
@@ -68,7 +61,6 @@ class _Gate:
         self._open_count = 0
 
     def _session_of(self, request: web.Request) -> Session | None:
-        """Return the session of the request's token; a missing header is None, a wrong token is SESSION_EXPIRED."""
         header = request.headers.get("Authorization")
         if header is None:
             return None
@@ -78,7 +70,6 @@ class _Gate:
         return self._sessions.resolve(bytes.fromhex(text))
 
     def _session_if_any(self, route: Route, request: web.Request) -> Session | None:
-        """Return the session of who shows one where anybody may ask: he need not wait behind strangers of his address."""
         try:
             session = self._session_of(request)
             route.access.check(session)
@@ -87,7 +78,6 @@ class _Gate:
         return session
 
     def _authorise(self, route: Route, request: web.Request) -> tuple[Session | None, Tab]:
-        """Return the session, if there is one, and who pays. A caller who fails to identify pays as a stranger."""
         stranger = source_of(request.remote, None)
         cost_us = ROUTE_COSTS[route.operation]
         try:
@@ -103,7 +93,6 @@ class _Gate:
         return session, self._limiter.take(source, cost_us)
 
     async def run(self, route: Route, request: web.Request) -> web.StreamResponse:
-        """Authorise, answer and charge one request. Raises BlockRobotError for a refusal."""
         meter = Meter()
         async with self._open():
             response = await Metered(self._call(route, request, meter), meter)
@@ -124,7 +113,7 @@ class _Gate:
             )
 
     async def admit_stray(self, remote: str | None) -> None:
-        """Let somebody pay for an answer that is of no route. Raises RATE_LIMITED."""
+        """Raises RATE_LIMITED."""
         async with self._open():
             source = source_of(remote, None)
             self._limiter.take(source, STRAY_US)
@@ -132,7 +121,6 @@ class _Gate:
 
     @asynccontextmanager
     async def _open(self) -> AsyncIterator[None]:
-        """Count what is open, and let whoever is over his budget wait for his refusal."""
         if self._open_count >= OPEN_REQUESTS_MAX_COUNT:
             raise BlockRobotError("RATE_LIMITED", "The node has as many open requests as it takes.")
         self._open_count += 1
@@ -146,12 +134,10 @@ class _Gate:
             self._open_count -= 1
 
     async def stop(self, _application: web.Application) -> None:
-        """Read nothing more."""
         self._readings.stop()
 
 
 async def _answer(name: str, work: Awaitable[web.StreamResponse]) -> web.StreamResponse:
-    """Await a response and turn every failure but cancellation into a problem document."""
     started = time.perf_counter()
     try:
         response = await work
@@ -171,7 +157,6 @@ async def _answer(name: str, work: Awaitable[web.StreamResponse]) -> web.StreamR
 
 @web.middleware
 async def _problem_middleware(request: web.Request, handler: _WebHandler) -> web.StreamResponse:
-    """Turn every failure into a problem document."""
     resource = request.match_info.route.resource
     name = f"{request.method} {resource.canonical if resource else 'unknown'}"
     return await _answer(name, handler(request))
@@ -189,7 +174,6 @@ def _bind(gate: _Gate, route: Route) -> _WebHandler:
 
 
 def _bind_stray(gate: _Gate, routes: Iterable[Route]) -> _WebHandler:
-    """Return what answers where there is no route, or not for this method: for the price of one."""
     methods: dict[str, set[str]] = {}
     for route in routes:
         methods.setdefault(route.path, set()).add(route.method)
@@ -207,7 +191,7 @@ def _bind_stray(gate: _Gate, routes: Iterable[Route]) -> _WebHandler:
 
 
 def create_api(services: ApiServices, routes: tuple[Route, ...] = ROUTES) -> web.Application:
-    """Return the application that serves `/v1` of one node. Raises CONFIGURATION_INVALID for a route without a rule."""
+    """Return the application that serves `/v1`. Raises CONFIGURATION_INVALID."""
     require_rules(routes)
     application = web.Application(middlewares=[_problem_middleware])
     application.on_response_prepare.append(_prepare)

@@ -1,4 +1,4 @@
-"""How many bytes of request bodies a node holds at once, of each source and of all together."""
+"""Limits the request-body bytes a node holds, per source and in all."""
 
 from __future__ import annotations
 
@@ -23,17 +23,15 @@ Hold = Callable[[int], None]
 
 
 class Bodies:
-    """The bodies of the requests that are open, whole or not."""
+    """Bodies of all open requests, complete or not."""
 
     def __init__(self, note_over: Callable[[str, BlockRobotError], None]) -> None:
-        """`note_over` hears of whom too much is held."""
         self._note_over = note_over
         self._held: Counter[Source] = Counter()
         self._total_bytes = 0
 
     @contextmanager
     def of(self, source: Source) -> Iterator[Hold]:
-        """Yield what takes room for one request's body; the room is free again afterwards."""
         most = BODIES_OF_ADDRESS_MAX_BYTES if source.kind == "address" else BODIES_OF_SOURCE_MAX_BYTES
         taken = 0
 

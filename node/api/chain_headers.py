@@ -1,7 +1,6 @@
-"""Finalized headers in words: who led, who voted, what was missed.
+"""Decoded finalized headers: leader, voters, missed rounds.
 
-A block's certificate stands in its child's header; that of the newest block in the proof that it is final, that of an
-epoch's last block in the proof of the next epoch.
+A certificate is in the child's header, a finality proof, or the next epoch's proof.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ MISSED_SHOWN_MAX_COUNT = 32
 
 
 class HeaderReader:
-    """Reads headers of one snapshot; schedules of epochs are read once each."""
+    """Reads headers of one snapshot; caches the epochs' schedules."""
 
     def __init__(self, snapshot: LedgerSnapshot, genesis: Genesis, watch: RoundWatch | None = None) -> None:
         self._snapshot = snapshot
@@ -42,7 +41,7 @@ class HeaderReader:
         self._heads: dict[int, BlockHead | None] = {}
 
     def schedule(self, epoch: int) -> Schedule:
-        """Return an epoch's schedule. Raises NOT_FOUND."""
+        """Raises NOT_FOUND."""
         if epoch not in self._schedules:
             data = self._snapshot.epoch_proof(epoch)
             if data is None:
@@ -51,7 +50,6 @@ class HeaderReader:
         return self._schedules[epoch]
 
     def _head(self, height: int) -> BlockHead | None:
-        """Read a head once: a header is asked for as a parent and as a child too."""
         if height not in self._heads:
             self._heads[height] = self._snapshot.head(height) if height >= 0 else None
         return self._heads[height]
@@ -61,7 +59,6 @@ class HeaderReader:
         return None if head is None else decode(head.header_bytes, Header)
 
     def read(self, height: int) -> HeaderDocument | None:
-        """Return the finalized header of this height with what can be told of it, or None."""
         head = self._head(height)
         if head is None:
             return None
@@ -94,7 +91,6 @@ class HeaderReader:
         )
 
     def _own_certificate(self, header: Header, block_id: bytes) -> QuorumCertificate | None:
-        """Return the certificate of a block, if a child or a proof holds one that producers signed."""
         if header.height == 0:
             return None
         found = None
@@ -110,7 +106,6 @@ class HeaderReader:
         return found if found is not None and found.block_id == block_id and found.votes else None
 
     def _missed_rounds(self, header: Header) -> range:
-        """Return the rounds of the epoch between the parent's and this one: each was given up."""
         if header.height == 0:
             return range(0)
         parent = self._header(header.height - 1)
@@ -130,7 +125,7 @@ def _timeout(tc: TimeoutCertificate) -> TimeoutDocument:
 
 
 def describe_epoch(reader: HeaderReader, snapshot: LedgerSnapshot, genesis: Genesis, number: int) -> EpochDocument:
-    """Return an epoch with the names of those who sit in it. Raises NOT_FOUND."""
+    """Return an epoch with its seats' names. Raises NOT_FOUND."""
     schedule = reader.schedule(number)
     leading = set(range(len(schedule.producers))) - set(schedule.leaderless) or set(range(len(schedule.producers)))
     return EpochDocument(
@@ -146,7 +141,6 @@ def describe_epoch(reader: HeaderReader, snapshot: LedgerSnapshot, genesis: Gene
 
 
 def _name_of(snapshot: LedgerSnapshot, genesis: Genesis, key: bytes) -> str:
-    """Return the name of the node whose producer key this is or was; an empty text if nobody knows."""
     candidate = CANDIDATE.at(snapshot, key)
     if candidate is not None:
         return candidate.name
@@ -154,7 +148,6 @@ def _name_of(snapshot: LedgerSnapshot, genesis: Genesis, key: bytes) -> str:
 
 
 def describe_producers(snapshot: LedgerSnapshot) -> ProducersAnswer:
-    """Return who produces or stands for it, as the contract `producers` has it."""
     epoch = EPOCH.read(snapshot)
     seats = {} if epoch is None else {key: index for index, key in enumerate(epoch.producers)}
     rows = {key: CANDIDATE.at(snapshot, key) for key in KEYS.read(snapshot) or []}
@@ -191,7 +184,7 @@ def _producer(key: bytes, row: CandidateRow, seat: int | None) -> ProducerDocume
 
 
 def count_all(snapshot: LedgerSnapshot) -> CountsDocument:
-    """Count what the chain governs; no person is among it. Many may ask at each block: of one state it is counted once."""
+    """Count what the chain governs, never people; cached for each state."""
     root = snapshot.header.state_root
     counts = _counted.get(root)
     if counts is None:

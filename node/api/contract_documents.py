@@ -1,4 +1,4 @@
-"""The JSON documents about contracts."""
+"""JSON documents about contracts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from node.api.documents import Document, Hex32, HexBytes
 
 
 class ContractSummary(Document, frozen=True):
-    """A contract: the version in force, the hash of its source, whether it answers and since when, its versions."""
+    """A contract: version in force, source hash, activity and since when, versions."""
 
     name: str
     version: int
@@ -17,7 +17,7 @@ class ContractSummary(Document, frozen=True):
 
 
 class ContractChange(Document, frozen=True):
-    """A change that waits: `kind` is activate, disable, keep or return; from a height, or from a time in ms (else 0)."""
+    """A pending change: activate, disable, keep or return, from a height or a time in ms (else 0)."""
 
     kind: str
     name: str
@@ -27,7 +27,7 @@ class ContractChange(Document, frozen=True):
 
 
 class ContractsAnswer(Document, frozen=True):
-    """All contracts at the newest finalized height, and the changes that are due."""
+    """All contracts at the newest finalized height, and pending changes."""
 
     height: int
     contracts: list[ContractSummary]
@@ -42,7 +42,7 @@ class ContractParameter(Document, frozen=True):
 
 
 class ContractEntry(Document, frozen=True):
-    """An entry of the ABI: an `export` or a `view`; the parameters after the first `required` may be left out."""
+    """An ABI entry, `export` or `view`; parameters after the first `required` are optional."""
 
     name: str
     kind: str
@@ -52,7 +52,7 @@ class ContractEntry(Document, frozen=True):
 
 
 class ContractVersionAnswer(Document, frozen=True):
-    """A version of a contract. `status` is approved, active, superseded, disabled or failed (then `failure` says why)."""
+    """A contract version. `status`: approved, active, superseded, disabled or failed (see `failure`)."""
 
     height: int
     name: str

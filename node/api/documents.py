@@ -1,6 +1,6 @@
-"""The JSON documents of the interface.
+"""JSON documents of the interface, also the source of OpenAPI schemas.
 
-Bytes are lower-case hexadecimal. The same types check requests, write answers and make the OpenAPI schemas.
+Bytes are lower-case hexadecimal.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Document(msgspec.Struct, forbid_unknown_fields=True, frozen=True, gc=False
 
 
 class Problem(Document, frozen=True):
-    """A refusal (RFC 9457), with its code of the catalogue."""
+    """A refusal (RFC 9457) with its catalogue code."""
 
     type: str
     title: str
@@ -41,7 +41,7 @@ class Problem(Document, frozen=True):
 
 
 class SubmitOutcome(Document, frozen=True):
-    """What became of one transaction. `error` is set if it was rejected; `txid` is null if it was unreadable."""
+    """Result of one transaction: `error` if rejected; `txid` null if unreadable."""
 
     txid: Hex32 | None
     status: str
@@ -55,7 +55,7 @@ class SubmitAnswer(Document, frozen=True):
 
 
 class ReceiptDocument(Document, frozen=True):
-    """What the contract said."""
+    """The contract's result for a transaction."""
 
     ok: bool
     code: str
@@ -65,9 +65,9 @@ class ReceiptDocument(Document, frozen=True):
 
 
 class Finality(Document, frozen=True):
-    """The proof that a block is final: its header, its child of the next round, the child's certificate.
+    """Proof of finality: header, child of the next round, the child's certificate.
 
-    `through` holds the headers between the header and the certified pair; only boundaries of epochs have any.
+    `through`: headers between the header and the certified pair, only at epoch boundaries.
     """
 
     header: HexBytes
@@ -77,10 +77,10 @@ class Finality(Document, frozen=True):
 
 
 class TransactionEvidence(Document, frozen=True):
-    """What proves a receipt to a client that trusts no node.
+    """Evidence that proves a receipt without trusting a node.
 
-    `headers` lead from the block of the transaction (first) to the block that `finality` proves (last). The receipt
-    and the txid have Merkle paths to the roots in the first header.
+    `headers` lead from the transaction's block to the one `finality` proves; Merkle paths end at the first header's
+    roots.
     """
 
     headers: list[HexBytes]
@@ -92,7 +92,7 @@ class TransactionEvidence(Document, frozen=True):
 
 
 class TransactionState(Document, frozen=True):
-    """Where a transaction is: pending, finalized, unknown or expired. The other fields are set once it is final."""
+    """A transaction's state: pending, finalized, unknown or expired; other fields only once final."""
 
     txid: Hex32
     status: str
@@ -117,7 +117,7 @@ class ChallengeAnswer(Document, frozen=True):
 
 
 class SessionRequest(Document, frozen=True):
-    """A signed challenge; with the grant's id, if the key is to be the grantee's of it."""
+    """A signed challenge; with a grant's id for its grantee."""
 
     public_key: PublicKey
     challenge: Hex32
@@ -141,7 +141,7 @@ class FinalityAnswer(Document, frozen=True):
 
 
 class EpochsAnswer(Document, frozen=True):
-    """The proofs that began the epochs after the one asked for, in order: a page of them."""
+    """A page of epoch proofs after the epoch asked for, in order."""
 
     epochs: list[HexBytes]
 
@@ -160,7 +160,7 @@ class ProofsRequest(Document, frozen=True):
 
 
 class KeyProof(Document, frozen=True):
-    """One key with its value (null if absent) and the proof of that."""
+    """A key, its value (null if absent) and the proof."""
 
     key: HexBytes
     value: HexBytes | None
@@ -175,7 +175,7 @@ class ProofsAnswer(Document, frozen=True):
 
 
 class QueryRequest(Document, frozen=True):
-    """A call of a read-only entry. `args` is an encoded list of positional arguments."""
+    """A call of a read-only entry; `args` is an encoded positional list."""
 
     contract: Name
     view: Name
@@ -183,14 +183,14 @@ class QueryRequest(Document, frozen=True):
 
 
 class QueryAnswer(Document, frozen=True):
-    """The encoded result of a view and the height it was read at."""
+    """A view's encoded result and the height it was read at."""
 
     result: HexBytes
     height: int
 
 
 class AnnouncementItem(Document, frozen=True):
-    """One opened visit, or (with `root`, the visit's first owner key) its new owner key: what a wallet scans."""
+    """An opened visit, or (with `root`, the first owner key) a new owner key."""
 
     number: int
     owner: PublicKey
@@ -202,7 +202,7 @@ class AnnouncementItem(Document, frozen=True):
 
 
 class AnnouncementsAnswer(Document, frozen=True):
-    """A page of announcements with proofs of the count and of each, so that none can be left out unnoticed."""
+    """A page of announcements, with proofs of the count and each item."""
 
     count: int
     items: list[AnnouncementItem]
@@ -223,7 +223,7 @@ class BlockSummary(Document, frozen=True):
 
 
 class BlocksAnswer(Document, frozen=True):
-    """Consecutive finalized blocks. `head` is the height of the newest one, `earliest_height` that of the oldest here."""
+    """Consecutive finalized blocks; `head` is the newest height, `earliest_height` the oldest kept."""
 
     head: int
     earliest_height: int
@@ -231,7 +231,7 @@ class BlocksAnswer(Document, frozen=True):
 
 
 class EventItem(Document, frozen=True):
-    """One event of a finalized block. `place` is height:index, the same at every node; `data` is an encoded dict."""
+    """A finalized event; `place` is height:index, alike everywhere; `data` is an encoded dict."""
 
     place: str
     contract: str
@@ -241,7 +241,7 @@ class EventItem(Document, frozen=True):
 
 
 class EventsPage(Document, frozen=True):
-    """Events in order. `next` is where to go on: nothing before it is left to read."""
+    """Events in order; `next` is the place to continue from."""
 
     head: int
     earliest_height: int
@@ -250,7 +250,7 @@ class EventsPage(Document, frozen=True):
 
 
 class BlockAnswer(Document, frozen=True):
-    """One finalized block with its transactions' ids and receipts, and its canonical bytes."""
+    """A finalized block with transaction ids, receipts and canonical bytes."""
 
     summary: BlockSummary
     block: HexBytes
@@ -272,7 +272,6 @@ class UploadAnswer(Document, frozen=True):
 
 
 def finality_document(proof: FinalityProof | None) -> Finality | None:
-    """Return the JSON form of a finality proof."""
     if proof is None:
         return None
     return Finality(
@@ -284,13 +283,13 @@ def finality_document(proof: FinalityProof | None) -> Finality | None:
 
 
 class ConsentReceiptRequest(Document, frozen=True):
-    """The transaction in which the caller said something about consent."""
+    """The transaction with the caller's consent statement."""
 
     txid: Hex32
 
 
 class ConsentReceiptAnswer(Document, frozen=True):
-    """The receipt, JSON as a text; who signed its bytes for the organisation; the transaction's wire bytes."""
+    """The receipt's JSON text, who signed its bytes, the transaction's wire bytes."""
 
     document: str
     key: PublicKey

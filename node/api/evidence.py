@@ -1,9 +1,7 @@
-"""What proves a receipt to a client that trusts no node.
+"""Builds evidence that proves a receipt without trusting a node.
 
-A header is final if its child has the next round and is certified; the certificate of a child stands in the
-grandchild's header. So the proof for a block deep in the chain is made from the blocks above it, and only the newest
-one, and the boundaries of epochs, need the proofs that the node keeps. Headers in between are handed over, so the
-client can follow the parent ids.
+A child of the next round, certified in the grandchild's header, makes a block final; only the newest block and epoch
+boundaries need stored proofs.
 """
 
 from __future__ import annotations
@@ -27,7 +25,6 @@ def _header(snapshot: LedgerSnapshot, height: int) -> tuple[bytes, Header] | Non
 
 
 def _proof_from_headers(snapshot: LedgerSnapshot, header_bytes: bytes, header: Header) -> FinalityProof | None:
-    """Return a block's proof: a boundary's own, or one out of the two headers above it, or None if they make none."""
     if header.is_boundary:
         data = snapshot.epoch_proof(header.epoch + 1)
         return None if data is None else decode(data, EpochProof).finality
@@ -43,7 +40,6 @@ def _proof_from_headers(snapshot: LedgerSnapshot, header_bytes: bytes, header: H
 
 
 def _climb(snapshot: LedgerSnapshot, height: int) -> Steps[tuple[list[bytes], Finality]]:
-    """Return the headers from a height up to the first that can be proved final, and that proof."""
     headers: list[bytes] = []
     current = _header(snapshot, height)
     while current is not None and len(headers) < _HEADERS_MAX_COUNT:
@@ -60,7 +56,7 @@ def _climb(snapshot: LedgerSnapshot, height: int) -> Steps[tuple[list[bytes], Fi
 
 
 def build_evidence(snapshot: LedgerSnapshot, place: TransactionPlace) -> Steps[TransactionEvidence]:
-    """Return the evidence for the transaction at `place`. Raises NOT_FOUND if its block, or what proves it, is not here."""
+    """Return a transaction's evidence. Raises NOT_FOUND if block or proof is missing."""
     headers, finality = yield from _climb(snapshot, place.height)
     receipts = snapshot.receipt_bytes(place.height)
     if receipts is None:

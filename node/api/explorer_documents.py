@@ -1,6 +1,6 @@
-"""The JSON documents of the explorer's routes.
+"""JSON documents of the explorer's routes.
 
-A node whose explorer is public shows them to anybody, so what is added here is added for anybody.
+A node with a public explorer shows all of their fields to anybody.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from node.api.documents import Document, Hex32, PublicKey
 
 
 class CertificateDocument(Document, frozen=True):
-    """A quorum certificate: `voters` are seats of the epoch. It holds exactly a quorum; later votes are left out."""
+    """A quorum certificate; `voters` are seats of the epoch, exactly a quorum."""
 
     epoch: int
     round: int
@@ -18,7 +18,7 @@ class CertificateDocument(Document, frozen=True):
 
 
 class TimeoutDocument(Document, frozen=True):
-    """A timeout certificate: by whom a round was given up, as seats, and the highest certified round they knew."""
+    """A timeout certificate: the seats that gave up, and their highest certified round."""
 
     epoch: int
     round: int
@@ -27,11 +27,10 @@ class TimeoutDocument(Document, frozen=True):
 
 
 class HeaderDocument(Document, frozen=True):
-    """A finalized header, decoded. Sizes are counts; `transaction_count` is null once the block's body was pruned.
+    """A finalized header. Sizes are counts; `transaction_count` is null once pruned.
 
-    `certificate` is the block's own, null if the node does not know it; `parent_certificate` is the one it carries.
-    `finality_lag_ms`: its age when this node learned that it is final, by the node's clock; null if that was long ago.
-    `missed_count` rounds were given up before it; `missed` are the seats that should have led them, the first 32.
+    `certificate`: the block's own (null: unknown); `parent_certificate`: carried. `finality_lag_ms`: age when learned
+    final (null: long ago). `missed_count`: rounds given up before; `missed`: first 32 seats.
     """
 
     height: int
@@ -58,7 +57,7 @@ class HeaderDocument(Document, frozen=True):
 
 
 class ExplorerHeadersAnswer(Document, frozen=True):
-    """Consecutive finalized headers, lowest first. `head` is the newest height, `earliest_height` the oldest body's."""
+    """Consecutive finalized headers, lowest first; `earliest_height` is the oldest body's."""
 
     head: int
     earliest_height: int
@@ -66,7 +65,7 @@ class ExplorerHeadersAnswer(Document, frozen=True):
 
 
 class SeatDocument(Document, frozen=True):
-    """A producer's seat in an epoch. `leads` is false for one that votes only."""
+    """A producer's seat in an epoch; `leads` is false for voting only."""
 
     index: int
     name: str
@@ -75,7 +74,7 @@ class SeatDocument(Document, frozen=True):
 
 
 class EpochDocument(Document, frozen=True):
-    """An epoch: its seats in the order of turns, how many votes make a quorum, how many faulty seats it bears."""
+    """An epoch: seats in turn order, quorum size, tolerated faulty seats."""
 
     number: int
     quorum: int
@@ -85,7 +84,7 @@ class EpochDocument(Document, frozen=True):
 
 
 class EvidenceDocument(Document, frozen=True):
-    """Why a producer was suspended: `kind` is vote or proposal; the two different blocks that it signed in one round."""
+    """A suspension's reason: `kind` (vote or proposal) and two conflicting signed blocks of one round."""
 
     kind: str
     epoch: int
@@ -96,7 +95,7 @@ class EvidenceDocument(Document, frozen=True):
 
 
 class ProducerDocument(Document, frozen=True):
-    """A candidate or producer: whose it is, who votes for it or for its removal, its seat, its suspension."""
+    """A candidate or producer: owner, votes for and against, seat, suspension."""
 
     name: str
     organisation: str
@@ -118,7 +117,7 @@ class ProducersAnswer(Document, frozen=True):
 
 
 class CountsDocument(Document, frozen=True):
-    """How many there are at the newest finalized height. No count is of people."""
+    """Counts at the newest finalized height; none is of people."""
 
     organisations: int
     nodes: int
@@ -127,7 +126,7 @@ class CountsDocument(Document, frozen=True):
 
 
 class RoundDocument(Document, frozen=True):
-    """Where the node is in the protocol, by its own word: not final. `leader` is a seat of the epoch."""
+    """The node's own, unfinalized protocol position; `leader` is an epoch seat."""
 
     epoch: int
     round: int
@@ -137,7 +136,7 @@ class RoundDocument(Document, frozen=True):
 
 
 class ExplorerStatusAnswer(Document, frozen=True):
-    """Who answers, of which network, and how far it is. `is_public` tells whether anybody may ask."""
+    """The answering node, its network and progress; `is_public`: anybody may ask."""
 
     node: str
     network: str
@@ -152,7 +151,7 @@ class ExplorerStatusAnswer(Document, frozen=True):
 
 
 class RefusalAnswer(Document, frozen=True):
-    """What a code of a receipt means. `origin` is machine, contract or catalogue; empty words are not known."""
+    """A receipt code's meaning; `origin` is machine, contract or catalogue; empty if unknown."""
 
     code: str
     origin: str

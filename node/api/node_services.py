@@ -1,4 +1,4 @@
-"""The node as its HTTP interface sees it: the Protocols of `node.api.services`."""
+"""Implements the Protocols of `node.api.services` over the node."""
 
 from __future__ import annotations
 
@@ -29,33 +29,26 @@ LAGS_KEPT_COUNT = 1_024
 
 
 class WallClock:
-    """The machine's clock. `offset_ms` is what it is wrong by, on purpose (`node/faults.py`)."""
+    """The machine's clock; `offset_ms` is a deliberate error (`node/faults.py`)."""
 
     def __init__(self) -> None:
         self.offset_ms = 0
 
     def now_ms(self) -> int:
-        """Return milliseconds since 1970 UTC."""
         return time.time_ns() // 1_000_000 + self.offset_ms
 
 
 class _BlockShape(msgspec.Struct, array_like=True, frozen=True):
-    """A stored `Block`, of which only the header is made bytes: the rest may be megabytes."""
-
     header_bytes: bytes
     signature: msgspec.Raw
     transactions: tuple[msgspec.Raw, ...]
 
 
 class _ReceiptsShape(msgspec.Struct, array_like=True, frozen=True):
-    """Stored `Receipts`, each left as it is."""
-
     receipts: tuple[msgspec.Raw, ...]
 
 
 class _ReceiptShape(msgspec.Struct, array_like=True, frozen=True):
-    """A stored `Receipt`, of which only its transaction's id is read."""
-
     txid: bytes
 
 
@@ -65,7 +58,7 @@ _read_receipt_shape = msgspec.msgpack.Decoder(_ReceiptShape).decode
 
 
 class DecodedSnapshot:
-    """A snapshot of the ledger with blocks, receipts and proofs decoded."""
+    """A ledger snapshot with blocks, receipts and proofs decoded."""
 
     def __init__(self, snapshot: LedgerSnapshot) -> None:
         self._snapshot = snapshot
@@ -73,7 +66,6 @@ class DecodedSnapshot:
 
     @property
     def header(self) -> Header:
-        """The header of the newest finalized block."""
         if self._header is None:
             position = self._snapshot.position
             head = None if position is None else self.head(position.height)
@@ -84,42 +76,34 @@ class DecodedSnapshot:
 
     @property
     def finality(self) -> FinalityProof | None:
-        """The proof that `header` is final; None only at genesis."""
         data = self._snapshot.finality
         return decode(data, FinalityProof) if data else None
 
     def get(self, key: bytes) -> bytes | None:
-        """Return the encoded value under a flat key, or None."""
         return self._snapshot.get(key)
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs under the prefix, in key order."""
         return self._snapshot.scan(prefix, limit)
 
     def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield the pairs from `start` up to but without `end`, in key order."""
         return self._snapshot.scan_range(start, end)
 
     def prove(self, key: bytes) -> Proof:
-        """Return the proof of the key's presence or absence under `header.state_root`."""
         return self._snapshot.prove(key)
 
     def block(self, height: int) -> Block | None:
-        """Return the finalized block of this height, or None."""
         data = self._snapshot.block(height)
         return None if data is None else decode(data, Block)
 
     def receipts(self, height: int) -> Sequence[Receipt] | None:
-        """Return the receipts of the block of this height, or None."""
         data = self._snapshot.receipts(height)
         return None if data is None else decode(data, Receipts).receipts
 
     def block_bytes(self, height: int) -> bytes | None:
-        """Return the bytes of the finalized block of this height, or None."""
         return self._snapshot.block(height)
 
     def receipt_bytes(self, height: int) -> Sequence[tuple[bytes, bytes]] | None:
-        """Return the txid and the bytes of each receipt of the block of this height, or None. Raises STORAGE_DAMAGED."""
+        """Raises STORAGE_DAMAGED."""
         data = self._snapshot.receipts(height)
         if data is None:
             return None
@@ -129,25 +113,19 @@ class DecodedSnapshot:
             raise BlockRobotError("STORAGE_DAMAGED", f"The receipts of the ledger's block {height} are none.") from None
 
     def receipt(self, height: int, index: int) -> Receipt | None:
-        """Return one receipt of the block of this height, without looking at the others, or None."""
         data = self._snapshot.receipts(height)
         return None if data is None else decode(bytes(_read_receipts_shape(data).receipts[index]), Receipt)
 
     def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]:
-        """Return up to `limit` events with height and index among their block's, from this place on, in order."""
         found = self._snapshot.events(EventCursor(height, index), limit)
         return [(place.height, place.index, decode(data, ContractEvent)) for place, data in found]
 
     def header_bytes(self, height: int) -> bytes | None:
-        """Return the bytes of the finalized header of this height, pruned or not."""
         head = self.head(height)
         return None if head is None else head.header_bytes
 
     def head(self, height: int) -> BlockHead | None:
-        """Return a finalized block's header and how many transactions it holds, without looking at these.
-
-        Raises STORAGE_DAMAGED.
-        """
+        """Raises STORAGE_DAMAGED."""
         block = self._snapshot.block(height)
         if block is None:
             kept = self._snapshot.kept_header(height)
@@ -159,26 +137,22 @@ class DecodedSnapshot:
         return BlockHead(shape.header_bytes, len(shape.transactions))
 
     def block_height(self, block_id: bytes) -> int | None:
-        """Return the height of the finalized block with this 32-byte id, or None."""
         return self._snapshot.block_height(block_id)
 
     @property
     def earliest_height(self) -> int:
-        """The height from which on all blocks and receipts are here."""
         return self._snapshot.earliest_height
 
     def epoch_proof(self, number: int) -> bytes | None:
-        """Return the encoded `EpochProof` that began epoch `number` (1 or above), or None."""
         return self._snapshot.epoch_proof(number)
 
     def locate(self, txid: bytes) -> TransactionPlace | None:
-        """Return where a finalized transaction stands, or None."""
         found = self._snapshot.locate(txid)
         return None if found is None else TransactionPlace(height=found.height, index=found.index)
 
 
 class EngineRounds:
-    """`RoundWatch` over the node's engine, and a listener to what becomes final. On the event loop only."""
+    """`RoundWatch` over the engine; also a finality listener. Event loop only."""
 
     def __init__(self, engine: Engine, clock: Clock) -> None:
         self._engine = engine
@@ -186,7 +160,6 @@ class EngineRounds:
         self._lags_ms: OrderedDict[int, int] = OrderedDict()
 
     def note_final(self, blocks: Sequence[ExecutedBlock], _proof: FinalityProof, _position: Position) -> None:
-        """Note how old each block is at this moment, by this node's clock."""
         now_ms = self._clock.now_ms()
         for block in blocks:
             self._lags_ms[block.header.height] = now_ms - block.header.timestamp_ms
@@ -194,11 +167,9 @@ class EngineRounds:
             self._lags_ms.popitem(last=False)
 
     def finality_lag_ms(self, height: int) -> int | None:
-        """Return how old a block was when this node learned that it is final; None if it did not note that."""
         return self._lags_ms.get(height)
 
     def place(self) -> RoundPlace:
-        """Return where the node is in the protocol."""
         core = self._engine.core
         return RoundPlace(
             epoch=core.epoch,
@@ -218,17 +189,15 @@ class FinalizedLedger:
 
     @contextmanager
     def snapshot(self) -> Iterator[DecodedSnapshot]:
-        """Open a snapshot of the newest finalized block."""
         with self._ledger.snapshot() as snapshot:
             yield DecodedSnapshot(snapshot)
 
     async def wait_above(self, height: int, timeout_ms: int) -> bool:
-        """Wait until a block above `height` is final; tell whether one is, or the time ran out."""
         return await self._feed.wait_above(height, timeout_ms)
 
 
 class Pool:
-    """`TransactionPool` over the node's mempool: admits, passes on, wakes the engine."""
+    """`TransactionPool` over the mempool: admits, gossips, wakes the engine."""
 
     def __init__(
         self,
@@ -241,7 +210,7 @@ class Pool:
         clock: Clock,
         calls: CallCheck,
     ) -> None:
-        """`calls` looks at what clients submit; what peers pass on was looked at where it was submitted."""
+        """`calls` checks client submissions only, not what peers pass on."""
         self._mempool = mempool
         self._intake = intake
         self._engine = engine
@@ -252,10 +221,7 @@ class Pool:
         self._expired: OrderedDict[bytes, None] = OrderedDict()
 
     async def submit(self, wires: Sequence[bytes], source: Source = OWN) -> Sequence[SubmitResult]:
-        """Check and admit transactions; one result for each wire, in order. An already waiting one is no error.
-
-        Raises RATE_LIMITED if too much of this source waits.
-        """
+        """Raises RATE_LIMITED."""
         found: dict[bytes, SubmitResult] = {}
 
         def note(outcomes: list[Outcome]) -> None:
@@ -271,17 +237,14 @@ class Pool:
         return [found[wire] for wire in wires]
 
     def status(self, txid: bytes) -> PoolStatus:
-        """Tell what the pool knows of a transaction that is not final."""
         if txid in self._mempool or self._engine.is_on_branch(txid):
             return "pending"
         return "expired" if txid in self._expired else "unknown"
 
     async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
-        """Wait until the transaction is final; tell whether it is, or the time ran out (or it expired)."""
         return await self._feed.wait_final(txid, timeout_ms)
 
     def purge_expired(self) -> int:
-        """Drop what no block may hold any more, and tell who waits for it; return how many."""
         expired = self._mempool.purge_expired(self._clock.now_ms())
         for txid in expired:
             self._expired[txid] = None

@@ -1,7 +1,6 @@
 """Errors as problem documents (RFC 9457).
 
-A refusal has a code of the catalogue. Whatever else goes wrong is INTERNAL on the outside and a logged exception on
-the inside.
+Unforeseen failures are INTERNAL to clients and logged with their exception.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ _BY_STATUS = {
 
 
 def problem_document(error: BlockRobotError) -> dict[str, Any]:
-    """Return the JSON object that stands for a refusal."""
     entry = error.entry
     return {
         "type": f"urn:blockrobot:error:{error.code}",
@@ -39,7 +37,6 @@ def problem_document(error: BlockRobotError) -> dict[str, Any]:
 
 
 def problem_response(error: BlockRobotError) -> web.Response:
-    """Return the HTTP response for a refusal."""
     document = problem_document(error)
     headers = {"Cache-Control": "no-store"}
     if error.entry.status == 401:
@@ -52,7 +49,6 @@ def problem_response(error: BlockRobotError) -> web.Response:
 
 
 def problem_from_http(error: web.HTTPException) -> web.Response:
-    """Return the problem document for an error of the HTTP layer itself (unknown route, method, size)."""
     code = _BY_STATUS.get(error.status, "REQUEST_INVALID" if error.status < 500 else "INTERNAL")
     response = problem_response(BlockRobotError(code))
     if error.status == 405 and "Allow" in error.headers:
@@ -61,6 +57,6 @@ def problem_from_http(error: web.HTTPException) -> web.Response:
 
 
 def problem_from_fault(error: Exception, route: str) -> web.Response:
-    """Log an exception that nobody foresaw and return INTERNAL without any detail of it."""
+    """Log an unforeseen exception and return INTERNAL without details."""
     _log.error("unexpected fault in %s: %s", route, type(error).__name__, exc_info=error)
     return problem_response(BlockRobotError("INTERNAL"))

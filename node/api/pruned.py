@@ -1,4 +1,4 @@
-"""What a node that pruned old blocks answers when it is asked for one."""
+"""Answers to requests for pruned blocks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Keepers = Callable[[int], Sequence[str]]
 
 
 def require_kept(snapshot: LedgerSnapshot, height: int, keepers: Keepers) -> None:
-    """Raise BLOCK_PRUNED if the body of the finalized block of this height is no longer here, and say who keeps it."""
+    """Raise BLOCK_PRUNED, naming keepers, if this block's body is not here."""
     earliest = snapshot.earliest_height
     if height < earliest:
         names = keepers(height)

@@ -1,7 +1,4 @@
-"""Routes as data: path, access, limits and documents in one place.
-
-The same table makes the aiohttp application, the OpenAPI document and the reference page.
-"""
+"""Routes as data: path, access, limits, documents; source of application and reference."""
 
 from __future__ import annotations
 
@@ -40,7 +37,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of the path or the query: hexadecimal text of `size_bytes`, text of a `pattern`, or an integer."""
+    """A path or query parameter: `size_bytes` of hex, `pattern` text, or an integer."""
 
     name: str
     place: str
@@ -53,13 +50,12 @@ class Parameter:
 
     @property
     def required(self) -> bool:
-        """In the query, numbers with a default and texts with a pattern may be left out."""
         return self.place == "path" or (self.default is None and self.pattern is None)
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What a request carries: a JSON document type, or bytes of a media type with a description."""
+    """A request's body: a JSON document type, or bytes with a media type."""
 
     media_type: str
     kind: type[Document] | None
@@ -93,19 +89,18 @@ class Call:
 
     @property
     def source(self) -> Source:
-        """Who asks, and pays."""
         return self.tab.source
 
     async def read(self, work: Callable[[LedgerSnapshot], Steps[T]]) -> T:
-        """Do work on the newest finalized snapshot, off the event loop and in slices.
+        """Run work on the newest finalized snapshot, in slices off the event loop.
 
-        Raises RATE_LIMITED for a source in debt, and what the work raises.
+        Raises RATE_LIMITED in debt, and as the work.
         """
         return await self.readings.read(self.source, self.meter, work)
 
     @property
     def caller(self) -> bytes:
-        """The proven key of the session (routes with a session only)."""
+        """Return the session's proven key (routes with a session only)."""
         if self.session is None:
             raise BlockRobotError("SESSION_REQUIRED")
         return self.session.public_key
@@ -136,7 +131,7 @@ class Call:
 
     @property
     def body_size_bytes(self) -> int:
-        """How many bytes the body has, as its headers say, or the most that it may have. Raises REQUEST_TOO_LARGE."""
+        """Return the body's declared size, else the limit. Raises REQUEST_TOO_LARGE."""
         limit = self.route.body.max_bytes if self.route.body else 0
         stated = self.http.content_length
         if stated is not None and stated > limit:
@@ -146,8 +141,7 @@ class Call:
     async def body(self) -> bytes:
         """Return the request's body.
 
-        Raises MEDIA_TYPE_UNSUPPORTED, REQUEST_TOO_LARGE beyond the route's own limit, REQUEST_TIMEOUT if it dawdles,
-        REQUEST_INVALID if it is cut off, RATE_LIMITED if its source has too many bytes in the node already.
+        Raises MEDIA_TYPE_UNSUPPORTED, REQUEST_TOO_LARGE, REQUEST_TIMEOUT, REQUEST_INVALID, RATE_LIMITED.
         """
         self._require_media_type()
         limit, content = self.body_size_bytes, bytearray()
@@ -167,7 +161,7 @@ class Call:
 
     @contextmanager
     def hold_back(self) -> Iterator[bool]:
-        """Hold the answer back while the context lasts; yields False if too many are held back already."""
+        """Delay the answer within the context; yields False if too many wait."""
         connection = self.http.protocol
         if not isinstance(connection, Connection):
             yield True
@@ -176,14 +170,13 @@ class Call:
             yield allowed
 
     def _require_media_type(self) -> None:
-        """Refuse what is packed, or said to be something else; a body of no stated type passes."""
         if "Content-Encoding" in self.http.headers:
             raise BlockRobotError("MEDIA_TYPE_UNSUPPORTED", "The route takes no packed bodies.")
         if self.route.body and self.http.content_type not in {self.route.body.media_type, BYTES}:
             raise BlockRobotError("MEDIA_TYPE_UNSUPPORTED", f"The route takes {self.route.body.media_type}.")
 
     async def document(self, kind: type[D]) -> D:
-        """Return the request's JSON document. Raises REQUEST_INVALID with what is wrong, REQUEST_TOO_LARGE."""
+        """Return the JSON document. Raises REQUEST_INVALID, REQUEST_TOO_LARGE."""
         content = await self.body()
         try:
             return read_json_as(content, kind)
@@ -204,7 +197,7 @@ Handler = Callable[[Call], Awaitable[web.StreamResponse]]
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """One method of one path. `errors` names the codes it may refuse with beyond those of every route."""
+    """A method of a path; `errors` lists codes beyond every route's."""
 
     method: str
     path: str
@@ -219,12 +212,10 @@ class Route:
 
 
 def json_answer(document: Document, status: int = 200) -> web.Response:
-    """Return a document as a JSON response that no cache keeps."""
     return web.Response(
         body=msgspec.json.encode(document), status=status, content_type=JSON, headers={"Cache-Control": "no-store"}
     )
 
 
 def bytes_answer(content: bytes, media_type: str) -> web.Response:
-    """Return bytes as a response that no cache keeps."""
     return web.Response(body=content, content_type=media_type, headers={"Cache-Control": "no-store"})

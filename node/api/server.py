@@ -1,6 +1,6 @@
-"""How clients of the API are answered below its routes, in the same form.
+"""HTTP-level handling of API clients below the routes.
 
-What is no HTTP never reaches a route. How connections are bounded: `pages.listening`.
+Malformed HTTP never reaches a route; connection limits are in `pages.listening`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,6 @@ class ApiConnection(Connection):
         self._admit_stray = admit_stray
 
     def _make_error_handler(self, err_info: Any) -> Callable[[web.BaseRequest], Awaitable[web.StreamResponse]]:
-        """Return what answers whatever is no HTTP: its sender pays as for any other request."""
         answer = super()._make_error_handler(err_info)
 
         async def handle(request: web.BaseRequest) -> web.StreamResponse:
@@ -62,9 +61,9 @@ class ApiConnection(Connection):
         exc: BaseException | None = None,
         message: str | None = None,  # noqa: ARG002 - the parser's words quote what was sent
     ) -> web.StreamResponse:
-        """Answer what is no HTTP, or a fault below the routes, as a problem document, and close.
+        """Answer malformed HTTP or a low-level fault with a problem, then close.
 
-        Raises ConnectionError where nobody is left to answer; aiohttp takes that quietly.
+        Raises ConnectionError if the client is gone; aiohttp handles that.
         """
         if isinstance(exc, ConnectionError):
             _log.debug("client gone: %s", type(exc).__name__)
@@ -80,7 +79,6 @@ class ApiConnection(Connection):
 
 
 def _last_answer(error: BlockRobotError) -> web.Response:
-    """Return a refusal after which the connection is closed."""
     response = problem_response(error)
     name_server(response)
     response.force_close()
@@ -88,13 +86,12 @@ def _last_answer(error: BlockRobotError) -> web.Response:
 
 
 def name_server(response: web.StreamResponse) -> None:
-    """Set the headers of every answer: no guessing of types, and no word on which software of which version."""
+    """Set the common headers: nosniff, and no software or version."""
     response.headers["X-Content-Type-Options"] = "nosniff"
     response.headers["Server"] = "blockrobot"
 
 
 def serve_api(application: web.Application, listener: socket.socket, stop_ms: int) -> AbstractAsyncContextManager[None]:
-    """Serve the API on a listener while the context lasts; see `pages.listening.serve`."""
     admit_stray = application[STRAY_KEY]
     return serve(
         application,
@@ -106,7 +103,7 @@ def serve_api(application: web.Application, listener: socket.socket, stop_ms: in
 
 
 async def meet_expectation(request: web.Request) -> web.StreamResponse | None:
-    """Go on for the header Expect: 100-continue; what else is expected is refused by `require_expectation`, and paid."""
+    """Handle Expect: 100-continue; `require_expectation` refuses others later, charged."""
     if _expectation(request) == CONTINUE:
         await request.writer.write(b"HTTP/1.1 100 Continue\r\n\r\n")
         request.writer.output_size = 0
@@ -114,7 +111,7 @@ async def meet_expectation(request: web.Request) -> web.StreamResponse | None:
 
 
 def require_expectation(request: web.Request) -> None:
-    """Refuse what expects anything but to go on. Raises REQUEST_INVALID."""
+    """Raise REQUEST_INVALID for any Expect except 100-continue."""
     if _expectation(request) not in {"", CONTINUE}:
         raise BlockRobotError("REQUEST_INVALID", "The node meets no expectation but 100-continue.")
 

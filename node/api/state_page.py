@@ -1,4 +1,4 @@
-"""The reference page of what the contracts keep, made from consensus/state."""
+"""Generates the reference page of contract state from consensus/state."""
 
 from __future__ import annotations
 
@@ -38,7 +38,6 @@ typed rows: `consensus/state/`."""
 
 
 def told_of(module: ModuleType) -> Iterator[tuple[Rows[Any], str]]:
-    """Yield what a module lays out, in its order, each with the docstring below it (empty if there is none)."""
     body = ast.parse(inspect.getsource(module)).body
     words: dict[str, str] = {}
     for place, after in pairwise(body):
@@ -50,7 +49,6 @@ def told_of(module: ModuleType) -> Iterator[tuple[Rows[Any], str]]:
 
 
 def rows_in(kind: Any) -> Iterator[type[msgspec.Struct]]:
-    """Yield the kinds of rows that a type names, the outermost first, each as often as it is named."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         yield kind
         for hint in get_type_hints(kind).values():
@@ -61,7 +59,6 @@ def rows_in(kind: Any) -> Iterator[type[msgspec.Struct]]:
 
 
 def describe_type(kind: Any) -> str:
-    """Return a type in words."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Literal:
         return " or ".join(f"`{value}`" if value else "empty" for value in arguments)
@@ -93,7 +90,6 @@ def _describe_row(kind: type[msgspec.Struct]) -> list[str]:
 
 
 def write_state_page(made: str) -> str:
-    """Return the text of `docs/reference/state.md`; `made` is its first line."""
     lines = [made, "", _INTRODUCTION, ""]
     described: set[type[msgspec.Struct]] = {Row, ListRow}
     for module in MODULES:

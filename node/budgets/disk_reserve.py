@@ -1,7 +1,6 @@
-"""Free space that uploads may not use: a node has to vote, erase and prune.
+"""Disk reserve for voting, erasing and pruning, closed to uploads.
 
-What is on its way holds room above that. Whoever holds some already may hold half of it together with more, no more:
-the other half is for others.
+An owner with an upload under way may reserve up to half the rest.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ RESERVE_DEFAULT_MIB = 1_024
 
 
 class DiskReserve:
-    """The free space of the disk that holds a folder, and how much of it is kept back. 0: nothing."""
+    """Free space of a folder's disk, minus a reserve (0: none)."""
 
     def __init__(self, folder: Path, reserve_mib: int) -> None:
         self._folder = folder
@@ -28,22 +27,19 @@ class DiskReserve:
 
     @property
     def free_bytes(self) -> int:
-        """What this process may still write, as the file system says."""
         found = os.statvfs(self._folder)
         return found.f_bavail * found.f_frsize
 
     @property
     def is_reached(self) -> bool:
-        """Tell whether there is less than the reserve."""
         return self.free_bytes < self.reserve_bytes
 
     def has_room(self, size_bytes: int) -> bool:
-        """Tell whether so many bytes fit, beside those that are held, without using the reserve."""
         return not self.reserve_bytes or self.free_bytes - self._held.total() - size_bytes >= self.reserve_bytes
 
     @contextmanager
     def hold(self, owner: bytes, size_bytes: int) -> Iterator[None]:
-        """Hold room for so many bytes of one owner that are still on their way. Raises DISK_RESERVE_REACHED."""
+        """Reserve room for an owner's upload. Raises DISK_RESERVE_REACHED."""
         self._require_share(owner, size_bytes)
         self.require(size_bytes)
         self._held[owner] += size_bytes
@@ -64,7 +60,7 @@ class DiskReserve:
             raise BlockRobotError("DISK_RESERVE_REACHED", detail, retry_after_s=60)
 
     def require(self, size_bytes: int = 0) -> None:
-        """Refuse to take so many bytes if they would use the reserve. Raises DISK_RESERVE_REACHED."""
+        """Raise DISK_RESERVE_REACHED if these bytes would use the reserve."""
         if not self.has_room(size_bytes):
             free_mib, reserve_mib = self.free_bytes // MIB_BYTES, self.reserve_bytes // MIB_BYTES
             held_mib = self._held.total() // MIB_BYTES

@@ -1,8 +1,4 @@
-"""Token buckets in microseconds of work, one for each source of work.
-
-A source (a peer, a client's address, a member's key) has a bucket that fills at a steady rate. Work is paid for before it
-is done, by the prices of `node/budgets/work_costs.py`; whoever has nothing left waits, or is refused and told for how long.
-"""
+"""Token buckets in microseconds of work, one per source; work is prepaid."""
 
 from __future__ import annotations
 
@@ -28,10 +24,7 @@ _SHOWN: dict[SourceKind, str] = {"visit_keys": "visit keys at"}
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Who brings transactions: this node, a peer, a client's address, or the key of a client's session.
-
-    Those who share one source, as the keys of visits at one address do, are told apart by `part`.
-    """
+    """Origin of transactions: this node, a peer, an address or a session key; `part` distinguishes sharers."""
 
     kind: SourceKind
     name: str = ""
@@ -42,7 +35,6 @@ class Source:
 
     @property
     def shared(self) -> Source:
-        """The source that all its parts share."""
         return Source(self.kind, self.name) if self.part else self
 
 
@@ -50,7 +42,6 @@ OWN = Source("own")
 
 
 def source_at(address: str) -> Source:
-    """Return who is at an address, as long as nothing more is known of him."""
     try:
         is_loopback = ipaddress.ip_address(address).is_loopback
     except ValueError:
@@ -60,7 +51,7 @@ def source_at(address: str) -> Source:
 
 @dataclass(frozen=True, slots=True)
 class Allowance:
-    """How much work a source may cause: steadily, and at once after it was quiet."""
+    """How much work a source may cause: steady rate and burst."""
 
     us_per_s: int
     burst_us: int
@@ -68,7 +59,7 @@ class Allowance:
 
 @dataclass(slots=True)
 class TokenBucket:
-    """One source's budget. The level may be negative: a debt that time pays off."""
+    """One source's budget; a negative level is debt paid off over time."""
 
     allowance: Allowance
     level_us: float
@@ -80,7 +71,7 @@ class TokenBucket:
         self.seen_s = max(self.seen_s, now_s)
 
     def take(self, cost_us: float, now_s: float) -> bool:
-        """Pay if there is enough; tell whether there was."""
+        """Pay if there is enough; return whether it was."""
         self._fill(now_s)
         if self.level_us + _ROUNDING_US < cost_us:
             return False
@@ -88,12 +79,11 @@ class TokenBucket:
         return True
 
     def charge(self, cost_us: float, now_s: float) -> None:
-        """Pay in any case, by a debt if need be."""
         self._fill(now_s)
         self.level_us -= cost_us
 
     def wait_s(self, cost_us: float, now_s: float) -> float:
-        """Return how long it is until there is enough for this cost, or for a full bucket if it costs more than that."""
+        """Return seconds until this cost, or at most a full bucket, is there."""
         self._fill(now_s)
         missing_us = min(cost_us, float(self.allowance.burst_us)) - self.level_us
         return max(0.0, missing_us / self.allowance.us_per_s)
@@ -101,25 +91,24 @@ class TokenBucket:
 
 @dataclass(slots=True)
 class Receipt:
-    """What one bucket paid. It goes back to that bucket only, and never more than was paid."""
+    """A bucket's payment; refunds go to that bucket, up to its amount."""
 
     bucket: TokenBucket
     paid_us: float
 
     def give_back(self, cost_us: float = math.inf) -> None:
-        """Give back so much of it, or all: somebody else pays for the work, or it was not done."""
         given_us = min(cost_us, self.paid_us)
         self.paid_us -= given_us
         self.bucket.level_us = min(float(self.bucket.allowance.burst_us), self.bucket.level_us + given_us)
 
 
 class Budgets(Generic[K]):
-    """The buckets of all sources of one kind; the least recently seen make room."""
+    """The buckets of one kind of sources; the least recently seen are evicted."""
 
     def __init__(
         self, allowance: Callable[[K], Allowance], clock_s: Callable[[], float], max_count: int = SOURCES_MAX_COUNT
     ) -> None:
-        """`clock_s` gives seconds that only grow."""
+        """`clock_s` gives monotonic seconds."""
         self._allowance = allowance
         self._clock_s = clock_s
         self._max_count = max_count
@@ -141,23 +130,20 @@ class Budgets(Generic[K]):
         return bucket, now_s
 
     def take(self, source: K, cost_us: float) -> Receipt | None:
-        """Pay if the source has enough; return the receipt, or None if it has not."""
         bucket, now_s = self._of(source)
         return Receipt(bucket, cost_us) if bucket.take(cost_us, now_s) else None
 
     def charge(self, source: K, cost_us: float) -> None:
-        """Let the source pay in any case."""
         bucket, now_s = self._of(source)
         bucket.charge(cost_us, now_s)
 
     def wait_s(self, source: K, cost_us: float = 1.0) -> float:
-        """Return how long it is until the source can pay this."""
+        """Return the seconds until the source can pay this."""
         bucket, now_s = self._of(source)
         return bucket.wait_s(cost_us, now_s)
 
 
 def over_budget(who: str, wait_s: float) -> BlockRobotError:
-    """Return the refusal of somebody who has nothing left, with the time after which to try again."""
     retry_after_s = max(1, min(RETRY_AFTER_MAX_S, round(wait_s + 0.5)))
     return BlockRobotError(
         "RATE_LIMITED", f"The budget of {who} is used up for {retry_after_s} s.", retry_after_s=retry_after_s

@@ -1,8 +1,4 @@
-"""What work costs in estimated microseconds of CPU: every frame, request and route, in one table.
-
-A node spends its time by these prices (`token_buckets.py`), so that a thousand cheap messages and one dear one weigh the
-same.
-"""
+"""Work costs in estimated microseconds of CPU: every frame, request and route."""
 
 from __future__ import annotations
 
@@ -29,7 +25,7 @@ REFUSAL_US = 50
 
 
 class Lane(Enum):
-    """Whose budget a frame is paid from, the most urgent first."""
+    """The budget a frame is paid from, most urgent first."""
 
     CONSENSUS = "consensus"
     GOSSIP = "gossip"
@@ -40,7 +36,7 @@ class Lane(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FrameCost:
-    """What handling one frame costs, besides `FRAME_US` and its bytes."""
+    """A frame's handling cost, besides `FRAME_US` and its bytes."""
 
     lane: Lane
     us: int
@@ -118,5 +114,4 @@ ROUTE_COSTS: Mapping[str, int] = {
 
 
 def bytes_cost_us(size_bytes: int) -> int:
-    """Return what so many bytes cost on their way in or out."""
     return size_bytes // BYTES_PER_US

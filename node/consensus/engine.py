@@ -1,8 +1,6 @@
-"""Drives the consensus core: carries its effects out in order. Must never send what stands behind an unsynced record.
+"""Drives the consensus core, executing its effects in order.
 
-Events are handled one after another on the event loop. A block small enough is executed at once; a large one, or any
-one if another process executes it, in a thread, and until it is done the core waits (the loop, and with it the network
-and the HTTP interface, does not).
+Nothing is sent before its record is synced; large blocks execute in a thread.
 """
 
 from __future__ import annotations
@@ -88,28 +86,22 @@ log = structlog.get_logger(__name__)
 class Outbox(Protocol):
     """Where the core's messages go."""
 
-    def broadcast(self, message: Message) -> None:
-        """Send to all peers."""
-        ...
+    def broadcast(self, message: Message) -> None: ...
 
-    def send_to(self, index: int, message: Message) -> None:
-        """Send to one producer."""
-        ...
+    def send_to(self, index: int, message: Message) -> None: ...
 
     def fetch(self, effect: FetchBlocks) -> None:
-        """Ask producers for blocks; the answer comes back as `BlocksFetched`."""
+        """Ask producers for blocks; the answer arrives as `BlocksFetched`."""
         ...
 
-    def gossip_again(self) -> None:
-        """Send the waiting transactions to all peers again (with a timeout)."""
-        ...
+    def gossip_again(self) -> None: ...
 
 
 class FinalizedSink(Protocol):
     """Where finalized blocks go."""
 
     def store(self, blocks: list[ExecutedBlock], proof: FinalityProof) -> None:
-        """Take over blocks to be stored, oldest first."""
+        """Take over blocks to store, oldest first."""
         ...
 
 
@@ -120,7 +112,7 @@ EvidenceListener = Callable[[Evidence], None]
 
 
 class Engine:
-    """One node's consensus at work: one core after another, each for one epoch."""
+    """One node's consensus: one core after another, each for one epoch."""
 
     def __init__(
         self,
@@ -137,7 +129,7 @@ class Engine:
     ) -> None:
         """`core` is in the epoch of `start`; `make_core` makes the next ones.
 
-        `clock` says ms since 1970; `stopwatch` seconds that grow also while a callback runs.
+        `clock`: ms since 1970; `stopwatch`: monotonic seconds, also within a callback.
         """
         self.core = core
         self.epoch = start
@@ -173,21 +165,19 @@ class Engine:
         self._timed_out = (-1, -1)
 
     def start(self, outbox: Outbox) -> None:
-        """Begin. Everything that the core says goes to `outbox`."""
         self._outbox = outbox
         self._recorder.start(self._executor.thread)
         self.submit(Started(now_ms=self._clock()))
 
     def add_epoch_listener(self, listener: EpochListener) -> None:
-        """Call `listener` whenever an epoch begins here, before anything of it is handled."""
+        """Call `listener` at each epoch's start, before its first event."""
         self._epoch_listeners.append(listener)
 
     def add_evidence_listener(self, listener: EvidenceListener) -> None:
-        """Call `listener` with each proof that a producer said two things in one round."""
+        """Call `listener` with each proof of equivocation."""
         self._evidence_listeners.append(listener)
 
     async def stop(self) -> None:
-        """Stop timers and wait for a running execution."""
         self._stopped = True
         for handle in self._timers.values():
             handle.cancel()
@@ -195,27 +185,26 @@ class Engine:
         await self.stop_waiting()
 
     async def stop_waiting(self) -> None:
-        """Wait until nothing is being executed or synced in a thread."""
         while self._waiting is not None:
             await asyncio.wait([self._waiting])
             await asyncio.sleep(0)
 
     @property
     def is_signing(self) -> bool:
-        """Tell whether the node takes part: neither halted nor unable to write."""
+        """Return whether the node signs: neither halted nor unable to write."""
         return not self.core.halted and not self.fault
 
     # Events
 
     def submit(self, event: Event) -> None:
-        """Hand an event to the core, after those that wait. A node that cannot write lets pass what comes again."""
+        """Queue an event for the core; during an outage recurring ones are dropped."""
         if self._outages and isinstance(event, _RETRANSMITTED_EVENTS):
             return
         self._events.append(event)
         self._drain()
 
     def call_between_events(self, action: Callable[[], None]) -> None:
-        """Run an action when no event is half handled and no block is being executed."""
+        """Run an action between events, with no block executing."""
         self._events.append(action)
         self._drain()
 
@@ -290,14 +279,13 @@ class Engine:
             listener(evidence)
 
     def _count_timed_out(self, said: Timeout) -> None:
-        """Count a round once: that it was given up is said again until the round ends."""
         place = (said.epoch, said.round)
         if place > self._timed_out:
             self._timed_out = place
             self.rounds_timed_out_count += 1
 
     def _persist(self, records: tuple[bytes, ...]) -> None:
-        """Journal, then speak. On a slow disk the sync is done in a thread, so that the event loop goes on."""
+        """Journal, then send; slow syncs run in a thread."""
         if not self._recorder.append(records):
             return
         if self._recorder.is_fast:
@@ -318,7 +306,6 @@ class Engine:
         return not self._executor.waits and len(transactions) <= INLINE_TRANSACTIONS_MAX_COUNT
 
     def _run_in_thread(self, work: Callable[[], Event | None]) -> None:
-        """Do the work in the executor's thread; no effect and no event is touched before it is done."""
         future: asyncio.Future[Event | None] = self._loop.run_in_executor(self._executor.thread, work)
         self._waiting = future
         future.add_done_callback(self._resume)
@@ -400,7 +387,7 @@ class Engine:
         self.note_work()
 
     def is_on_branch(self, txid: bytes) -> bool:
-        """Tell whether a transaction is in a certified block that is not stored yet."""
+        """Return whether a certified, not yet stored block has this transaction."""
         return txid in self._branch_txids or any(txid in txids for txids in self._unstored.values())
 
     def note_stored(
@@ -410,11 +397,10 @@ class Engine:
         position: Position,
         stored: LedgerSnapshot | None = None,
     ) -> None:
-        """The ledger store holds everything up to this position: the journal need not, and execution stands on it.
+        """Take note that the ledger is stored up to this position. Only between events.
 
-        Blocks that the core did not finalize itself came by sync; it hears of them before the base moves. A stored
-        boundary ends the core and its epoch. `stored` is the ledger at this position, and is taken over. Only between
-        events.
+        The core hears of synced blocks before the base moves; a boundary ends its epoch. Takes over `stored`, the
+        ledger at this position.
         """
         head = blocks[-1]
         if head.header.height > self.core.finalized.height and head.next_epoch is None:
@@ -433,9 +419,9 @@ class Engine:
             self._begin_epoch(EpochStart(head.next_epoch, head.block_id, proof_bytes), head)
 
     def _begin_epoch(self, start: EpochStart, boundary: ExecutedBlock) -> None:
-        """Put a new core in the place of the old one; nothing that was said to the old one reaches the new one.
+        """Replace the core for a new epoch; the old one's messages are dropped.
 
-        The journal begins anew: should the node stop before it does, reading it back passes the old records over.
+        The journal restarts; after a crash before that, reading it skips the old records.
         """
         for kind in list(self._timers):
             self._cancel_timer(kind)
@@ -460,23 +446,22 @@ class Engine:
 
     @property
     def fault(self) -> str:
-        """Why the node cannot write; empty while it can."""
+        """Return why the node cannot write, or ""."""
         return " ".join(self._outages.values())
 
     def pause(self, disk: str, reason: str) -> None:
-        """R38: this disk refuses: stand still, say nothing and keep what is to be done, until it takes writes again."""
+        """R38: stop signing while this disk refuses writes; keep pending work."""
         self._outages[disk] = reason
         log.critical("node_cannot_write", disk=disk, reason=reason)
 
     def resume(self, disk: str) -> None:
-        """The disk takes writes again: go on where the engine stood still."""
         if self._outages.pop(disk, None) is not None and not self._outages:
             log.warning("node_writes_again", disk=disk)
             self.note_work()
             self._drain()
 
     def note_work(self) -> None:
-        """Tell the core if there began, or ceased, to be transactions worth a block."""
+        """Report to the core when waiting transactions appear or run out."""
         patience = _PATIENCE_TURNS * len(self._executor.schedule.producers)
         pending = self._mempool.has_work(self._branch_txids | self._executor.quarantine.held(), patience)
         if pending != self._pending and not self._outages:

@@ -1,8 +1,7 @@
-"""The epoch that a node is in, and how others are helped into it. Must never let a word of one epoch count in another.
+"""The node's epoch, and how others are helped into it.
 
-The head of the synced store decides the epoch, also after a restart: whoever holds a boundary is in the epoch that the
-boundary begins. A word of an earlier epoch is answered with the proof that ends it, a word of a later one is kept for a
-moment (most likely one's own boundary is about to be stored) and then taken as a sign that one is behind.
+Messages of one epoch never count in another. The stored head decides the epoch. Earlier-epoch messages get the ending
+proof; later ones are kept briefly.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ log = structlog.get_logger(__name__)
 
 @dataclass(frozen=True)
 class EpochStart:
-    """Where an epoch begins: what it decides, and the block that its round 0 certifies (genesis or the boundary)."""
+    """An epoch's start: its decisions and the block its round 0 certifies."""
 
     epoch: Epoch
     round_zero_id: bytes
@@ -52,25 +51,19 @@ class EpochStart:
 
     @property
     def number(self) -> int:
-        """The number of the epoch."""
         return self.epoch.number
 
     @cached_property
     def schedule(self) -> Schedule:
-        """Who votes in it."""
         return Schedule.of(self.epoch)
 
 
 def start_of_genesis(genesis: Genesis) -> EpochStart:
-    """Return how epoch 0 begins."""
     return EpochStart(epoch=genesis.epoch, round_zero_id=genesis.block_id)
 
 
 def read_start(snapshot: LedgerSnapshot, genesis: Genesis, number: int) -> EpochStart:
-    """Return how an epoch began that the ledger has reached.
-
-    Raises STORAGE_DAMAGED if it does not say, or tells of another epoch: nobody may be let into one by the wrong proof.
-    """
+    """Return how a reached epoch began. Raises STORAGE_DAMAGED, also for another epoch's proof."""
     if number == 0:
         return start_of_genesis(genesis)
     data = snapshot.epoch_proof(number)
@@ -83,7 +76,7 @@ def read_start(snapshot: LedgerSnapshot, genesis: Genesis, number: int) -> Epoch
 
 
 def verify_following(proof: EpochProof, start: EpochStart, chain_id: bytes) -> None:
-    """Check that the proof ends the epoch of `start` and names the next one.
+    """Check that the proof ends this epoch and names the next.
 
     Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*.
     """
@@ -94,7 +87,7 @@ def verify_following(proof: EpochProof, start: EpochStart, chain_id: bytes) -> N
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """Where a node goes on: the epoch, the newest stored block, and the certificate for it in that epoch."""
+    """Where a node continues: epoch, newest stored block, its certificate."""
 
     start: EpochStart
     block: Block
@@ -102,7 +95,7 @@ class Head:
 
 
 def read_head(snapshot: LedgerSnapshot, genesis: Genesis) -> Head:
-    """Return where a node with this ledger goes on. Raises STORAGE_DAMAGED."""
+    """Return where this ledger's node continues. Raises STORAGE_DAMAGED."""
     position = snapshot.position
     data = None if position is None else snapshot.block(position.height)
     if position is None or data is None:
@@ -117,12 +110,12 @@ def read_head(snapshot: LedgerSnapshot, genesis: Genesis) -> Head:
 
 
 class Handover:
-    """Brings the producers of a new epoch into it, and keeps early words of the next one. All on the event loop."""
+    """Brings producers into a new epoch; keeps its early messages. Event loop only."""
 
     def __init__(
         self, *, start: EpochStart, ledger: LedgerStore, send: Callable[[str, FrameKind, bytes], bool]
     ) -> None:
-        """`send` sends a frame to a peer and tells whether it is connected."""
+        """`send` sends a frame; returns whether the peer is connected."""
         self.start = start
         self._ledger = ledger
         self._send = send
@@ -135,7 +128,7 @@ class Handover:
         self._kept: dict[str, deque[tuple[FrameKind, bytes]]] = {}
 
     def begin(self, start: EpochStart, producers: Iterable[str]) -> list[tuple[str, FrameKind, bytes]]:
-        """A new epoch began here: tell its producers until each has spoken in it; return the words kept for it."""
+        """Begin an epoch; notify its producers until each answers; return kept messages."""
         self.start = start
         self._answered.clear()
         self._silent = set(producers)
@@ -146,15 +139,14 @@ class Handover:
         return [(peer, kind, payload) for peer, words in kept.items() for kind, payload in words]
 
     def stop(self) -> None:
-        """Stop telling."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def note_word(self, peer: str) -> bool:
-        """A peer spoke in this epoch, or says that it has reached it; tell whether it has just come into it (R25).
+        """Note a peer's message in this epoch; return whether it just entered (R25).
 
-        It has if it was to be heard since the epoch began here, or spoke of an earlier one. Who connects is greeted anyway.
+        It did if it had not been heard in it, or came from an earlier one.
         """
         self._silent.discard(peer)
         is_first = peer in self._awaited
@@ -163,7 +155,6 @@ class Handover:
 
     @property
     def silent(self) -> frozenset[str]:
-        """The producers of this epoch that have not been heard in it since it began here."""
         return frozenset(self._silent)
 
     def _tell(self) -> None:
@@ -176,9 +167,9 @@ class Handover:
         self._timer = self._loop.call_later(self.start.epoch.settings.base_timeout_ms / 1000, self._tell)
 
     def answer(self, peer: str, epoch: int) -> bool:
-        """Send a peer that is in an earlier epoch the proof that ends it, not too often; tell whether it was sent.
+        """Send a peer in an earlier epoch its ending proof, rate-limited; return whether sent.
 
-        It comes into this epoch anew only as often: whoever mixes words of two epochs is not greeted at each of them.
+        The limit also bounds how often such a peer counts as entering.
         """
         now = self._loop.time()
         if self._answered.get(peer, now - 1.0) > now - ANSWER_INTERVAL_MS / 1000:
@@ -190,7 +181,7 @@ class Handover:
         return proof is not None and self._send(peer, FrameKind.EPOCH, proof)
 
     def keep(self, peer: str, kind: FrameKind, payload: bytes) -> None:
-        """Keep a word of the next epoch until it begins here; the oldest ones of the same peer make room."""
+        """Keep a next-epoch message; the same peer's oldest are evicted."""
         words = self._kept.setdefault(peer, deque())
         words.append((kind, payload))
         size_bytes = sum(len(word) for _, word in words)

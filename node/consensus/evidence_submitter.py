@@ -1,7 +1,6 @@
-"""Brings evidence against a producer before the contract `producers`. Must never accuse without two genuine signatures.
+"""Submits evidence against producers: two genuine signatures each.
 
-Every node that saw both words holds the same evidence (R30). They take their turns by their places in the schedule, so
-that one transaction is enough as a rule; each tries again until the finalized state knows of it (R32).
+All holders have it (R30) and take turns in schedule order until finalized (R32).
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ class _Case:
 
 
 class EvidenceSubmitter:
-    """The evidence that this node holds and that the finalized state does not know yet."""
+    """This node's evidence that the finalized state lacks."""
 
     def __init__(
         self,
@@ -54,7 +53,7 @@ class EvidenceSubmitter:
         schedule: Callable[[], Schedule],
         clock: Clock,
     ) -> None:
-        """`reader` gives the newest finalized state, `schedule` the producers of the epoch that the node is in."""
+        """`reader` gives the newest finalized state, `schedule` the current epoch's producers."""
         self._key = key
         self._chain_id = chain_id
         self._pool = pool
@@ -65,11 +64,10 @@ class EvidenceSubmitter:
 
     @property
     def pending(self) -> list[Evidence]:
-        """The evidence that is not known on the chain yet."""
         return [case.evidence for case in self._cases.values()]
 
     def note(self, evidence: Evidence) -> None:
-        """Take up a case; one a producer and round is enough, and one's own key is never accused."""
+        """Add evidence: one per producer and round, never against one's own key."""
         try:
             verify_evidence(evidence, self._chain_id)
         except BlockRobotError as error:
@@ -81,13 +79,12 @@ class EvidenceSubmitter:
         self._cases[place] = _Case(evidence, due_ms=self._clock.now_ms() + self._turn() * TURN_MS)
 
     def _turn(self) -> int:
-        """Return this node's place among the accusers: producers first, in the order of the schedule."""
         schedule = self._schedule()
         index = schedule.index_of(self._key.public_key)
         return len(schedule.producers) if index is None else index
 
     async def submit_if_due(self) -> int:
-        """Submit the accusations whose turn has come; return how many. Drops the cases that the state knows."""
+        """Submit due accusations, drop known cases; return the number submitted."""
         if not self._cases:
             return 0
         reader, now_ms = self._reader(), self._clock.now_ms()
@@ -129,9 +126,9 @@ class EvidenceSubmitter:
 
 
 def _is_known(reader: LedgerSnapshot, place: bytes, evidence: Evidence) -> bool:
-    """Tell whether the state marks the evidence, or the producer is suspended or reinstated since.
+    """Return whether the state has the evidence, or a later suspension or reinstatement.
 
-    One that was merely removed is accused all the same: it might come back.
+    Removed producers are still accused: they may return.
     """
     if reader.get(place) is not None:
         return True
@@ -147,7 +144,6 @@ def _is_known(reader: LedgerSnapshot, place: bytes, evidence: Evidence) -> bool:
 
 
 def suspended_height(state: LedgerSnapshot, producer: bytes) -> int | None:
-    """Return the height at which a producer's key was suspended, or None if it is not."""
     row = CANDIDATE.at(state, producer)
     return row.suspended_height if row is not None and row.status == "suspended" else None
 
@@ -155,7 +151,6 @@ def suspended_height(state: LedgerSnapshot, producer: bytes) -> int | None:
 def describe_accused(
     accuser: EvidenceSubmitter | None, directory: Directory, state: LedgerSnapshot
 ) -> list[dict[str, Any]]:
-    """Return the nodes against which there is evidence that the chain does not know yet, and those that it suspended."""
     pending = () if accuser is None else accuser.pending
     names = {name for each in pending if (name := directory.name_of_producer(each.producer)) is not None}
     rows: list[dict[str, Any]] = [{"name": name, "state": "evidence", "height": None} for name in sorted(names)]

@@ -1,11 +1,7 @@
-"""The voting journal: what a producer said, on disk before it says it. Must never forget a record that was synced.
+"""The voting journal: a producer's records, durable before it sends.
 
-Framed records in one file, appended only: `magic | length | crc | sequence | synced | kind | record`. `synced` is the
-newest sequence that was on disk when the frame was made: a frame that cannot be read although a later one says it was
-synced is damage (JOURNAL_DAMAGED), any other is the torn tail of a crash and is cut off. The crc covers an identity
-drawn for each file, so that no bytes inside a record can pose as a frame.
-
-Only `create` makes a journal: to make a missing one anew on opening would let a producer vote twice.
+Frames `magic | length | crc | sequence | synced | kind | record`. An unreadable frame later called synced is damage,
+else a torn tail. Only `create` makes a journal: recreating one allows double votes.
 """
 
 from __future__ import annotations
@@ -35,7 +31,7 @@ _COVERED = struct.Struct(">IQQB")
 
 @dataclass(frozen=True, slots=True)
 class JournalEntry:
-    """One record as it was appended: its place in the journal's life-long count, its kind (0 to 255), its bytes."""
+    """An appended record: lifelong sequence, kind (0 to 255), bytes."""
 
     sequence: int
     kind: int
@@ -55,7 +51,6 @@ def _frame(identity: bytes, entry: JournalEntry, synced: int) -> bytes:
 
 
 def _read_frame(identity: bytes, data: bytes, offset: int) -> tuple[JournalEntry, int] | None:
-    """Return the entry at an offset and the `synced` it carries, or None if there is no whole, unharmed frame."""
     start = offset + _FRAME_HEADER.size
     if start > len(data):
         return None
@@ -71,7 +66,7 @@ def _read_frame(identity: bytes, data: bytes, offset: int) -> tuple[JournalEntry
 
 @dataclass(frozen=True, slots=True)
 class _FileHead:
-    """The start of a file: its identity, its first sequence, and the newest that was synced with the file itself."""
+    """A file's start: identity (in every crc), first sequence, newest sequence synced with it."""
 
     identity: bytes
     first_sequence: int
@@ -92,7 +87,7 @@ class _FileHead:
 
 
 def _replay(data: bytes, path: Path) -> tuple[_FileHead, list[JournalEntry], int]:
-    """Return the head, all entries and the offset behind the last. Raises JOURNAL_DAMAGED unless the rest is torn."""
+    """Raises JOURNAL_DAMAGED."""
     head = _FileHead.decode(data, path)
     entries: list[JournalEntry] = []
     offset, expected, synced = _FILE_HEADER.size, head.first_sequence, head.synced
@@ -111,7 +106,7 @@ def _replay(data: bytes, path: Path) -> tuple[_FileHead, list[JournalEntry], int
 
 
 def count_records(path: Path) -> int:
-    """Return how many whole records a journal's file holds, without opening it to write: another process may have it.
+    """Count whole records without a write lock; another process may hold it.
 
     Raises JOURNAL_MISSING, JOURNAL_DAMAGED, FILE_UNUSABLE.
     """
@@ -125,7 +120,6 @@ def count_records(path: Path) -> int:
 
 
 def _make_content(identity: bytes, first: int, records: list[tuple[int, bytes]]) -> tuple[list[JournalEntry], bytes]:
-    """Return the entries of a new file and its bytes, in which all of them count as synced with the file itself."""
     entries = [JournalEntry(first + index, kind, record) for index, (kind, record) in enumerate(records)]
     newest = first + len(entries) - 1
     frames = [_frame(identity, entry, newest) for entry in entries]
@@ -133,7 +127,6 @@ def _make_content(identity: bytes, first: int, records: list[tuple[int, bytes]])
 
 
 def _write_aside(disk: Disk, path: Path, data: bytes) -> DiskFile:
-    """Write and sync a file beside the journal; return it open. Raises OSError."""
     file = disk.open(_aside(path), create=True)
     try:
         file.append(data)
@@ -158,16 +151,15 @@ def _refusal(path: Path, error: OSError) -> BlockRobotError:
 
 
 class Journal:
-    """An open journal. `append` only remembers; `sync` writes and syncs, in whatever thread it is called.
+    """An open journal: `append` buffers; `sync` writes and syncs, in any thread.
 
-    After a failed write or sync nothing about the file is certain: the journal then refuses everything
-    (JOURNAL_UNWRITABLE) until `recover` writes it anew, or it is opened anew.
+    After a failure it refuses everything (JOURNAL_UNWRITABLE) until `recover` or reopening.
     """
 
     def __init__(
         self, disk: Disk, path: Path, file: DiskFile, identity: bytes, entries: list[JournalEntry], next_sequence: int
     ) -> None:
-        """Take over an open file whose content is synced; use `create` or `open`."""
+        """Take over an open, synced file; use `create` or `open`."""
         self._disk = disk
         self._path = path
         self._file = file
@@ -192,9 +184,9 @@ class Journal:
         first_sequence: int = 1,
         records: Sequence[bytes] = (),
     ) -> Journal:
-        """Make a journal of these records (none as a rule) and open it. `identity` (16 bytes) is drawn unless given.
+        """Create and open a journal; `identity` (16 bytes) is random by default.
 
-        Raises DATA_DIRECTORY_INVALID if there is one already, JOURNAL_UNWRITABLE if the disk refuses.
+        Raises DATA_DIRECTORY_INVALID if it exists, JOURNAL_UNWRITABLE.
         """
         disk = disk or SystemDisk()
         identity = os.urandom(IDENTITY_SIZE_BYTES) if identity is None else identity
@@ -216,10 +208,9 @@ class Journal:
 
     @classmethod
     def open(cls, path: Path, *, disk: Disk | None = None) -> Journal:
-        """Open a journal and read all of it (`entries`); the torn tail of a crash is cut off.
+        """Open a journal and read its `entries`; a torn tail is cut off.
 
-        Raises JOURNAL_MISSING if there is none, JOURNAL_DAMAGED for damage before the tail, DATA_DIRECTORY_IN_USE if
-        another process holds it, JOURNAL_UNWRITABLE if the disk refuses.
+        Raises JOURNAL_MISSING, JOURNAL_DAMAGED, DATA_DIRECTORY_IN_USE, JOURNAL_UNWRITABLE.
         """
         disk = disk or SystemDisk()
         try:
@@ -246,28 +237,26 @@ class Journal:
 
     @property
     def entries(self) -> tuple[JournalEntry, ...]:
-        """What the journal held when it was opened, in order; empty after a compaction."""
+        """Return the entries found on opening, in order; empty after compaction."""
         return self._entries
 
     @property
     def next_sequence(self) -> int:
-        """The sequence that the next record will get; it never goes back, not even by compaction."""
+        """Return the next record's sequence; it never decreases, even by compaction."""
         return self._next_sequence
 
     @property
     def synced_sequence(self) -> int:
-        """The newest sequence that is safe on disk."""
         return self._synced
 
     @property
     def size_bytes(self) -> int:
-        """The size of the file, with what waits to be written: when to compact is the caller's choice."""
         return self._size_bytes
 
     def append(self, record: bytes, kind: int = 0) -> int:
-        """Add a record and return its sequence; it is on disk only after `sync`. Touches no disk.
+        """Buffer a record and return its sequence; durable only after `sync`.
 
-        Raises ValueError for a record or kind out of bounds, JOURNAL_UNWRITABLE if the journal is broken or full.
+        Raises ValueError for bounds, JOURNAL_UNWRITABLE if broken or full.
         """
         if len(record) > RECORD_SIZE_MAX_BYTES or not 0 <= kind <= KIND_MAX:
             raise ValueError("a journal record is too large, or its kind is not one byte")
@@ -283,9 +272,9 @@ class Journal:
             return entry.sequence
 
     def sync(self) -> int:
-        """Write and sync all that was appended before the call; return the newest sequence that is now safe.
+        """Sync all appended records; return the newest durable sequence.
 
-        Blocks on the disk: run it beside the event loop. Raises JOURNAL_UNWRITABLE if the disk refuses.
+        Blocks: run beside the event loop. Raises JOURNAL_UNWRITABLE.
         """
         with self._write_lock:
             with self._append_lock:
@@ -302,11 +291,10 @@ class Journal:
             return self._synced
 
     def compact(self, keep: Iterable[tuple[int, bytes]], *, through: int | None = None) -> None:
-        """Replace what the journal holds up to sequence `through` by these (kind, record), all under new sequences.
+        """Replace records up to `through` by these (kind, record), with new sequences.
 
-        What came after `through` (by default: what is not synced yet) is carried over behind them, and all is synced.
-        Atomic: after a crash there is the old journal or the new one. Blocks on the disk. Raises JOURNAL_UNWRITABLE if
-        the disk refuses.
+        Later records (default: unsynced ones) follow, and all is synced. Atomic; blocks on the disk. Raises
+        JOURNAL_UNWRITABLE.
         """
         with self._write_lock, self._append_lock:
             self._check_usable()
@@ -320,10 +308,10 @@ class Journal:
                 raise _refusal(self._path, error) from error
 
     def recover(self, keep: Iterable[tuple[int, bytes]]) -> None:
-        """Write these (kind, record) into a new file in the place of all, and go on with it, also after a failure.
+        """Rewrite the journal as these (kind, record), also after a failure.
 
-        Atomic, as `compact` is; the old file is not read. `keep` says all that was appended, synced or not. Blocks on
-        the disk. Raises JOURNAL_UNWRITABLE if the disk refuses, or the journal is closed.
+        Atomic; the old file is not read. `keep` has to cover all appended records. Blocks on the disk. Raises
+        JOURNAL_UNWRITABLE.
         """
         with self._write_lock, self._append_lock:
             if self._closed:
@@ -355,7 +343,6 @@ class Journal:
         self._size_bytes = len(data)
 
     def close(self) -> None:
-        """Let go of the file; what was appended and not synced is dropped. Closing twice is harmless."""
         with self._write_lock, self._append_lock:
             self._broken = True
             if not self._closed:

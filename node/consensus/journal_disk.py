@@ -1,6 +1,6 @@
-"""The few things that a journal does to a disk, as a Protocol. Must never report as synced what the disk may still lose.
+"""Disk operations of the journal, as a Protocol simulators can replace.
 
-`SystemDisk` is the real one; a simulator puts another in its place, to crash, to tear writes and to fill up.
+Nothing is reported as synced that the disk may still lose.
 """
 
 from __future__ import annotations
@@ -17,53 +17,43 @@ _SYNC_WHOLLY = getattr(fcntl, "F_FULLFSYNC", None)
 
 
 class DiskFile(Protocol):
-    """One open file, owned by this process alone. Every method raises OSError if the disk refuses."""
+    """One exclusively opened file; methods raise OSError if the disk refuses."""
 
-    def read_all(self) -> bytes:
-        """Return the whole content."""
-        ...
+    def read_all(self) -> bytes: ...
 
     def append(self, data: bytes) -> None:
-        """Write all of `data` at the end; it is safe only after `sync`."""
+        """Append all of `data`; durable only after `sync`."""
         ...
 
-    def truncate(self, size_bytes: int) -> None:
-        """Cut the file to this size; later appends go there."""
-        ...
+    def truncate(self, size_bytes: int) -> None: ...
 
     def sync(self) -> None:
-        """Return once all content and the file's size are on the medium."""
+        """Return once content and size are durable."""
         ...
 
-    def close(self) -> None:
-        """Let go of the file."""
-        ...
+    def close(self) -> None: ...
 
 
 class Disk(Protocol):
     """The file system of one node."""
 
-    def exists(self, path: Path) -> bool:
-        """Tell whether there is a file under this path."""
-        ...
+    def exists(self, path: Path) -> bool: ...
 
     def open(self, path: Path, *, create: bool) -> DiskFile:
-        """Open a file for this process alone; with `create` a new, empty one in place of any other.
+        """Open a file exclusively; `create` makes a new, empty one.
 
-        Raises FileNotFoundError if it is missing (without `create`), DATA_DIRECTORY_IN_USE if another holds it.
+        Raises FileNotFoundError (without `create`), DATA_DIRECTORY_IN_USE.
         """
         ...
 
-    def replace(self, source: Path, target: Path) -> None:
-        """Let `target` name the file that `source` named, atomically."""
-        ...
+    def replace(self, source: Path, target: Path) -> None: ...
 
     def remove(self, path: Path) -> None:
-        """Remove a file. Raises FileNotFoundError if there is none."""
+        """Remove a file. Raises FileNotFoundError."""
         ...
 
     def sync_directory(self, directory: Path) -> None:
-        """Return once the directory's names are on the medium."""
+        """Return once the directory's names are durable."""
         ...
 
 
@@ -74,7 +64,6 @@ class SystemFile:
         self._descriptor = descriptor
 
     def read_all(self) -> bytes:
-        """Return the whole content."""
         parts: list[bytes] = []
         offset = 0
         while part := os.pread(self._descriptor, 1 << 20, offset):
@@ -83,24 +72,20 @@ class SystemFile:
         return b"".join(parts)
 
     def append(self, data: bytes) -> None:
-        """Write all of `data` at the end."""
         view = memoryview(data)
         while view:
             view = view[os.write(self._descriptor, view) :]
 
     def truncate(self, size_bytes: int) -> None:
-        """Cut the file to this size."""
         os.ftruncate(self._descriptor, size_bytes)
 
     def sync(self) -> None:
-        """Return once all content and the file's size are on the medium."""
         if _SYNC_WHOLLY is not None:
             fcntl.fcntl(self._descriptor, _SYNC_WHOLLY)
         else:
             os.fdatasync(self._descriptor)
 
     def close(self) -> None:
-        """Let go of the file and its lock."""
         os.close(self._descriptor)
 
 
@@ -108,11 +93,10 @@ class SystemDisk:
     """The file system of the machine."""
 
     def exists(self, path: Path) -> bool:
-        """Tell whether there is a file under this path."""
         return path.is_file()
 
     def open(self, path: Path, *, create: bool) -> SystemFile:
-        """Open a file (mode 0600) for this process alone; see `Disk.open` for the errors."""
+        """Open a file exclusively, mode 0600; errors as in `Disk.open`."""
         flags = os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | (os.O_CREAT if create else 0)
         descriptor = os.open(path, flags, 0o600)
         try:
@@ -130,15 +114,12 @@ class SystemDisk:
         return SystemFile(descriptor)
 
     def replace(self, source: Path, target: Path) -> None:
-        """Let `target` name the file that `source` named, atomically."""
         source.replace(target)
 
     def remove(self, path: Path) -> None:
-        """Remove a file."""
         path.unlink()
 
     def sync_directory(self, directory: Path) -> None:
-        """Return once the directory's names are on the medium."""
         descriptor = os.open(directory, os.O_RDONLY)
         try:
             os.fsync(descriptor)

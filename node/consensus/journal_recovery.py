@@ -1,8 +1,7 @@
-"""Opens the voting journal, also of a node that came back from a backup. Must never let a restored node forget that it is.
+"""Opens the voting journal, also after restoring a backup.
 
-`--restored` puts a mark behind the journal's records, on disk before anything else happens: from then on the producer
-is silent until the chain has gone on without it (R34, R35), also if it stops and starts again without the flag. A
-journal that is missing or damaged is made anew with the flag only, and holds the mark from its first byte on.
+`--restored` first appends a durable mark: the producer is silent until the chain advances (R34, R35). Only then is a
+missing or damaged journal recreated.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ log = structlog.get_logger(__name__)
 
 
 def open_journal(path: Path, *, restored: bool = False, disk: Disk | None = None) -> Journal:
-    """Open the journal of a data directory; `restored` says that the directory, or a part of it, is from a backup.
+    """Open a data directory's journal; `restored`: any part is from a backup.
 
-    Raises JOURNAL_MISSING and JOURNAL_DAMAGED (not if `restored`), JOURNAL_UNWRITABLE, DATA_DIRECTORY_IN_USE.
+    Raises JOURNAL_MISSING, JOURNAL_DAMAGED (neither if `restored`), JOURNAL_UNWRITABLE, DATA_DIRECTORY_IN_USE.
     """
     disk = disk or SystemDisk()
     if not restored:
@@ -48,7 +47,7 @@ def open_journal(path: Path, *, restored: bool = False, disk: Disk | None = None
 
 
 def _set_aside(path: Path, disk: Disk) -> None:
-    """Keep a damaged journal under another name, for inspection. Raises JOURNAL_UNWRITABLE."""
+    """Raises JOURNAL_UNWRITABLE."""
     try:
         disk.replace(path, path.with_name(path.name + DAMAGED_SUFFIX))
         disk.sync_directory(path.parent)

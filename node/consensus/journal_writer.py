@@ -1,8 +1,6 @@
-"""Writes the core's records before a word is spoken, and waits out a disk that refuses. Must never pass over a record.
+"""Journals records before messages leave, and waits out disk failures.
 
-After a refusal nothing about the journal's file is certain. So the whole journal is written anew, out of what the core
-holds, once a second until the disk takes it; meanwhile the engine stands still (R38). What the core signed before the
-refusal is in that new journal, and only then leaves the node: it can never say anything else in those rounds.
+After a failure the journal is rewritten each second until it succeeds; meanwhile the engine stops (R38).
 """
 
 from __future__ import annotations
@@ -28,29 +26,25 @@ class VotingJournal(Protocol):
     """Where records go before a word is spoken."""
 
     def append(self, record: bytes, kind: int = 0) -> int:
-        """Add a record and return its sequence; it is on disk only after `sync`."""
+        """Append a record and return its sequence; durable only after `sync`."""
         ...
 
     def sync(self) -> int:
-        """Write and sync all that was appended. Raises JOURNAL_UNWRITABLE: nothing may be sent then."""
+        """Sync all appended records. Raises JOURNAL_UNWRITABLE: then send nothing."""
         ...
 
-    def compact(self, keep: Iterable[tuple[int, bytes]], *, through: int | None = None) -> None:
-        """Put these records (kind, bytes) in the place of all up to sequence `through`, in one step."""
-        ...
+    def compact(self, keep: Iterable[tuple[int, bytes]], *, through: int | None = None) -> None: ...
 
     def recover(self, keep: Iterable[tuple[int, bytes]]) -> None:
-        """After a refusal: put these records in the place of all, in a new file. Raises JOURNAL_UNWRITABLE."""
+        """After a failure, write these records into a new file. Raises JOURNAL_UNWRITABLE."""
         ...
 
     @property
-    def size_bytes(self) -> int:
-        """How large the journal is."""
-        ...
+    def size_bytes(self) -> int: ...
 
 
 class Recorder:
-    """The journal as the engine uses it. All on the event loop, but for `sync`."""
+    """The engine's journal; event loop only, except `sync`."""
 
     def __init__(
         self,
@@ -61,7 +55,7 @@ class Recorder:
         on_outage: Callable[[str], None],
         on_recovery: Callable[[], None],
     ) -> None:
-        """`snapshot` returns the records that say all that the journal must say; it is asked while nothing moves."""
+        """`snapshot` returns all records the journal needs; called while nothing changes."""
         self._journal = journal
         self._stopwatch = stopwatch
         self._snapshot = snapshot
@@ -76,11 +70,9 @@ class Recorder:
         self._stopped = False
 
     def start(self, thread: ThreadExecutor | None) -> None:
-        """Begin; recoveries are written in this thread."""
         self._thread = thread
 
     async def stop(self) -> None:
-        """Stop trying."""
         self._stopped = True
         if self._timer is not None:
             self._timer.cancel()
@@ -89,11 +81,10 @@ class Recorder:
 
     @property
     def is_fast(self) -> bool:
-        """Tell whether a sync is so short that the event loop may wait for it."""
         return self._sync_ms <= INLINE_SYNC_MAX_MS
 
     def append(self, records: Iterable[bytes]) -> bool:
-        """Add records; tell whether the journal takes them (then `sync` them, and `settle`)."""
+        """Append records; return whether accepted (then `sync` and `settle`)."""
         try:
             for record in records:
                 self._newest_sequence = self._journal.append(record)
@@ -103,7 +94,7 @@ class Recorder:
         return True
 
     def sync(self) -> None:
-        """Write and sync, in whatever thread; `settle` on the event loop tells what came of it."""
+        """Sync in any thread; `settle` then handles the result."""
         started = self._stopwatch()
         try:
             self._journal.sync()
@@ -113,20 +104,17 @@ class Recorder:
         self._sync_ms += (taken_ms - self._sync_ms) / SYNC_AVERAGED_COUNT
 
     def settle(self) -> None:
-        """Begin an outage if the last sync was refused."""
         if self._refusal:
             self._begin_outage(self._refusal)
 
     def compact(self) -> None:
-        """Replace the journal by the little that it must still say, once it has grown."""
         if self._journal.size_bytes >= COMPACT_ABOVE_BYTES:
             self.rewrite()
 
     def rewrite(self) -> None:
-        """Replace the journal by the little that it must still say. Only between events.
+        """Replace the journal by its snapshot, under new sequences. Only between events.
 
-        All records appended so far are older than the snapshot, so it stands for them too (`through`); what a journal
-        holds after a rewrite is the snapshot itself, under new sequences.
+        The snapshot covers all records appended so far (`through`).
         """
         if self._timer is not None or self._recovering is not None:
             return

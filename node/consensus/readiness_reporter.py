@@ -1,9 +1,4 @@
-"""A candidate's word that it is ready to produce. Must never be said by a node that does not follow the chain closely.
-
-Organisations vote a node's producer key in, but it enters the schedule only if it said not long ago, on the chain and
-with that key, which state it has reached. So a node that is a candidate says so once it has caught up, and again while
-it stays one: often enough to count whenever the votes come together, and no more often than that.
-"""
+"""Reports a candidate's readiness, while caught up, as `producers.ready`."""
 
 from __future__ import annotations
 
@@ -28,7 +23,7 @@ log = structlog.get_logger(__name__)
 
 
 class ReadinessReporter:
-    """Says `producers.ready` for one producer key while it is a candidate without a seat."""
+    """Submits `producers.ready` for one producer key while a candidate without seat."""
 
     def __init__(
         self,
@@ -42,7 +37,7 @@ class ReadinessReporter:
         clock: Clock,
         randomness: Callable[[int], bytes],
     ) -> None:
-        """`reader` gives the newest finalized state, `is_close` tells whether the node has caught up with its peers."""
+        """`reader` gives the newest finalized state; `is_close`: caught up with peers."""
         self._key = key
         self._chain_id = chain_id
         self._pool = pool
@@ -54,7 +49,7 @@ class ReadinessReporter:
         self._said_ms: int | None = None
 
     async def submit_if_due(self) -> bool:
-        """Say that the node is ready, if it is a candidate and its last word is too old; tell whether it was said."""
+        """Submit readiness if a candidate's last is too old; return whether submitted."""
         now_ms = self._clock.now_ms()
         if self._said_ms is not None and 0 <= now_ms - self._said_ms < SAY_INTERVAL_MIN_MS:
             return False

@@ -1,7 +1,4 @@
-"""How long a node has seen nothing become final, and whether that is too long. Must never decide anything by it: it tells.
-
-An idle chain makes an empty block now and then, so that silence means something; while work waits, much less of it does.
-"""
+"""Measures time without finality; informational only."""
 
 from __future__ import annotations
 
@@ -16,29 +13,27 @@ LATE_TIMEOUTS_COUNT = 6
 
 
 class FinalityWatch:
-    """Counts seconds since the newest final block (or the start) and since work waits. On the event loop only."""
+    """Seconds since the newest final block (or start), and with work waiting."""
 
     def __init__(self, stopwatch: Callable[[], float], settings: Callable[[], ChainSettings]) -> None:
-        """`stopwatch` gives seconds that only grow, `settings` those of the epoch that the node is in."""
+        """`stopwatch`: monotonic seconds; `settings`: those of the current epoch."""
         self._stopwatch = stopwatch
         self._settings = settings
         self._final_s = stopwatch()
         self._waiting_since_s: float | None = None
 
     def note_final(self, _blocks: Sequence[object], _proof: object, _position: object) -> None:
-        """Blocks were stored; what waits now is looked at anew."""
         self._final_s = self._stopwatch()
         self._waiting_since_s = None
 
     def look(self, waiting_count: int) -> None:
-        """Note how many transactions wait; to be called about once a second."""
         if not waiting_count:
             self._waiting_since_s = None
         elif self._waiting_since_s is None:
             self._waiting_since_s = self._stopwatch()
 
     def describe(self) -> dict[str, Any]:
-        """Return `age_s` since a block became final, `waiting_s` for which work has waited, and whether that is `late`."""
+        """Return `age_s` since finality, `waiting_s` of work, and whether `late`."""
         now_s = self._stopwatch()
         age_s = now_s - self._final_s
         waiting_s = 0.0 if self._waiting_since_s is None else now_s - self._waiting_since_s

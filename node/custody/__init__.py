@@ -1,1 +1,1 @@
-"""A custodian's custody: what it keeps of people, under keys that it can destroy. Must never hold an open data key."""
+"""Custody of recordings under destroyable keys; never holds an open data key."""

@@ -1,4 +1,4 @@
-"""What one finalized block changes at a custodian, event by event. Must never do what no event says."""
+"""Applies one finalized block's events to a custodian, and nothing else."""
 
 from __future__ import annotations
 
@@ -43,7 +43,6 @@ def _release(grant: Grant, record_ids: Sequence[bytes], part: int) -> OutboxRow:
 
 
 async def build_release(store: CustodyStore, grant: Grant, record_ids: Sequence[bytes]) -> OutboxRow:
-    """Return the row that says that records which came late are released under a grant; the same row if it is there."""
     rows = await store.outbox_of(RELEASED_KIND, grant.access_id)
     row = _release(grant, record_ids, max((row.part for row in rows), default=-1) + 1)
     return next((known for known in rows if known.arguments == row.arguments), row)
@@ -54,7 +53,6 @@ def _share(data: Mapping[str, Any], height: int) -> ShareRow:
 
 
 def matches_roots(clip: ClipRow, facts: RecordFacts) -> bool:
-    """Tell whether a clip is the one that a record commits to."""
     return (
         commitment_root(clip.commitment_leaves) == facts.commitment_root
         and ciphertext_root(clip.ciphertext_leaves) == facts.ciphertext_root
@@ -62,10 +60,7 @@ def matches_roots(clip: ClipRow, facts: RecordFacts) -> bool:
 
 
 class BlockApplier:
-    """Brings about one block, in the order of its events.
-
-    Confirmations of neighbouring events are written together; before anything that looks at clips they are flushed.
-    """
+    """Applies one block in event order; adjacent confirmations are batched, flushed before clip reads."""
 
     def __init__(
         self, store: CustodyStore, eraser: Eraser, shares: Shares, member: bytes, block: FinalizedEvents
@@ -81,7 +76,7 @@ class BlockApplier:
         self._settled: list[tuple[str, bytes, int]] = []
 
     async def apply(self) -> None:
-        """Take every event of the block into the store and the erase keys. The checkpoint is the caller's."""
+        """Apply every event to store and erase keys; the caller sets the checkpoint."""
         recorded = [event.data["record_id"] for event in self._block.events if event.kind == "records.recorded"]
         staged = await self._store.clips(recorded)
         owners = {event.data["owner"] for event in self._block.events if event.kind == "records.recorded"}
@@ -170,7 +165,6 @@ class BlockApplier:
         await self._store.apply(BlockEffects(outbox=tuple(owed), grants=(grant,)))
 
     async def _on_right(self, event: FinalizedEvent) -> None:
-        """Heed what the owner, or an officer, says of a visit, from this event on."""
         owner = event.data["owner"]
         before = await find_standing(self._store, owner) or VisitRestrictions(owner)
         self._standings[owner] = await settle(self._store, follow_event(before, event, self._block.height))
@@ -184,7 +178,6 @@ class BlockApplier:
         return False
 
     async def _on_erasure(self, data: dict[str, Any]) -> None:
-        """Erase what is the requesting owner's; ids that the chain gives to another owner here are left alone."""
         record_ids, frames = list(data["records"]), sorted(data["frames"])
         clips = await self._store.clips(record_ids)
         own = []
@@ -204,7 +197,6 @@ class BlockApplier:
         await self._eraser.erase_requested(data["erasure_id"], own, frames, self._block.height)
 
     async def _on_own_receipt(self, event: FinalizedEvent) -> None:
-        """The chain shows what was owed: forget the row."""
         data = event.data
         if event.kind == "access.released":
             arguments = encode_value([data["access_id"], data["records"]])

@@ -1,8 +1,4 @@
-"""What the finalized state says of records, access and erasures, as a custodian needs it. Must never look at blocks.
-
-The state keeps all that blocks ever said of them but the heights of requests, and of words that no longer stand; those
-are in the visits' audit entries.
-"""
+"""Finalized state of records, access and erasures for a custodian."""
 
 from __future__ import annotations
 
@@ -36,9 +32,9 @@ class StateReader(Reader, Scanner, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RecordState:
-    """A record as the state has it: `status` is active, erasing, erased or expired; the roots of the last two are gone.
+    """A record; `status`: active, erasing, erased or expired (the last two without roots).
 
-    `awaited` are the custodians whose report of its expiry an expired one waits for.
+    `awaited`: custodians whose expiry report is pending.
     """
 
     facts: RecordFacts
@@ -46,13 +42,13 @@ class RecordState:
     awaited: frozenset[bytes] = frozenset()
 
     def is_kept(self, at_ms: int) -> bool:
-        """Tell whether its clip is to be kept at a block's time: not erased, not being erased, not expired."""
+        """Return whether its clip is kept at a block's time (ms)."""
         return self.status == "active" and self.facts.expires_at_ms > at_ms
 
 
 @dataclass(frozen=True, slots=True)
 class AccessFacts:
-    """A request for access: `height` is that of its block, `released` and `refused` tell who answered."""
+    """An access request with its block's height; `released` and `refused` name custodians."""
 
     access_id: bytes
     owner: bytes
@@ -65,7 +61,7 @@ class AccessFacts:
 
 @dataclass(frozen=True, slots=True)
 class ErasureFacts:
-    """A request for erasure: who has to confirm it, and who has."""
+    """An erasure request: who has to confirm it, and who has."""
 
     erasure_id: bytes
     owner: bytes
@@ -79,9 +75,7 @@ class ErasureFacts:
 
 @dataclass(frozen=True, slots=True)
 class _Audited:
-    """The height of each request by its id, and by owner that of the last word that made earlier ones void, and of the
-    last denial.
-    """
+    """Request heights by id; last voiding statement and denial by owner."""
 
     requested: dict[bytes, int] = field(default_factory=dict)
     narrowed: dict[bytes, int] = field(default_factory=dict)
@@ -89,25 +83,24 @@ class _Audited:
 
 
 class ChainFacts:
-    """The state at one finalized block. The reader has to stay open while it is used."""
+    """The state at one finalized block; its reader stays open during use."""
 
     def __init__(self, state: StateReader, point: Checkpoint) -> None:
         self._state = state
         self.point = point
 
     def active_records(self) -> Iterator[RecordFacts]:
-        """Yield the records whose clips are to be kept, those being erased too: the erasure comes after."""
+        """Yield records whose clips are kept, including those being erased."""
         for record in self.records():
             if record.status in {"active", "erasing"}:
                 yield record.facts
 
     def records(self) -> Iterator[RecordState]:
-        """Yield every record that the state has ever had, by its id."""
         for (record_id,), row in RECORD.rows(self._state):
             yield self._record(record_id, row)
 
     def unreported(self, member: bytes) -> list[bytes]:
-        """Return the expired records that wait for a custodian's report, or for nobody who is a custodian still."""
+        """Return expired records awaiting this custodian's report, or only former custodians'."""
         known = frozenset(custodians(self._state))
         if member not in known:
             return []
@@ -115,12 +108,11 @@ class ChainFacts:
         return [each.facts.record_id for each in expired if member in each.awaited or not each.awaited & known]
 
     def record(self, record_id: bytes) -> RecordState | None:
-        """Return one record, or None if the state has none of this id."""
         row = RECORD.at(self._state, record_id)
         return None if row is None else self._record(record_id, row)
 
     def _record(self, record_id: bytes, row: RecordRow) -> RecordState:
-        """Return a record with the expiry that it has now: a restriction may keep it longer."""
+        """Return a record with its present expiry, perhaps prolonged by a restriction."""
         facts = RecordFacts(
             record_id=record_id,
             txid=row.txid,
@@ -138,9 +130,9 @@ class ChainFacts:
         return {owner: standing_of(owner, row) for (owner,), row in RESTRICTION.rows(self._state)}
 
     def standings(self) -> Iterator[VisitRestrictions]:
-        """Yield what stands of every visit of which something was ever said, also where it was taken back since.
+        """Yield the standing of every visit with any statement, even withdrawn ones.
 
-        Requests are void up to the height of the last word that the audit has; where it has none, up to this state.
+        Requests are void up to its last audited statement's height, else this state's.
         """
         denied = {owner for (owner,), _ in QUARANTINE.rows(self._state)}
         objected = {owner for (owner,), _ in OBJECTION.rows(self._state)}
@@ -152,7 +144,6 @@ class ChainFacts:
             yield with_natural(standing, self._natural(told))
 
     def _natural(self, standing: VisitRestrictions) -> dict[bytes, int]:
-        """Return when the records of a visit that are kept longer would expire, ms."""
         natural = {}
         for (_, record_id), _ in OF_VISIT.rows(self._state, standing.owner) if standing.until_ms else ():
             row = RECORD.at(self._state, record_id)
@@ -161,11 +152,9 @@ class ChainFacts:
         return natural
 
     def is_empty_frame_approved(self, digest: bytes) -> bool:
-        """Tell whether an empty frame is approved for any robot."""
         return EMPTY_FRAME.has(self._state, digest)
 
     def erased_frames(self) -> dict[bytes, frozenset[int]]:
-        """Return which frames were asked to be erased of records that stay, by record."""
         asked: dict[bytes, set[int]] = {}
         for _, row in ERASURE_REQUEST.rows(self._state):
             for record_id in row.records if row.frames else ():
@@ -173,16 +162,15 @@ class ChainFacts:
         return {record_id: frozenset(frames) for record_id, frames in asked.items()}
 
     def accesses(self) -> Iterator[AccessFacts]:
-        """Yield every request for access."""
         for (access_id,), row in ACCESS_REQUEST.rows(self._state):
             height = self._audited.requested.get(access_id, self.point.height)
             records, released = tuple(row.records), frozenset(row.released)
             yield AccessFacts(access_id, row.owner, records, height, row.refused, row.grant, released)
 
     def shares(self) -> tuple[dict[bytes, ShareRow], set[bytes]]:
-        """Return the grants that stand at this block, by id, and the ids of those that were revoked or are over.
+        """Return standing grants by id, and ids of revoked or ended ones.
 
-        A grant is without the records of which frames were erased since: their keys are in what was sealed for it.
+        A grant excludes records with frames erased since: its sealed packages hold their keys.
         """
         standing: dict[bytes, ShareRow] = {}
         ended: set[bytes] = set()
@@ -196,7 +184,6 @@ class ChainFacts:
 
     @cached_property
     def _narrowed_at(self) -> dict[bytes, int]:
-        """Return the height of the last erasure of frames, by record."""
         heights: dict[bytes, int] = {}
         for erasure in self.erasures():
             for record_id in erasure.records if erasure.frames else ():
@@ -204,27 +191,24 @@ class ChainFacts:
         return heights
 
     def denied_heights(self) -> dict[bytes, int]:
-        """Return the height of the last denial of each visit that was ever denied, also if that was settled since."""
+        """Return each visit's last denial height, even if settled since."""
         return self._audited.denied
 
     def erasures(self) -> Iterator[ErasureFacts]:
-        """Yield every request for erasure."""
         for (erasure_id,), row in ERASURE_REQUEST.rows(self._state):
             yield _erasure(erasure_id, row, self._audited.requested.get(erasure_id, self.point.height))
 
     def open_erasures(self) -> Iterator[ErasureFacts]:
-        """Yield the requests for erasure that a custodian has yet to confirm, all as of this state's height."""
+        """Yield erasures awaiting a custodian's confirmation, at this state's height."""
         for (erasure_id,), row in ERASURE_REQUEST.rows(self._state):
             if not set(row.custodians) <= set(row.receipts):
                 yield _erasure(erasure_id, row, self.point.height)
 
     def has_released(self, access_id: bytes, custodian: bytes, record_ids: list[bytes]) -> bool:
-        """Tell whether a custodian has told the chain that it released all these records under a request."""
         return all(RELEASE.has(self._state, access_id, custodian, record_id) for record_id in record_ids)
 
     @cached_property
     def _audited(self) -> _Audited:
-        """What the audit alone tells, of all visits: one walk over it, since each request would take one of its own."""
         found = _Audited()
         for (owner, _), row in ENTRY.rows(self._state):
             for name in ("access_id", "erasure_id"):

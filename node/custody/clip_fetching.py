@@ -1,7 +1,4 @@
-"""How a custodian asks the others for clips that it misses. Must never use the disk's reserve for one.
-
-Part of `Custodian`, whose store and checks it uses.
-"""
+"""Fetches missing clips from other custodians, sparing the disk's reserve."""
 
 from __future__ import annotations
 
@@ -25,23 +22,17 @@ log = structlog.get_logger(__name__)
 
 
 class Fetching:
-    """Fetches missing clips from other custodians."""
+    """Mixin of `Custodian` that fetches missing clips."""
 
     if TYPE_CHECKING:  # the custodian's own
         _store: CustodyStore
         _has_room: Callable[[int], bool]
         _asked_for: set[bytes]
 
-        async def install(self, fetched: ClipDownload) -> bool:
-            """See `Custodian.install`."""
-            ...
+        async def install(self, fetched: ClipDownload) -> bool: ...
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Ask other custodians for missing clips, up to 32 of them; return how many are installed now.
-
-        Clips take turns, the newest first: those that nobody has keep no other from being asked for. None is fetched
-        that might use the disk's reserve.
-        """
+        """Fetch up to 32 missing clips, newest first, in turns; return those installed."""
         installed = 0
         for facts in await self._choose_missing():
             if not self._has_room(CLIP_SIZE_MAX_BYTES):

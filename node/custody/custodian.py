@@ -1,8 +1,6 @@
-"""The custodian: keeps staged clips, follows the finalized chain, releases and erases as it says. Must never act on less.
+"""The custodian: stages clips, and releases or erases exactly as the chain says.
 
-Everything that a block changes is in effect exactly once: effects are idempotent, come in the order of the chain, and
-the checkpoint is written last. What the custodian owes the chain (releases, receipts) lies in its outbox until the
-chain shows it. A custodian cannot open what it keeps: data keys are sealed to owners.
+Block effects are idempotent, in chain order, checkpoint last. Data keys are sealed to owners.
 """
 
 from __future__ import annotations
@@ -51,11 +49,9 @@ log = structlog.get_logger(__name__)
 
 
 class Custodian(ShareService, Fetching):
-    """One custodian over its store and its erase keys.
+    """One custodian; `member` is its 33-byte chain key.
 
-    `member` is its own key on the chain (33 bytes), by which it knows its receipts again; `clock_ms` is the node's wall
-    clock. Every method raises STORE_UNAVAILABLE if the store does not answer and ERASE_KEYS_DAMAGED if the file of
-    erase keys fails; after either, what was begun is finished at the next block or start.
+    Methods raise STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED; unfinished work continues at the next block.
     """
 
     def __init__(
@@ -68,7 +64,7 @@ class Custodian(ShareService, Fetching):
         has_room: Callable[[int], bool] | None = None,
         is_frame_approved: Callable[[bytes], bool] = lambda _digest: False,
     ) -> None:
-        """`has_room` tells whether so many bytes fit without using the disk's reserve. For the last see `Eraser`."""
+        """`has_room`: whether bytes fit without the disk's reserve; `is_frame_approved`: see `Eraser`."""
         self._store = store
         self._has_room = has_room or (lambda _size_bytes: True)
         self._keys = erase_keys
@@ -81,7 +77,7 @@ class Custodian(ShareService, Fetching):
         self._in_flight: set[int] = set()
 
     async def start(self) -> None:
-        """Finish what a crash cut off: erasures first, then keys to which nothing refers. Call once, before serving."""
+        """Finish interrupted erasures, then drop unreferenced keys. Call once, before serving."""
         await self._eraser.finish()
         in_use = [slot async for slot in self._store.slots_in_use()]
         orphans = await asyncio.to_thread(self._keys.reconcile, in_use)
@@ -94,12 +90,10 @@ class Custodian(ShareService, Fetching):
     # Uploads
 
     async def stage(self, upload: ClipUpload, terms: UploadTerms | None = None) -> None:
-        """Keep an uploaded clip until its record is final; the same bytes again are accepted again.
+        """Store a clip until its record is final, or confirm at once. Idempotent.
 
-        A clip whose record is final already is confirmed at once. With `terms` it counts for its robot, and has to fit
-        the quotas. Raises UPLOAD_INVALID for wrong sizes or an expiry too far ahead, UPLOAD_CONFLICT for other bytes
-        under this id, UPLOAD_HASH_MISMATCH if the chain's roots are others, CLIP_ERASED, TRANSACTION_EXPIRED,
-        UPLOAD_QUOTA_EXCEEDED.
+        With `terms` it counts for its robot's quotas. Raises UPLOAD_INVALID (sizes, expiry), UPLOAD_CONFLICT,
+        UPLOAD_HASH_MISMATCH, CLIP_ERASED, TRANSACTION_EXPIRED, UPLOAD_QUOTA_EXCEEDED.
         """
         check_clip_upload(upload)
         leaves = await asyncio.to_thread(ciphertext_leaves, upload.ciphertexts, upload.sealed_keys)
@@ -139,7 +133,7 @@ class Custodian(ShareService, Fetching):
         return True
 
     async def _find_missing(self, clip: ClipRow) -> RecordFacts | None:
-        """Return the record that waits for a clip, or None. Raises UPLOAD_HASH_MISMATCH if it commits to another one."""
+        """Raises UPLOAD_HASH_MISMATCH."""
         facts = await self._store.missing_clip(clip.record_id)
         if facts is not None and not matches_roots(clip, facts):
             raise BlockRobotError("UPLOAD_HASH_MISMATCH", "The clip is not the one that its record commits to.")
@@ -158,7 +152,7 @@ class Custodian(ShareService, Fetching):
     async def require_quota(
         self, size_bytes: int, terms: UploadTerms | None, in_flight: Mapping[bytes, Use] = MappingProxyType({})
     ) -> int:
-        """Return the day for which an upload counts, beside those `in_flight`. Raises UPLOAD_QUOTA_EXCEEDED."""
+        """Return the upload's day, counting `in_flight`. Raises UPLOAD_QUOTA_EXCEEDED."""
         point = await self._store.checkpoint()
         now_ms = 0 if point is None else point.timestamp_ms
         return await require_quota_of(self._store, size_bytes, terms, now_ms, in_flight)
@@ -166,7 +160,6 @@ class Custodian(ShareService, Fetching):
     async def _keep(
         self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]], terms: UploadTerms | None = None
     ) -> bool:
-        """Wrap the keys of (index, ciphertext, sealed key) and keep the clip; False if it was known meanwhile."""
         taken = await asyncio.to_thread(self._keys.allocate, len(frames))
         slots = [slot for slot, _ in taken]
         self._in_flight.update(slots)
@@ -223,10 +216,6 @@ class Custodian(ShareService, Fetching):
         await self._settle_missing(facts)
 
     async def _settle_missing(self, facts: RecordFacts) -> None:
-        """Owe the releases of a clip that is here now, and call it missing no more. Nothing happens while it is away.
-
-        Done again when the store failed, or the node stopped, between the clip's rows and these.
-        """
         clip = (await self._store.clips([facts.record_id])).get(facts.record_id)
         if clip is None or clip.status != "confirmed":
             return
@@ -240,26 +229,24 @@ class Custodian(ShareService, Fetching):
     # Upkeep
 
     def reconciliation(self, facts: ChainFacts) -> Reconciliation:
-        """Return what brings this custodian's store to a state; only `at_rest`."""
         return Reconciliation(self._store, self._eraser, self._shares, self._member, facts)
 
     @property
     def eraser(self) -> Eraser:
-        """What erases in this custodian's store; only `at_rest`."""
+        """Return this store's eraser; only `at_rest`."""
         return self._eraser
 
     @asynccontextmanager
     async def at_rest(self) -> AsyncIterator[frozenset[int]]:
-        """Let nothing change the store meanwhile; yields the slots of erase keys whose frames are still on their way."""
+        """Keep the store unchanged; yields the erase-key slots of frames under way."""
         async with self._writing:
             yield frozenset(self._in_flight)
 
     async def mend(self, fetched: ClipDownload, read_facts: Callable[[], RecordFacts | None]) -> bool:
-        """Put another custodian's whole copy in the place of a confirmed clip whose bytes are damaged or partly gone.
+        """Replace a damaged confirmed clip by another custodian's whole copy.
 
-        `read_facts` says what the chain has of the record now, None if nothing is to be kept. The old keys go after the
-        new rows are there. False if the copy lacks frames too, or nothing is to be mended any more. Raises as
-        `install` for a copy that is not sound.
+        `read_facts` returns the chain's present record, None if not kept. Old keys go after new rows exist. False if
+        unneeded or incomplete. Raises as `install`.
         """
         taken = await asyncio.to_thread(self._keys.allocate, len(fetched.frames))
         slots = [slot for slot, _ in taken]
@@ -276,7 +263,6 @@ class Custodian(ShareService, Fetching):
     async def _mend_under(
         self, fetched: ClipDownload, facts: RecordFacts | None, taken: Sequence[tuple[int, bytes]]
     ) -> list[int]:
-        """Return the slots that nothing refers to afterwards: the old ones, or all the new ones if nothing was done."""
         slots = [slot for slot, _ in taken]
         clip = (await self._store.clips([fetched.record_id])).get(fetched.record_id)
         if facts is None or clip is None or clip.status != "confirmed":
@@ -295,9 +281,9 @@ class Custodian(ShareService, Fetching):
     # Blocks
 
     async def on_finalized_block(self, block: FinalizedEvents) -> None:
-        """Bring a finalized block into effect, once: blocks up to the checkpoint are passed over.
+        """Apply a finalized block once; blocks up to the checkpoint are skipped.
 
-        Raises CUSTODY_OUT_OF_ORDER if the block does not follow the checkpoint, or is another block of its height.
+        Raises CUSTODY_OUT_OF_ORDER for a gap or another block of its height.
         """
         async with self._writing:
             if not await self._is_next(block):
@@ -307,9 +293,9 @@ class Custodian(ShareService, Fetching):
             await self._close_block(block.checkpoint)
 
     async def reconcile(self, facts: ChainFacts) -> None:
-        """Bring the store to what a finalized state says, where the blocks up to it are not there to follow.
+        """Bring the store to a finalized state whose blocks are unavailable.
 
-        Afterwards the block above is the next one. A state below the checkpoint is passed over.
+        The next block follows it; states below the checkpoint are skipped.
         """
         point = facts.point
         async with self._writing:
@@ -321,13 +307,12 @@ class Custodian(ShareService, Fetching):
             await self._close_block(point)
 
     async def report_expired(self, facts: ChainFacts) -> None:
-        """Owe the reports for which expired records still wait, after a custodian was removed that may have owed them."""
+        """Queue expiry reports that a removed custodian may have left pending."""
         async with self._writing:
             await self.reconciliation(facts).report_expired()
             await self._eraser.finish()
 
     async def _close_block(self, point: Checkpoint) -> None:
-        """Do what time demands at a block: drop what lapsed, erase what expired; then write the checkpoint."""
         while lapsed := await self._store.lapsed(point.timestamp_ms, LAPSED_AT_ONCE_COUNT):
             await self._eraser.drop_staged(lapsed)
         await self._shares.close_block(point.timestamp_ms)
@@ -345,15 +330,15 @@ class Custodian(ShareService, Fetching):
         return point is None or block.height > newest
 
     async def checkpoint(self) -> Checkpoint | None:
-        """Return the newest block whose effects are in the store; the next one to hand in is one higher (or 0)."""
+        """Return the newest applied block; next is one higher (or 0)."""
         return await self._store.checkpoint()
 
     # What the chain is owed
 
     async def owed(self, limit: int) -> list[OutboxRow]:
-        """Return transactions to submit; they stay until the chain shows them, so submitting repeats.
+        """Return transactions to submit, again and again until the chain shows them.
 
-        Receipts of erasures and expiries come first, oldest first, but leave a part of the places to words on requests.
+        Oldest erasure and expiry receipts first; some places are for access answers.
         """
         receipts = await self._store.outbox("ready", "erasure", limit)
         words = await self._store.outbox("ready", "access", limit)
@@ -361,17 +346,16 @@ class Custodian(ShareService, Fetching):
         return receipts + words[: limit - len(receipts)]
 
     async def dismiss(self, row: OutboxRow) -> None:
-        """Forget a transaction that the chain refuses for good, because it says what the chain knows already."""
+        """Drop a transaction that the chain refuses for good as already known."""
         await self._store.remove_outbox(row.key)
 
     # Release
 
     async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
-        """Return a clip to its owner (33 bytes, proven by her session) under a final access request of hers.
+        """Return a clip to its owner (33 bytes, session-proven) under a final request.
 
-        Erased frames keep their places, without bytes; one whose row was changed comes as it is, for her to judge.
-        Raises ACCESS_NOT_GRANTED, ACCESS_ENDED, CLIP_QUARANTINED, CLIP_ERASED, CLIP_NOT_CONFIRMED (also while it is
-        fetched), NOT_FOUND.
+        Erased frames are empty; altered ones come unchecked. Raises ACCESS_NOT_GRANTED, ACCESS_ENDED, CLIP_QUARANTINED,
+        CLIP_ERASED, CLIP_NOT_CONFIRMED (also while fetched), NOT_FOUND.
         """
         grant = await self._store.grant(access_id)
         if grant is None or grant.share or grant.owner != owner or (grant.records and record_id not in grant.records):
@@ -422,10 +406,10 @@ class Custodian(ShareService, Fetching):
     async def put_background(
         self, digest: bytes, content: bytes, terms: UploadTerms | None, require_approved: Callable[[], None]
     ) -> None:
-        """Keep an empty frame under its SHA-256; with `terms` it counts for its robot's day.
+        """Store an empty frame under its SHA-256; `terms` count for the robot's day.
 
-        `require_approved` is asked while no block is brought into effect, so that a withdrawal comes before or after.
-        Raises UPLOAD_HASH_MISMATCH if it has another hash, UPLOAD_QUOTA_EXCEEDED.
+        `require_approved` runs between blocks, never during a withdrawal. Raises UPLOAD_HASH_MISMATCH,
+        UPLOAD_QUOTA_EXCEEDED.
         """
         if sha256(content) != digest:
             raise BlockRobotError("UPLOAD_HASH_MISMATCH")
@@ -439,23 +423,20 @@ class Custodian(ShareService, Fetching):
             await self._store.put_background(digest, content)
 
     async def holds(self, record_id: bytes) -> bool:
-        """Tell whether a clip of this id is here, or was."""
         return record_id in await self._store.clips([record_id])
 
     async def holds_background(self, digest: bytes) -> bool:
-        """Tell whether an empty frame is here."""
         return await self._store.background(digest) is not None
 
     async def get_background(self, digest: bytes) -> bytes | None:
-        """Return an empty frame, or None."""
         return await self._store.background(digest)
 
     # Between custodians
 
     async def export(self, record_id: bytes) -> ClipDownload:
-        """Return a confirmed clip for another custodian (the caller has checked that it is one). Raises as `download`.
+        """Return a confirmed clip for another custodian, verified by the caller. Raises as `download`.
 
-        A restricted clip may be copied, since that is storing it; one of a denied visit stays where it is.
+        Restricted clips may be copied (storage); those of denied visits may not.
         """
         clip = await self._confirmed_clip(record_id)
         rows = await self._store.frames(record_id)
@@ -463,26 +444,24 @@ class Custodian(ShareService, Fetching):
         return self._assemble(clip, rows)
 
     async def require_exportable(self, record_id: bytes) -> None:
-        """Raise as `export` if a clip may not leave for another custodian now."""
+        """Raise as `export` if a clip may not go to another custodian."""
         clip = await self._confirmed_clip(record_id)
         standing = await find_standing(self._store, clip.owner)
         if standing is not None and standing.quarantined:
             raise BlockRobotError("CLIP_QUARANTINED")
 
     async def look_at(self, record_id: bytes) -> ClipDownload:
-        """Return a confirmed clip as it is, for this custodian's own upkeep. Raises as `download`."""
+        """Return a confirmed clip for internal maintenance. Raises as `download`."""
         clip = await self._confirmed_clip(record_id)
         return self._assemble(clip, await self._store.frames(record_id))
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        """Return clips that the chain has and this custodian has not, the newest first."""
         return await self._store.missing(limit)
 
     async def install(self, fetched: ClipDownload) -> bool:
-        """Keep a missing clip that another custodian sent; False if it is not missing (any more).
+        """Store a missing clip from another custodian; False if not missing.
 
-        Raises PROOF_INVALID if its leaves do not lead to the roots on the chain, UPLOAD_HASH_MISMATCH if its bytes do
-        not make its leaves, UPLOAD_INVALID for a wrong form.
+        Raises PROOF_INVALID (leaves against chain roots), UPLOAD_HASH_MISMATCH (bytes against leaves), UPLOAD_INVALID.
         """
         facts = await self._store.missing_clip(fetched.record_id)
         if facts is None:

@@ -1,11 +1,7 @@
-"""The file of erase keys: what a custodian must have to open anything, and what it destroys to erase. Must never be copied.
+"""The erase-key file: destroyed to erase, never backed up.
 
-It lies outside the database and its backups. Layout, integers big-endian: a header of 512 bytes (magic, format version,
-slot size, number of pages, random id of the file, SHA-256 of these), then pages of 4,096 slots: one state byte for each
-slot, then the slots of 32 bytes. A page is added at a time. States: 0 free, 1 holds a key, 2 destroyed and not yet free
-again (its frame's row may still be there, and a repeated erasure must not hit another frame's key).
-Keys are read from the file when they are needed, and wiped from memory right after. Stated limits: a drive that remaps
-blocks and snapshots of the file system can keep what was overwritten.
+Big-endian: 512-byte header (magic, version, slot size, pages, id, SHA-256), then pages: 4,096 state bytes, then 32-byte
+slots. States: 0 free, 1 key, 2 destroyed, not reusable yet. Remapping drives may keep overwritten keys.
 """
 
 from __future__ import annotations
@@ -39,50 +35,42 @@ _ZEROS = bytes(ERASE_KEY_BYTES)
 
 
 class ErasableKeys(Protocol):
-    """Where a custodian's erase keys are: what `Custodian` needs of `EraseKeys`. Raises ERASE_KEYS_DAMAGED."""
+    """A custodian's erase keys, as `Custodian` needs them. Raises ERASE_KEYS_DAMAGED."""
 
     def allocate(self, count: int) -> list[tuple[int, bytes]]:
-        """Return `count` new slots with random keys, which are safe already; the caller wipes the keys after use."""
+        """Return `count` slots with durable random keys; the caller wipes them."""
         ...
 
     def read(self, slot: int) -> bytes | None:
-        """Return the key in a slot, or None if it holds none; the caller wipes it after use."""
+        """Return a slot's key, or None; the caller wipes it."""
         ...
 
     def destroy(self, slots: Sequence[int]) -> None:
-        """Destroy keys for good; slots that hold none are left as they are."""
+        """Destroy keys for good; slots without key stay unchanged."""
         ...
 
-    def release(self, slots: Sequence[int]) -> None:
-        """Let destroyed slots be given out again."""
-        ...
+    def release(self, slots: Sequence[int]) -> None: ...
 
-    def reconcile(self, in_use: Iterable[int]) -> int:
-        """Destroy and free the slots that nothing refers to; return how many."""
-        ...
+    def reconcile(self, in_use: Iterable[int]) -> int: ...
 
     @property
-    def held(self) -> list[int]:
-        """The slots that hold a key, sorted."""
-        ...
+    def held(self) -> list[int]: ...
 
     @property
-    def capacity_count(self) -> int:
-        """How many slots there are."""
-        ...
+    def capacity_count(self) -> int: ...
 
     def check_destroyed(self) -> int:
-        """Read every slot that should hold nothing; return how many still hold bytes."""
+        """Return how many supposedly empty slots still hold bytes."""
         ...
 
 
 def wrap_key(erase_key: bytes, record_id: bytes, index: int, sealed_key: bytes) -> bytes:
-    """Return a frame's sealed data key under an erase key, bound to its record (16 bytes) and index."""
+    """Return a sealed data key wrapped for its record (16 bytes) and index."""
     return seal_bytes(erase_key, secrets.token_bytes(NONCE_BYTES), record_id, index, sealed_key)
 
 
 def unwrap_key(erase_key: bytes, record_id: bytes, index: int, wrapped_key: bytes) -> bytes:
-    """Return the sealed data key of `wrap_key`. Raises ENVELOPE_INVALID for another key, record, frame or bytes."""
+    """Reverse `wrap_key`. Raises ENVELOPE_INVALID."""
     return open_bytes(erase_key, record_id, index, wrapped_key)
 
 
@@ -91,17 +79,13 @@ def _damaged(detail: str) -> BlockRobotError:
 
 
 class EraseKeys:
-    """The erase-key file of one custodian, locked for this process while it is open. Calls block; threads may share it.
+    """A custodian's erase-key file (mode 0600), locked; blocking, thread-safe.
 
-    Made with mode 0600 in a directory of mode 0700. Disk failures raise ERASE_KEYS_DAMAGED: nothing is erased unless
-    the overwritten slot was read back.
+    Disk failures raise ERASE_KEYS_DAMAGED; erasures are read back.
     """
 
     def __init__(self, directory: Path) -> None:
-        """Open the file in `directory`, or make it if there is none.
-
-        Raises DATA_DIRECTORY_IN_USE if another process has it, ERASE_KEYS_DAMAGED if header or length are wrong.
-        """
+        """Open or make the file. Raises DATA_DIRECTORY_IN_USE, ERASE_KEYS_DAMAGED."""
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._path = directory / ERASE_KEYS_FILE_NAME
         self._lock = threading.Lock()
@@ -120,24 +104,20 @@ class EraseKeys:
         self._free = [slot for slot in range(len(self._states) - 1, -1, -1) if self._states[slot] == _FREE]
 
     def __enter__(self) -> Self:
-        """Return the open file itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the file."""
         self.close()
 
     def close(self) -> None:
-        """Close the file and let go of its lock; closing twice is harmless."""
         with self._lock:
             if self._file >= 0:
                 os.close(self._file)
                 self._file = -1
 
     def allocate(self, count: int) -> list[tuple[int, bytes]]:
-        """Return `count` new slots with random keys, which are on the medium already."""
         with self._lock:
             while len(self._free) < count:
                 self._grow()
@@ -149,7 +129,6 @@ class EraseKeys:
         return taken
 
     def read(self, slot: int) -> bytes | None:
-        """Return the key in a slot, or None if it holds none (it was destroyed, or was never given out)."""
         with self._lock:
             if not 0 <= slot < len(self._states) or self._states[slot] != _HELD:
                 return None
@@ -157,10 +136,9 @@ class EraseKeys:
         return None if key == _ZEROS else key
 
     def destroy(self, slots: Sequence[int]) -> None:
-        """Overwrite keys with random bytes, then with zeros, each forced to the medium, and read back the zeros.
+        """Overwrite keys with random bytes, then zeros, both synced, and verify zeros.
 
-        Slots that hold none are left as they are, so that repeating is harmless. They are not given out again before
-        `release`. Raises ERASE_KEYS_DAMAGED if what is read back is not zero.
+        Idempotent; slots stay unusable until `release`. Raises ERASE_KEYS_DAMAGED.
         """
         with self._lock:
             held = sorted({slot for slot in slots if self._is_known(slot) and self._states[slot] == _HELD})
@@ -176,7 +154,6 @@ class EraseKeys:
                     raise _damaged(f"Slot {slot} of the erase-key file still holds bytes after it was overwritten.")
 
     def release(self, slots: Sequence[int]) -> None:
-        """Let destroyed slots be given out again: nothing refers to them any more."""
         with self._lock:
             destroyed = sorted({slot for slot in slots if self._is_known(slot) and self._states[slot] == _DESTROYED})
             for slot in destroyed:
@@ -184,7 +161,7 @@ class EraseKeys:
             self._free.extend(reversed(destroyed))
 
     def reconcile(self, in_use: Iterable[int]) -> int:
-        """Destroy and free the slots that nothing refers to, left by a crash; return how many. Call before serving."""
+        """Destroy and free slots orphaned by a crash; return how many. Call before serving."""
         kept = set(in_use)
         orphans = [slot for slot, state in enumerate(self._states) if state != _FREE and slot not in kept]
         self.destroy(orphans)
@@ -193,7 +170,7 @@ class EraseKeys:
         return len(orphans)
 
     def _wipe_unheld(self) -> None:
-        """Zero what a crash left in slots that hold no key: `allocate` writes a key before it says so."""
+        """Zero unheld slots: `allocate` writes keys before their state."""
         with self._lock:
             dirty = self._find_dirty()
             for slot in dirty:
@@ -203,27 +180,22 @@ class EraseKeys:
 
     @property
     def held_count(self) -> int:
-        """How many slots hold a key."""
         return self._states.count(_HELD)
 
     @property
     def held(self) -> list[int]:
-        """The slots that hold a key, sorted."""
         with self._lock:
             return [slot for slot, state in enumerate(self._states) if state == _HELD]
 
     @property
     def capacity_count(self) -> int:
-        """How many slots there are."""
         return len(self._states)
 
     def check_destroyed(self) -> int:
-        """Read every slot that should hold nothing; return how many still hold bytes."""
         with self._lock:
             return len(self._find_dirty())
 
     def _find_dirty(self) -> list[int]:
-        """Return the slots without a key whose bytes are not zero. The lock is held."""
         dirty = []
         for first in range(0, len(self._states), PAGE_SLOTS_COUNT):
             content = self._read(self._key_offset(first), PAGE_SLOTS_COUNT * ERASE_KEY_BYTES)

@@ -1,9 +1,6 @@
-"""Erasing: destroy the keys, delete the rows, read back, and only then owe a receipt. Must never promise before it is done.
+"""Erasure: destroy keys, delete rows, verify, and only then queue a receipt.
 
-An erasure is fixed as a plan in the outbox before the first key is destroyed. After a crash the plan is carried out
-again from its start, each step being idempotent, so that the receipt says what was destroyed and not what was left.
-A slot is free again only after its plan is closed: a repeated plan never hits another frame's key. Keys and rows go at
-once; the store's files are swept, and plans closed, by `finish`, since a sweep looks through the whole store.
+Plans are stored first and rerun after a crash; slots are reusable once plans close.
 """
 
 from __future__ import annotations
@@ -30,12 +27,12 @@ _EXPIRY = "blockrobot/expiry-subject"
 
 
 def compute_expiry_subject(record_ids: Sequence[bytes]) -> bytes:
-    """Return what an expiry report is known by: a hash over its record ids in their order."""
+    """Return an expiry report's id: the hash over its ordered record ids."""
     return tagged_hash(_EXPIRY, *record_ids)
 
 
 def compute_erasure_digest(parts: Sequence[ErasurePart], clips: dict[bytes, ClipRow]) -> bytes:
-    """Return the hash over the erased frames' record ids, indexes and ciphertext leaves, which a receipt carries."""
+    """Return a receipt's hash over erased record ids, indexes and ciphertext leaves."""
     listed = []
     for part in parts:
         clip = clips.get(part.record_id)
@@ -45,7 +42,6 @@ def compute_erasure_digest(parts: Sequence[ErasurePart], clips: dict[bytes, Clip
 
 
 def _parts(record_ids: Sequence[bytes], places: Sequence[FramePlace], frames: Sequence[int]) -> tuple[ErasurePart, ...]:
-    """Return the parts of a plan: these frames of each record, or the whole record if no frame is named."""
     parts = []
     for record_id in record_ids:
         chosen = [p for p in places if p.record_id == record_id and (not frames or p.index in frames)]
@@ -55,15 +51,12 @@ def _parts(record_ids: Sequence[bytes], places: Sequence[FramePlace], frames: Se
 
 
 class Eraser:
-    """Plans erasures and carries them out, over a store and the erase keys that belong to it.
-
-    Whoever calls anything here ends with `finish`, before a checkpoint says that it is done.
-    """
+    """Plans and executes erasures; every use ends with `finish`, before the checkpoint."""
 
     def __init__(
         self, store: CustodyStore, erase_keys: ErasableKeys, is_frame_approved: Callable[[bytes], bool]
     ) -> None:
-        """`is_frame_approved` tells of an empty frame whether the newest final state approves it for any robot."""
+        """`is_frame_approved`: the newest final state approves this frame for any robot."""
         self._is_frame_approved = is_frame_approved
         self._store = store
         self._keys = erase_keys
@@ -73,7 +66,7 @@ class Eraser:
     async def erase_requested(
         self, erasure_id: bytes, record_ids: Sequence[bytes], frames: Sequence[int], height: int
     ) -> None:
-        """Erase whole records, or frames of them, and owe the chain a receipt that names what remains and until when."""
+        """Erase records or frames; queue a receipt of what remains until when."""
         await self._destroy_parts_of(record_ids, height if frames else None)
         clips = await self._store.clips(record_ids)
         parts = _parts(record_ids, await self._store.frame_places(record_ids), frames)
@@ -84,16 +77,15 @@ class Eraser:
         await self._plan(RECEIPT_KIND, erasure_id, "receipt", arguments, height, parts)
 
     async def erase_expired(self, at_ms: int, height: int) -> None:
-        """Erase every confirmed clip whose time is over (`expires_at_ms <= at_ms`) and owe the chain the reports.
+        """Erase confirmed clips with `expires_at_ms <= at_ms` and queue their reports.
 
-        One that never came is reported, too: the record is called erased once every custodian has nothing of it.
+        Missing clips are reported too: the chain waits for every custodian.
         """
         while record_ids := await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT):
             await self._expire(record_ids, height)
         await self.report_expired(await self._store.missing_over(at_ms), height)
 
     async def report_expired(self, record_ids: Sequence[bytes], height: int) -> None:
-        """Erase what may be left of expired records, and owe the chain the reports."""
         for start in range(0, len(record_ids), RECORDS_A_CALL_MAX_COUNT):
             await self._expire(record_ids[start : start + RECORDS_A_CALL_MAX_COUNT], height)
 
@@ -105,7 +97,7 @@ class Eraser:
         await self._plan(EXPIRED_KIND, compute_expiry_subject(record_ids), "expired", arguments, height, parts)
 
     async def erase_again(self, record_ids: Sequence[bytes]) -> None:
-        """Erase whole records that a store holds though the chain has their erasure behind it: nothing more is owed."""
+        """Erase records whose erasure the chain has completed; no receipt is due."""
         await self._destroy_parts_of(record_ids)
         parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
         slots = [slot for part in parts for slot in part.slots]
@@ -117,9 +109,9 @@ class Eraser:
         await asyncio.to_thread(self._keys.release, slots)
 
     async def forget(self, record_id: bytes) -> None:
-        """Drop a clip that is not what its record commits to, or the mark of one, without a mark: it is missing then.
+        """Delete a mismatching clip or mark, without a mark: it becomes missing.
 
-        Rows go before keys, as in `drop_staged`; frames that no clip claims go too.
+        Rows go before keys; unclaimed frames go too.
         """
         places = await self._store.frame_places([record_id])
         self._is_swept = False
@@ -128,10 +120,9 @@ class Eraser:
         await self.destroy_unused([place.slot for place in places])
 
     async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
-        """Drop staged clips that no record will ever name.
+        """Drop staged clips that no record will name.
 
-        Rows go before keys: a clip that could still be asked for always has its keys, and keys without a row are
-        destroyed at the next start.
+        Rows go before keys, so existing rows have keys; orphaned keys go at start.
         """
         slots = [place.slot for place in await self._store.frame_places(record_ids)]
         self._is_swept = False
@@ -140,10 +131,7 @@ class Eraser:
         await self.destroy_unused(slots)
 
     async def destroy_parts(self, places: Sequence[PartPlace]) -> None:
-        """Destroy what is held of shared keys: the erase keys first, then the rows, then read back.
-
-        There is no plan of it, since nothing is owed: after a crash the rows that are still there name it again.
-        """
+        """Destroy shared-key parts: keys first, then rows, then verify."""
         slots = [place.slot for place in places]
         if not slots:
             return
@@ -156,10 +144,7 @@ class Eraser:
         await asyncio.to_thread(self._keys.release, slots)
 
     async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
-        """Delete empty frames that are approved for no robot any more, and read back. No key closes them: they are open.
-
-        One that was approved again since, in a block that is still to come here, stays: it may have been brought again.
-        """
+        """Delete empty frames approved for no robot now, and verify."""
         digests = [digest for digest in digests if not self._is_frame_approved(digest)]
         if not digests:
             return
@@ -169,20 +154,15 @@ class Eraser:
             raise BlockRobotError("STORE_UNAVAILABLE", "The store still returns empty frames after they were deleted.")
 
     async def _destroy_parts_of(self, record_ids: Sequence[bytes], up_to_height: int | None = None) -> None:
-        """Destroy what is held of the keys of records that were shared, by grants up to a height if one is named.
-
-        Frames that are erased of a record have their keys in its packages, so they go whole: it may be shared again.
-        """
         places = await self._store.parts_of("record_id", record_ids)
         await self.destroy_parts([p for p in places if up_to_height is None or p.height <= up_to_height])
 
     async def destroy_unused(self, slots: Sequence[int]) -> None:
-        """Destroy and free keys to which no row refers."""
         await asyncio.to_thread(self._keys.destroy, slots)
         await asyncio.to_thread(self._keys.release, slots)
 
     async def finish(self) -> None:
-        """Carry out every plan that a crash cut off, sweep the store once if anything went, and close the plans."""
+        """Finish interrupted plans, sweep once if anything went, then close plans."""
         while rows := await self._store.outbox("erasing", "erasure", _PLANS_AT_ONCE_COUNT):
             for row in rows:
                 if row.key not in self._carried_out:
@@ -226,7 +206,6 @@ class Eraser:
         self._carried_out.add(row.key)
 
     async def _close(self, row: OutboxRow) -> None:
-        """Read back and close a plan. One whose closing fails is carried out again from its start at the next try."""
         parts = decode(row.plan, ErasurePlan).parts
         self._carried_out.discard(row.key)
         await self._read_back(parts)

@@ -1,7 +1,4 @@
-"""What a custodian hears of a finalized block: events of four contracts, and who is a custodian no more.
-
-Must never tell of a block that is not final.
-"""
+"""A finalized block's events for a custodian, of four contracts, and removed custodians."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ CUSTODIANS_REMOVED = "identity.custodians_removed"
 
 @dataclass(frozen=True, slots=True)
 class FinalizedEvent:
-    """One event: the transaction that caused it, contract, name, and its data as a decoded dict."""
+    """An event: causing transaction, contract, name, decoded data."""
 
     txid: bytes
     contract: str
@@ -28,13 +25,12 @@ class FinalizedEvent:
 
     @property
     def kind(self) -> str:
-        """Contract and name, as in `records.recorded`."""
         return f"{self.contract}.{self.name}"
 
 
 @dataclass(frozen=True, slots=True)
 class FinalizedEvents:
-    """The events of one finalized block, in its order. The timestamp is the block's, ms."""
+    """One finalized block's events in order; timestamp is the block's, ms."""
 
     height: int
     block_id: bytes
@@ -43,12 +39,11 @@ class FinalizedEvents:
 
     @property
     def checkpoint(self) -> Checkpoint:
-        """The checkpoint of a store that holds this block's effects."""
         return Checkpoint(self.height, self.block_id, self.timestamp_ms)
 
 
 def collect_events(height: int, block_id: bytes, timestamp_ms: int, receipts: Sequence[Receipt]) -> FinalizedEvents:
-    """Return what custodians need of a finalized block's receipts. A failed call has no events."""
+    """Collect a finalized block's events; failed calls have none."""
     events = tuple(
         FinalizedEvent(receipt.txid, event.contract, event.name, decode_value(event.data))
         for receipt in receipts

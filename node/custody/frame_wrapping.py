@@ -1,4 +1,4 @@
-"""Frames under erase keys, on their way into a store. Must never let an erase key outlast its use in memory."""
+"""Wraps frames under erase keys, which are wiped after use."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from node.process_memory import wipe
 
 
 def parts_of(frames: Sequence[FrameDownload]) -> list[tuple[int, bytes, bytes]]:
-    """Return index, ciphertext and sealed key of each frame."""
     return [(frame.index, frame.ciphertext, frame.sealed_key) for frame in frames]
 
 
 def wrap_frames(
     record_id: bytes, frames: Sequence[tuple[int, bytes, bytes]], taken: Sequence[tuple[int, bytes]]
 ) -> list[FrameRow]:
-    """Return the rows of (index, ciphertext, sealed key), each under the erase key of its slot."""
     return [
         FrameRow(record_id, index, text, wrap_key(erase_key, record_id, index, key), slot)
         for (index, text, key), (slot, erase_key) in zip(frames, taken, strict=True)
@@ -26,6 +24,5 @@ def wrap_frames(
 
 
 def wipe_keys(taken: Sequence[tuple[int, bytes]]) -> None:
-    """Overwrite erase keys that were just allocated, used or not."""
     for _, erase_key in taken:
         wipe(erase_key)

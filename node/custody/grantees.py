@@ -1,8 +1,4 @@
-"""Who may fetch what was shared, by the final state. Must never take a grantee's word for who she is.
-
-Her one-time key says nothing of her; she shows the handle and the salt that make the hash on the chain, and the member
-under that handle has to be of the staff, or an officer, now.
-"""
+"""Checks grantees by the handle and salt they reveal, against final state."""
 
 from __future__ import annotations
 
@@ -14,14 +10,14 @@ from consensus.state.keys import Reader
 
 
 def require_open_grant(state: Reader, grant_id: bytes, now_ms: int) -> None:
-    """Refuse parts for a grant that was revoked or is over; one that is not final yet passes. Raises GRANT_ENDED."""
+    """Raise GRANT_ENDED for a revoked or ended grant; unfinalized ones pass."""
     grant = GRANT.at(state, grant_id)
     if grant is not None and not grant.is_open(now_ms):
         raise BlockRobotError("GRANT_ENDED")
 
 
 def require_grantee(state: Reader, request: SharedRequest, grant_id: bytes, grantee: bytes, now_ms: int) -> None:
-    """Refuse unless this key (33 bytes, proven) is that of a grant that stands, asked under it, and shows who she is.
+    """Check that this proven 33-byte key holds a standing grant and its request.
 
     Raises ACCESS_NOT_GRANTED, NOT_PERMITTED, GRANT_ENDED, GRANTEE_NOT_A_MEMBER.
     """

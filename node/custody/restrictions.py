@@ -1,8 +1,6 @@
-"""What people said of their visits, as a custodian heeds it: restricted, objected to, denied. Must never doubt for a yes.
+"""Owners' restrictions, objections and denials as custodians apply them.
 
-All that a visit's owner said last is one row. A word that narrows what may be released makes void every request from
-before it: what she asks for afterwards the contracts have judged already. So does a transfer to another owner key: who
-has the former key had asked for it.
+A narrowing statement or an owner-key transfer voids all earlier requests.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ STANDING_EVENTS = NARROWING | {"rights.lifted"}
 
 
 def prolong(standing: VisitRestrictions | None, record_id: bytes, expires_at_ms: int) -> int:
-    """Return when a record expires, in ms, that would expire at a time if nothing had been said."""
+    """Return a record's expiry (ms), given its expiry without statements."""
     if standing is None or not standing.until_ms:
         return expires_at_ms
     covered = record_id in standing.records or (standing.whole and standing.whole_since_ms < expires_at_ms)
@@ -38,7 +36,6 @@ def prolong(standing: VisitRestrictions | None, record_id: bytes, expires_at_ms:
 
 
 def standing_of(owner: bytes, row: RestrictionRow | None) -> VisitRestrictions:
-    """Return the standing of a visit of which only a restriction is known."""
     if row is None:
         return VisitRestrictions(owner)
     return VisitRestrictions(
@@ -51,12 +48,12 @@ def standing_of(owner: bytes, row: RestrictionRow | None) -> VisitRestrictions:
 
 
 def is_void(grant: Grant, standing: VisitRestrictions | None) -> bool:
-    """Tell whether a request counts no more, because of what was said of the visit after it."""
+    """Return whether a later statement of the visit voids this request."""
     return standing is not None and (standing.quarantined or grant.height <= standing.narrowed_height)
 
 
 def require_release(grant: Grant, standing: VisitRestrictions | None) -> None:
-    """Raise CLIP_QUARANTINED or ACCESS_ENDED if nothing may be released under a request any more."""
+    """Raise CLIP_QUARANTINED or ACCESS_ENDED if a request releases nothing."""
     if standing is not None and standing.quarantined:
         raise BlockRobotError("CLIP_QUARANTINED")
     if is_void(grant, standing):
@@ -64,17 +61,15 @@ def require_release(grant: Grant, standing: VisitRestrictions | None) -> None:
 
 
 def with_natural(standing: VisitRestrictions, natural: Mapping[bytes, int]) -> VisitRestrictions:
-    """Return a standing with other natural expiries, sorted."""
     return structs.replace(standing, natural=tuple(sorted(natural.items())))
 
 
 async def find_standing(store: CustodyStore, owner: bytes) -> VisitRestrictions | None:
-    """Return what was said of one visit, or None if nothing was."""
     return (await store.standings([owner])).get(owner)
 
 
 def follow_event(before: VisitRestrictions, event: FinalizedEvent, height: int) -> VisitRestrictions:
-    """Return what stands after one event that is about a whole visit; what is kept beyond its expiry is settled apart."""
+    """Return the standing after a visit's event; `settle` handles prolonged clips."""
     after = before
     if event.kind in {"rights.restricted", "rights.lifted"}:
         told = event.data
@@ -98,10 +93,9 @@ def follow_event(before: VisitRestrictions, event: FinalizedEvent, height: int) 
 
 
 async def settle(store: CustodyStore, standing: VisitRestrictions) -> VisitRestrictions:
-    """Write what stands, and with it until when each clip of the visit is kept. Doing it again changes nothing.
+    """Write a visit's standing and its clips' expiries. Idempotent.
 
-    The natural expiries are written before any clip is prolonged and forgotten after all have them again, so that a
-    crash in between loses none.
+    Natural expiries are written before prolonging and dropped after restoring, against crashes.
     """
     natural = dict(standing.natural)
     known = {clip.record_id: clip.expires_at_ms for clip in await store.clips_of_owner(standing.owner)}
@@ -126,7 +120,7 @@ async def settle(store: CustodyStore, standing: VisitRestrictions) -> VisitRestr
 
 
 def hold(standing: VisitRestrictions, facts: RecordFacts) -> tuple[VisitRestrictions, RecordFacts]:
-    """Return a record that has just come to a visit as it is to be kept, and what stands of the visit with it."""
+    """Return a new record as kept, and its visit's standing with it."""
     until_ms = prolong(standing, facts.record_id, facts.expires_at_ms)
     if until_ms == facts.expires_at_ms:
         return standing, facts

@@ -1,7 +1,6 @@
-"""What a custodian does for shares at a client's word: it takes parts of keys, and hands them out with their clips.
+"""Serves clients' shares; a mixin of `Custodian`.
 
-Part of `Custodian`, whose lock, store and keys it uses. Must never hand out a part beside the key that is sealed to the
-owner, nor to anybody before the caller made sure that it is the grantee.
+Parts leave without the owner's sealed key, only to grantees the caller verified.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from node.custody.stores.share_store import PartRow, PartStatus
 
 
 class ShareService:
-    """Uploads of parts of keys, and downloads of shared clips."""
+    """Uploads of key parts and downloads of shared clips."""
 
     if TYPE_CHECKING:  # the custodian's own
         _store: CustodyStore
@@ -49,10 +48,10 @@ class ShareService:
     async def stage_part(
         self, upload: GrantUpload, owner: bytes, require_open: Callable[[], None] = lambda: None
     ) -> PartStatus:
-        """Keep this custodian's part of a shared record's key, for the owner of its visit (33 bytes, made sure of).
+        """Store a part of a shared key for the visit's verified owner (33 bytes).
 
-        It is staged until its grant is final, or confirmed at once if it is. `require_open` refuses by the newest final
-        state a grant that has ended: the store forgets those. Raises as `Shares.judge`.
+        Staged until its grant is final. `require_open` rejects ended grants by final state, since the store forgets
+        them. Raises as `Shares.judge`.
         """
         check_grant_upload(upload)
         judge = partial(self._judge_part, upload, owner, require_open)
@@ -87,7 +86,6 @@ class ShareService:
         return judged.row.status
 
     async def _owe_shared(self, part: PartRow) -> None:
-        """Owe the releases that a grantee asked for before this part came."""
         clip = (await self._store.clips([part.record_id]))[part.record_id]
         standing = await find_standing(self._store, part.owner)
         asked = [grant for grant in await self._store.grants_of_owner(part.owner) if grant.share == part.grant_id]
@@ -96,7 +94,7 @@ class ShareService:
         await self._store.apply(BlockEffects(outbox=owed))
 
     async def download_shared(self, request: SharedRequest, grant_id: bytes) -> SharedDownload:
-        """Return a shared clip, package and parts under a final request by the grantee (whom the caller made sure of).
+        """Return a shared clip, package and parts to the verified grantee.
 
         Raises as `Custodian.download`, and GRANT_ENDED, GRANT_PARTS_MISSING.
         """

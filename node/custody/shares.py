@@ -1,7 +1,6 @@
-"""Shares at one custodian: keeps its parts of shared keys while their grants stand, and destroys them at their end.
+"""Shares at one custodian: key parts, kept wrapped while their grants stand.
 
-Must never keep a part bare, nor one that could still be joined after its grant was revoked or is over, its record was
-erased or its visit denied: the erase key goes first, then the row. What one custodian holds opens nothing by itself.
+They are destroyed, erase key before row, on revocation, end, erasure or denial.
 """
 
 from __future__ import annotations
@@ -39,26 +38,26 @@ class HeldPart(Wire, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What becomes of an upload: the row it would make without slot and bytes, or the one that is here already."""
+    """A judged upload: the new row without slot and bytes, or the known one."""
 
     row: PartRow
     is_known: bool
 
 
 def grant_covers(grant: Grant, clip: ClipRow) -> bool:
-    """Tell whether a final access request covers a confirmed clip: same owner, and named or part of the whole visit."""
+    """Return whether a final request covers this confirmed clip of its owner."""
     if grant.owner != clip.owner:
         return False
     return clip.record_id in grant.records if grant.records else clip.height <= grant.height
 
 
 async def may_release(store: CustodyStore, grant: Grant, record_id: bytes) -> bool:
-    """Tell whether this custodian has what a request needs beside the clip: a grantee's needs a part of the key."""
+    """Return whether a request can be answered: grantees need a key part."""
     return not grant.share or await store.part(grant.share, record_id) is not None
 
 
 class Shares:
-    """The shares of one custodian. Whoever changes something here holds the custodian's lock, and calls `finish` later."""
+    """One custodian's shares; writers hold the custodian's lock and call `finish` later."""
 
     def __init__(self, store: CustodyStore, eraser: Eraser, keys: ErasableKeys) -> None:
         self._store = store
@@ -68,7 +67,7 @@ class Shares:
     # Uploads
 
     async def judge(self, upload: GrantUpload, owner: bytes, now_ms: int) -> Judged:
-        """Check an upload by the owner of a visit (33 bytes) against what is known here.
+        """Check an upload by a visit's owner (33 bytes).
 
         Raises CLIP_NOT_CONFIRMED, CLIP_ERASED, CLIP_QUARANTINED, NOT_PERMITTED, GRANT_ENDED, TRANSACTION_EXPIRED,
         UPLOAD_INVALID, UPLOAD_CONFLICT, RATE_LIMITED.
@@ -97,7 +96,6 @@ class Shares:
             raise BlockRobotError("CLIP_QUARANTINED")
 
     async def _place(self, upload: GrantUpload, owner: bytes, now_ms: int) -> PartRow:
-        """Return the row of an upload: confirmed under a grant that stands, or staged for one that may become final."""
         point, share = await self._store.checkpoint(), await self._store.share(upload.grant_txid)
         at_ms = 0 if point is None else point.timestamp_ms
         now_ms = max(now_ms, at_ms)  # a clock that is behind the chain is wrong; nobody's upload is refused for it
@@ -122,7 +120,7 @@ class Shares:
         return staged
 
     async def put(self, judged: Judged, upload: GrantUpload, taken: tuple[int, bytes] | None) -> None:
-        """Keep what was judged, under the erase key of a slot; a known part keeps its own."""
+        """Store a judged upload under a slot's erase key; known parts keep theirs."""
         row = judged.row
         if not judged.is_known:
             if taken is None:
@@ -136,13 +134,13 @@ class Shares:
     # Release
 
     async def require_standing(self, grant_id: bytes, now_ms: int) -> None:
-        """Raise GRANT_ENDED unless a grant stands, by the blocks that were followed and by the clock."""
+        """Raise GRANT_ENDED unless a grant stands, by blocks and clock."""
         share = await self._store.share(grant_id)
         if share is None or share.until_ms <= now_ms:
             raise BlockRobotError("GRANT_ENDED")
 
     def open(self, row: PartRow | None) -> HeldPart:
-        """Return what a part's row holds, with the erase key as it is at this moment. Raises GRANT_PARTS_MISSING."""
+        """Unwrap a part's row with its present erase key. Raises GRANT_PARTS_MISSING."""
         held = None if row is None or row.status != "confirmed" else self._unwrap(row)
         if held is None:
             raise BlockRobotError("GRANT_PARTS_MISSING", "This custodian has no part of the key of this record.")
@@ -163,7 +161,7 @@ class Shares:
     # What the chain says
 
     async def take_grant(self, share: ShareRow) -> None:
-        """A grant is final: its parts count, and what was uploaded under its id and is not of it goes."""
+        """Confirm a final grant's parts; destroy uploads that do not belong to it."""
         await self._store.put_share(share)
         places = await self._store.parts_of("grant_id", [share.grant_id])
         own = [place for place in places if place.owner == share.owner and place.record_id in share.records]
@@ -171,10 +169,7 @@ class Shares:
         await self._store.confirm_parts(share.grant_id, [place.record_id for place in own], share.height)
 
     async def leave_out(self, owner: bytes, record_ids: Sequence[bytes], height: int) -> None:
-        """Frames of a visit's records were erased at a height: no grant up to it takes parts for them any more.
-
-        What was sealed for it holds the keys of those frames.
-        """
+        """Exclude records with erased frames from grants up to this height."""
         gone = set(record_ids)
         for share in await self._store.shares_of(owner):
             if share.height <= height and gone & set(share.records):
@@ -182,19 +177,14 @@ class Shares:
                 await self._store.put_share(replace(share, records=left))
 
     async def end_grant(self, grant_id: bytes) -> None:
-        """A grant was revoked, or its time is over: its parts go, and then the word of it."""
         await self._eraser.destroy_parts(await self._store.parts_of("grant_id", [grant_id]))
         await self._store.forget_share(grant_id)
 
     async def deny_visit(self, owner: bytes) -> None:
-        """A visit was denied: every part of a key to it goes."""
         await self._eraser.destroy_parts(await self._store.parts_of("owner", [owner]))
 
     async def close_block(self, at_ms: int) -> None:
-        """Destroy what a block's time ends: parts whose grant never became final, and grants that are over.
-
-        Of records that expire `Eraser.erase_expired` takes care.
-        """
+        """Destroy parts of grants ended or never finalized by a block's time."""
         while lapsed := await self._store.lapsed_parts(at_ms, PARTS_AT_ONCE_COUNT):
             await self._eraser.destroy_parts(lapsed)
         while over := await self._store.shares_over(at_ms, PARTS_AT_ONCE_COUNT):
@@ -208,10 +198,9 @@ class Shares:
         denied: set[bytes],
         denied_meanwhile: Mapping[bytes, int],
     ) -> None:
-        """Bring shares to what a state says: the grants that stand, ids of those that do not, and the denied visits.
+        """Reconcile shares with a state: standing grants, ended ids, denied visits.
 
-        `denied_meanwhile` are visits that were denied in blocks that this store never followed, and the height: parts
-        of grants up to it go, though the quarantine may have ended since.
+        `denied_meanwhile`: heights of denials in skipped blocks; parts of grants up to them go, even if since settled.
         """
         ended = set(is_over)
         for grant_id in [share.grant_id async for share in self._store.all_shares() if share.grant_id not in standing]:

@@ -1,7 +1,6 @@
-"""What robots brought, and whether they may bring more. Must never let a refused upload leave a byte behind.
+"""What robots uploaded, and quotas on more.
 
-The account is in the store: how much of each robot is staged is counted over its clips, what it brought a day is a row
-that is written before the clip's. So it survives a restart, and a crash in between counts a clip too much, not too little.
+A day's use is written before its clip, so a crash overcounts rather than undercounts.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ USAGE_KEPT_DAYS = 8
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """So many clips, of so many bytes of ciphertext and keys together."""
+    """Number of clips, and their bytes of ciphertext and keys together."""
 
     count: int = 0
     size_bytes: int = 0
@@ -30,7 +29,7 @@ class Use:
 
 @dataclass(frozen=True, slots=True)
 class DayUse:
-    """What a robot (33 bytes) brought on one day, counted from 1970."""
+    """What a robot (33 bytes) uploaded on one day since 1970."""
 
     day: int
     robot: bytes
@@ -38,27 +37,24 @@ class DayUse:
 
 
 class UploadAccount(Protocol):
-    """Where a custodian keeps the account of uploads; a part of its store."""
+    """Where a custodian keeps the account of uploads; part of its store."""
 
     async def use_by_robot(self, status: str) -> dict[bytes, Use]:
-        """Return what is held of each robot's clips with this status; those fetched from custodians have no robot (b"")."""
+        """Return use by robot of clips with this status; b"" for clips from custodians."""
         ...
 
     async def add_use(self, use: DayUse) -> None:
-        """Add to what a robot brought on a day, and forget days more than `USAGE_KEPT_DAYS` before it."""
+        """Add to a robot's day, and drop days over `USAGE_KEPT_DAYS` earlier."""
         ...
 
     async def day_uses(self) -> list[DayUse]:
-        """Return what each robot brought on each day that is still kept, by day and robot."""
+        """Return each robot's use on each kept day, by day and robot."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class UploadTerms:
-    """Who uploads, and under which quotas; the chain says whose any robot's key is.
-
-    `organisation_of` names its organisation, `handle_of` the robot itself, whatever keys it has had.
-    """
+    """Who uploads under which quotas: `organisation_of` and `handle_of` (stable across keys)."""
 
     robot: bytes
     quotas: UploadQuotas
@@ -67,7 +63,6 @@ class UploadTerms:
 
 
 def find_day(timestamp_ms: int) -> int:
-    """Return the day of a block's time."""
     return timestamp_ms // DAY_MS
 
 
@@ -84,7 +79,7 @@ def require_quota(
     timestamp_ms: int,
     in_flight: Mapping[bytes, Use] = MappingProxyType({}),
 ) -> None:
-    """Refuse an upload that any quota does not allow beside those `in_flight`. Raises UPLOAD_QUOTA_EXCEEDED."""
+    """Raise UPLOAD_QUOTA_EXCEEDED if a quota forbids the upload beside those `in_flight`."""
     organisation, today = terms.organisation_of(terms.robot), find_day(timestamp_ms)
     known = sorted({*staged, *in_flight, *(use.robot for use in days)})
     robots = {robot: terms.organisation_of(robot) for robot in known if robot}
@@ -118,7 +113,7 @@ async def require_quota_of(
     timestamp_ms: int,
     in_flight: Mapping[bytes, Use] = MappingProxyType({}),
 ) -> int:
-    """Return the day for which an upload counts; without `terms` nothing is asked. Raises UPLOAD_QUOTA_EXCEEDED."""
+    """Return the upload's day; no check without `terms`. Raises UPLOAD_QUOTA_EXCEEDED."""
     if terms is not None:
         staged, days = await account.use_by_robot("staged"), await account.day_uses()
         require_quota(size_bytes, terms, staged, days, timestamp_ms, in_flight)

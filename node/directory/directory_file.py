@@ -1,9 +1,4 @@
-"""`directory.json` in a data directory: what another node's directory said.
-
-Made by `blockrobot node init` for a node that joins a network older than its genesis file: so it finds the nodes, and
-believes the authorities, that there are now. It is trusted as the genesis file is, and holds until the node's own
-chain has reached the height in it.
-"""
+"""`directory.json`: another node's directory, trusted like genesis until the own chain reaches its height."""
 
 from __future__ import annotations
 
@@ -46,7 +41,6 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def encode_directory(chain_id: bytes, content: DirectoryContent) -> bytes:
-    """Return the file's text for a directory of this chain."""
     nodes = [
         _NodeRow(
             name=node.name,
@@ -71,7 +65,7 @@ def encode_directory(chain_id: bytes, content: DirectoryContent) -> bytes:
 
 
 def decode_directory(data: bytes, chain_id: bytes) -> DirectoryContent:
-    """Read the file's text. Raises CONFIGURATION_INVALID if it is damaged or of another chain."""
+    """Raises CONFIGURATION_INVALID if it is damaged or of another chain."""
     try:
         whole = read_json_as(data, _File)
         content = DirectoryContent(
@@ -105,10 +99,7 @@ def _to_node(row: _NodeRow) -> DirectoryNode:
 
 
 def newest_beginning(data_dir: Path, genesis: Genesis) -> DirectoryContent:
-    """Return what a node's directory begins with: the file if there is one, else the genesis file's nodes.
-
-    Raises CONFIGURATION_INVALID.
-    """
+    """Return the file's content if present, else the genesis file's. Raises CONFIGURATION_INVALID."""
     path = data_dir / DIRECTORY_FILE
     if not path.exists():
         return content_of_genesis(genesis)

@@ -1,7 +1,6 @@
-"""Executes blocks on the branch that they stand on, and keeps what came of it.
+"""Executes blocks on their branch.
 
-The newest stored block is the base, a snapshot of the ledger; every block above it is an overlay in memory, by block
-id. When blocks are stored the base moves up, and the overlays above stand on the new snapshot.
+The newest stored block is the base, a snapshot; blocks above are in-memory overlays by id.
 """
 
 from __future__ import annotations
@@ -56,9 +55,9 @@ ROOMY_PER_CENT = 80
 
 @dataclass(slots=True, eq=False)
 class ExecutedBlock:
-    """A block and what its execution gave. `next_epoch` is set for a boundary: what it decides.
+    """An executed block; `next_epoch` is set for a boundary.
 
-    `withheld`: it gives up a change of contracts that this node could carry out (R42).
+    `withheld`: gives up a contract change that this node could carry out (R42).
     """
 
     block: Block
@@ -73,7 +72,6 @@ class ExecutedBlock:
 
     @property
     def is_roomy(self) -> bool:
-        """Tell whether the block had room for more: what it lacks was left out by choice."""
         size = sum(len(transaction.wire) for transaction in self.transactions)
         return (
             self.header.gas_used * 100 < BLOCK_GAS_MAX * ROOMY_PER_CENT
@@ -82,10 +80,7 @@ class ExecutedBlock:
         )
 
     def to_stored(self, proof: FinalityProof) -> FinalizedBlock:
-        """Return what the ledger store takes. `proof` is that of the commit which ends with this block or above it.
-
-        A boundary is always the last block of its commit, so that the proof is its own.
-        """
+        """Return the block for the store; `proof` is that of its commit."""
         epoch_proof = b""
         if self.next_epoch is not None:
             if proof.header_bytes != self.block.header_bytes:
@@ -107,8 +102,6 @@ class ExecutedBlock:
 
 
 class _BranchTransactions:
-    """The txids of one branch: in memory those above the stored ledger, below that the ledger's own index."""
-
     def __init__(self, above: frozenset[bytes], base: LedgerSnapshot) -> None:
         self._above = above
         self._base = base
@@ -118,7 +111,7 @@ class _BranchTransactions:
 
 
 class Executor:
-    """The blocks above the stored ledger, executed."""
+    """Executes and holds the blocks above the stored ledger."""
 
     def __init__(
         self,
@@ -131,7 +124,7 @@ class Executor:
         waits: bool = False,
         quarantine: Quarantine | None = None,
     ) -> None:
-        """`waits` says that the machine works in another process, so that the event loop must not wait for it."""
+        """`waits`: the machine is another process; the event loop does not block."""
         self.quarantine = quarantine or Quarantine(time.monotonic)
         self.waits = waits
         self.schedule: Schedule = genesis.schedule
@@ -147,28 +140,25 @@ class Executor:
         self._reader: LedgerSnapshot = ledger.snapshot()
 
     def close(self) -> None:
-        """Let go of the base snapshot and the thread."""
         self.thread.shutdown(wait=True)
         self._base.close()
         self._reader.close()
 
     @property
     def reader(self) -> LedgerSnapshot:
-        """A snapshot of the newest stored block for the event loop, apart from the one that blocks are executed on."""
+        """The event loop's own snapshot of the newest stored block."""
         return self._reader
 
     @property
     def base_height(self) -> int:
-        """The height of the newest stored block that blocks are executed on."""
+        """The height of the stored block that blocks are executed on."""
         position = self._base.position
         return -1 if position is None else position.height
 
     def executed(self, block_id: bytes) -> ExecutedBlock:
-        """Return a block that must have been executed here."""
         return self._blocks[block_id]
 
     def find(self, block_id: bytes) -> ExecutedBlock | None:
-        """Return an executed block above the base."""
         return self._blocks.get(block_id)
 
     # Branches
@@ -189,11 +179,11 @@ class Executor:
             executed = self._blocks.get(executed.header.parent_id)
 
     def txids_on_branch(self, block_id: bytes) -> frozenset[bytes]:
-        """Return the txids of the executed blocks from this one down to the base."""
+        """Return the executed blocks' txids from this one down to the base."""
         return frozenset().union(*(executed.txids for executed in self._branch(block_id)))
 
     def must_close(self, parent_id: bytes, epoch: int) -> bool:
-        """Tell whether a block of this epoch on this parent must be a closing one: it stands behind a boundary."""
+        """Return whether this epoch's block on this parent must be a closing one."""
         parent = self._blocks.get(parent_id)
         if parent is None or parent.header.epoch != epoch:
             return False
@@ -212,10 +202,10 @@ class Executor:
     # Verifying
 
     def verify(self, block: Block, *, certified: bool = False) -> ExecutedBlock:
-        """Execute a block of somebody else and compare the roots; its parent was executed or is the base.
+        """Execute another node's block and compare the roots.
 
-        What failed here before is not tried again before it is `certified`. Raises BLOCK_INVALID, or what is wrong with
-        one of its transactions; ExecutionFault if it cannot be executed here. LookupError for an unknown parent.
+        A failed one is retried only if `certified`. Raises BLOCK_INVALID, transaction errors, ExecutionFault,
+        LookupError (unknown parent).
         """
         block_id = block.block_id
         known = self._blocks.get(block_id)
@@ -242,7 +232,7 @@ class Executor:
         return executed
 
     def note_lost(self, block_id: bytes) -> None:
-        """R41: the round of an own block was lost: leave what it held to others for a while."""
+        """R41: leave a lost own block's transactions to others for a while."""
         executed = self._blocks.get(block_id)
         if executed is not None:
             self.quarantine.note_lost(executed.txids)
@@ -257,10 +247,9 @@ class Executor:
         *,
         certified: bool = True,
     ) -> ExecutedBlock:
-        """Execute a block on its parent's state, compare the roots, and keep nothing of it.
+        """Execute a block (or use `result`), compare the roots, keep nothing.
 
-        What it gives is taken from `result` if it was executed ahead. The signatures of its transactions were checked.
-        Raises BLOCK_INVALID, or what is wrong with a transaction; ExecutionFault, and next time it may take more.
+        Signatures are already checked. Raises BLOCK_INVALID, transaction errors, ExecutionFault.
         """
         header, transactions = checked.header, list(checked.transactions)
         check_block_transactions(
@@ -279,10 +268,7 @@ class Executor:
         return _executed(checked.block, checked.block_id, header, transactions, parent, result, following)
 
     def execute_ahead(self, parent: StateView, blocks: Sequence[CheckedBlock]) -> Sequence[Outcome]:
-        """Return what the first of these consecutive blocks give, for `execute_final`; nothing if there is no gain.
-
-        The roots were not compared yet. What fails is left to `execute_final`, which says why.
-        """
+        """Return results of the first of these blocks, maybe none; roots unchecked."""
         if not isinstance(self._machine, DistantMachine) or len(blocks) < 2:
             return ()
         headers = [checked.header for checked in blocks]
@@ -295,7 +281,7 @@ class Executor:
         return self._machine.verify_ahead(parent, expected)
 
     def read_transaction(self, wire: bytes) -> Transaction:
-        """Decode a transaction and check its signature, without remembering it; safe in another thread.
+        """Decode a transaction and check its signature, uncached; thread-safe.
 
         Raises ENCODING_*, TRANSACTION_TOO_LARGE, SIGNATURE_*.
         """
@@ -308,7 +294,7 @@ class Executor:
     # Building
 
     def choose(self, mempool: Mempool, parent_id: bytes, timestamp_ms: int) -> list[Transaction]:
-        """Take transactions for a block on this parent: none that is on the branch already, none behind a boundary."""
+        """Choose transactions not on the branch yet; none behind a boundary."""
         if self.must_close(parent_id, self.schedule.epoch):
             return []
         taken = mempool.take(
@@ -323,11 +309,10 @@ class Executor:
     def build(
         self, request: BuildBlock, timestamp_ms: int, transactions: list[Transaction]
     ) -> tuple[ExecutedBlock, list[bytes]]:
-        """Execute, fill in and sign a block; return it and the txids on which the execution failed.
+        """Execute, complete and sign a block; return it and failed txids.
 
-        If what it executes decides a new epoch, it is a boundary; behind one it is a closing block, which executes nothing.
-        A change of contracts that fails here is given up (R42).
-        LookupError for an unknown parent; whatever the machine raises passes through.
+        A block deciding an epoch is a boundary; a closing block behind it executes nothing. A failing contract change
+        is given up (R42). Raises LookupError for an unknown parent.
         """
         if self._key is None:
             raise AssertionError("a follower never builds")
@@ -377,17 +362,16 @@ class Executor:
     # Moving up
 
     def begin_epoch(self, schedule: Schedule) -> None:
-        """The stored head begins this epoch: forget the blocks of others. Only while nothing is being executed."""
+        """Begin an epoch at the stored head; only while nothing executes."""
         self.schedule = schedule
         self._blocks = {
             block_id: executed for block_id, executed in self._blocks.items() if executed.header.epoch == schedule.epoch
         }
 
     def move_base(self, stored: LedgerSnapshot | None = None) -> None:
-        """The ledger store has moved: stand on its newest block, and forget what is stored or dead.
+        """Move the base to the newest stored block; only while nothing executes.
 
-        `stored` is the ledger as the core has heard of it, and is taken over: the store may be further by now, and the
-        core would go on from a block that is not known here any more. Only while nothing is being executed.
+        Takes over `stored`, the ledger as the core knows it; the store may be ahead.
         """
         newest = self._ledger.snapshot() if stored is None else stored
         position = newest.position
@@ -412,7 +396,6 @@ class Executor:
 
 
 def _unchanged(parent: StateView) -> Outcome:
-    """Return what a closing block gives: it executes nothing, whatever is due at its height (R21)."""
     return BlockResult((), {}, {}, parent.state_root, compute_receipts_root(()), 0)
 
 
@@ -438,7 +421,7 @@ def _executed(
 
 
 def _require_equal(header: Header, result: Outcome, following: Epoch | None) -> None:
-    """Compare what the header says with what came out here. Raises BLOCK_INVALID."""
+    """Raises BLOCK_INVALID."""
     if result.left_out:
         raise BlockRobotError("BLOCK_INVALID", "The block holds a transaction that does not fit into it.")
     if result.gas_used != header.gas_used or result.state_root != header.state_root:

@@ -1,4 +1,4 @@
-"""The read-only entries of a chain's contracts, run on one version of its state."""
+"""Runs the read-only views of a chain's contracts on one state version."""
 
 from __future__ import annotations
 
@@ -17,22 +17,20 @@ class ContractViews:
     """Runs views with the contracts that the state names."""
 
     def __init__(self, genesis: Genesis) -> None:
-        """Raises GENESIS_INVALID if the chain's first contracts are not the ones that ship here."""
+        """Raises GENESIS_INVALID if the first contracts differ from those shipped here."""
         require_contracts(genesis)
         self._chain_id = genesis.chain_id
         self._catalogue = Catalogue()
 
     def load(self, state: StateReader) -> None:
-        """Read and compile the contracts that answer on this state."""
         self._catalogue.active(state)
 
     def run(
         self, state: StateReader, height: int, time_ms: int, contract: str, view: str, arguments: list[Any]
     ) -> bytes:
-        """Return the encoded result of a view; height and time (ms) are those of the state's newest block.
+        """Return a view's encoded result at height and time (ms).
 
-        Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, CONTRACT_DISABLED, CALL_REFUSED if the
-        contract refuses.
+        Raises TRANSACTION_CONTRACT_UNKNOWN (or unknown view), CONTRACT_DISABLED, CALL_REFUSED.
         """
         context = BlockContext(chain_id=self._chain_id, height=height, time_ms=time_ms)
         return encode_value(run_view(state, self._catalogue.active(state), context, contract, view, arguments))

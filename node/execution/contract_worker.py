@@ -1,8 +1,4 @@
-"""`python -I -m node.execution.contract_worker`: runs contracts for a node.
-
-It is started by the node with an empty environment and a pipe at each end, opens the node's ledger for reading, closes
-the wall around itself and works until the pipe ends. See `contracts/worker/`.
-"""
+"""`python -I -m node.execution.contract_worker`: runs contracts for a node, sandboxed, until its pipe ends."""
 
 from __future__ import annotations
 
@@ -23,7 +19,7 @@ from node.storage.lmdb_store import DATA_FILE_NAME
 
 
 class WorkerLedger:
-    """The ledger at one position, as the worker reads it; see `contracts.worker.process.LedgerView`."""
+    """The ledger at one position, for the worker; see `contracts.worker.process.LedgerView`."""
 
     def __init__(self, snapshot: LmdbSnapshot) -> None:
         self._snapshot = snapshot
@@ -34,15 +30,12 @@ class WorkerLedger:
         self.height = -1 if position is None else position.height
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs under the prefix, in key order."""
         return self._snapshot.scan(prefix, limit)
 
     def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield the pairs from `start` up to but without `end`, in key order."""
         return self._snapshot.scan_range(start, end)
 
     def close(self) -> None:
-        """Let go of it."""
         del self.get, self.page
         self._snapshot.close()
 
@@ -64,7 +57,7 @@ def prepare(begin: Begin) -> Workplace:
 
 
 def main(prepare_place: Callable[[Begin], Workplace] = prepare) -> int:
-    """Serve the node at the other end of the standard input and output; return the exit code."""
+    """Serve the node over standard input and output; return the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal says it to everybody; the node is who decides
     os.umask(0o077)
     serve(Pipe(0, 1), prepare_place)

@@ -1,4 +1,4 @@
-"""Executes blocks where an execution may fail for want of memory or time: a failure decides nothing."""
+"""Executes blocks where a lack of memory or time decides nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from node.sync.block_ranges import CheckedBlock
 
 
 class Attempts:
-    """The machine of one node, and what the node remembers of its failures."""
+    """One node's machine and its memory of failed executions."""
 
     def __init__(self, machine: Machine, quarantine: Quarantine) -> None:
         self._machine = machine
@@ -28,10 +28,9 @@ class Attempts:
         *,
         is_hopeless: bool,
     ) -> tuple[Outcome, list[bytes], bool]:
-        """Execute for an own block; return what it gave, the txids on which it failed, and whether a change is given up.
+        """Return the outcome, failed txids, and whether a change is given up.
 
-        R42: that is one which failed here, or any if it `is_hopeless`: so many rounds were lost that nobody gets it done.
-        Raises ExecutionFault.
+        R42: if it failed here, or `is_hopeless`. Raises ExecutionFault.
         """
         gives_up = self._failing_change(parent, height, time_ms) is not None
         gives_up = gives_up or (is_hopeless and find_activation(parent, height, time_ms) is not None)
@@ -48,7 +47,7 @@ class Attempts:
         return result, faulty, gives_up
 
     def verify(self, checked: CheckedBlock, parent: StateView, *, certified: bool) -> Outcome:
-        """Execute exactly this block; after each failure it may take more. Raises ExecutionFault, BLOCK_INVALID."""
+        """Execute exactly this block, with more effort after failures. Raises ExecutionFault, BLOCK_INVALID."""
         header, block_id = checked.header, checked.block_id
         effort = self._quarantine.failures_of(block_id)
         try:
@@ -69,7 +68,7 @@ class Attempts:
         return result
 
     def require_hope(self, checked: CheckedBlock, parent: StateView) -> None:
-        """R41: do not lose a worker again to what it was lost to before. Raises ExecutionFault."""
+        """R41: raise ExecutionFault for work that cost a worker before."""
         header = checked.header
         if not header.gives_up_change and self._failing_change(parent, header.height, header.timestamp_ms):
             raise ExecutionFault("the change of contracts that is due failed here before", in_change=True)
@@ -78,12 +77,11 @@ class Attempts:
             raise ExecutionFault("the block holds a transaction that failed here before", txid=txid)
 
     def _failing_change(self, parent: StateView, height: int, time_ms: int) -> Change | None:
-        """Return the change that is due in a block, if it failed here before."""
         change = find_activation(parent, height, time_ms) if self._quarantine.has_failed_changes else None
         return change if change is not None and self._quarantine.has_failed(change) else None
 
     def can_change(self, parent: StateView, header: Header) -> bool:
-        """R42: tell whether this node can carry out the change that a block gives up; try it if that is not known."""
+        """R42: return whether this node can carry out the given-up change."""
         if self._failing_change(parent, header.height, header.timestamp_ms):
             return False
         try:
@@ -94,7 +92,6 @@ class Attempts:
         return True
 
     def _note_fault(self, fault: ExecutionFault, parent: StateView, height: int, time_ms: int) -> None:
-        """Remember what a failed execution had in hand."""
         if fault.txid is not None:
             self._quarantine.note_failure(fault.txid, fault.reason)
         elif fault.in_change and (change := find_activation(parent, height, time_ms)) is not None:

@@ -1,4 +1,4 @@
-"""What executes blocks, as a node asks it: inside the node, in a worker, or for a whole simulated run."""
+"""What executes blocks: in the node, in a worker, or for a simulation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from contracts.state.view import StateView
 
 
 class Outcome(Protocol):
-    """What the execution of a block's transactions gave. `left_out` are the txids without a receipt."""
+    """A block's execution result. `left_out` are the txids without a receipt."""
 
     @property
     def receipts(self) -> tuple[Receipt, ...]: ...
@@ -34,7 +34,7 @@ class Outcome(Protocol):
 
 
 class Machine(Protocol):
-    """What runs the contracts: a pure function of parent state, height, time and transactions."""
+    """Runs contracts: a pure function of parent state, height, time and transactions."""
 
     def build(
         self,
@@ -45,10 +45,7 @@ class Machine(Protocol):
         *,
         gives_up_change: bool = False,
     ) -> tuple[Outcome, list[bytes]]:
-        """Execute what fits into a block, in order; return that and the txids on which the execution failed.
-
-        Raises ExecutionFault if it fails on something else.
-        """
+        """Execute what fits into a block, in order; return it and failed txids. Raises ExecutionFault."""
         ...
 
     def verify(
@@ -61,10 +58,7 @@ class Machine(Protocol):
         gives_up_change: bool = False,
         effort: int = 0,
     ) -> Outcome:
-        """Execute exactly these transactions. Raises BLOCK_INVALID if they cannot all stand in one block.
-
-        Raises ExecutionFault if the execution fails; with more `effort` it may take more memory and time.
-        """
+        """Execute exactly these; `effort` allows more memory and time. Raises BLOCK_INVALID, ExecutionFault."""
         ...
 
 
@@ -73,5 +67,5 @@ class DistantMachine(Machine, Protocol):
     """A machine that is slow to reach: it takes several blocks at once."""
 
     def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> Sequence[Outcome]:
-        """Execute consecutive blocks; return what `verify` would give for the first ones, maybe for none."""
+        """Return what `verify` gives for the first of consecutive blocks, maybe none."""
         ...

@@ -10,7 +10,7 @@ from node.storage.ledger_store import FinalizedBlock
 
 
 def genesis_block(genesis: Genesis) -> FinalizedBlock:
-    """Return the genesis block with its state, ready to be stored. Raises GENESIS_INVALID."""
+    """Return the genesis block with its state, ready to store. Raises GENESIS_INVALID."""
     state = open_genesis(genesis)
     block = genesis.block()
     return FinalizedBlock(

@@ -1,8 +1,4 @@
-"""Where a node's contracts run: in worker processes behind a wall, or inside the node.
-
-By default blocks are executed in one worker and views in another; `node.toml` can require a whole wall, or take it away.
-What needs no contract of somebody else's stays in the node: genesis, admission of transactions, proofs.
-"""
+"""Where a node's contracts run: in sandboxed workers (blocks, views) or the node."""
 
 from __future__ import annotations
 
@@ -44,21 +40,17 @@ class ContractPlace(Protocol):
 
     @property
     def machine(self) -> Machine | None:
-        """What executes blocks; None: the one inside the node."""
+        """The block machine; None means the one inside the node."""
         ...
 
     @property
-    def views(self) -> ViewRunner:
-        """What answers views."""
-        ...
+    def views(self) -> ViewRunner: ...
 
     def describe(self) -> Mapping[str, Any]:
-        """Return how the wall and the workers are, ready for JSON."""
+        """Return the state of sandbox and workers, for JSON."""
         ...
 
-    async def close(self) -> None:
-        """End what was started."""
-        ...
+    async def close(self) -> None: ...
 
 
 class WorkerLedgerSource:
@@ -68,18 +60,14 @@ class WorkerLedgerSource:
         self._ledger = ledger
 
     def height(self) -> int:
-        """Return the height of the newest stored block (-1: none)."""
         position = self._ledger.position
         return -1 if position is None else position.height
 
     def hold(self) -> Hold:
-        """Open a snapshot."""
         return self._ledger.snapshot()
 
 
 class _FileOfWorkers:
-    """A ledger that a tool reads beside its node."""
-
     def __init__(self, ledger: LedgerFile) -> None:
         self._ledger = ledger
 
@@ -93,7 +81,7 @@ class _FileOfWorkers:
 
 @contextmanager
 def open_walled_machine(config: NodeConfig, genesis: Genesis, ledger: LedgerFile) -> Iterator[Machine]:
-    """Execute blocks for a tool that reads a node's ledger: behind the wall, unless the node itself goes without one.
+    """Yield a tool's machine on a node's ledger, sandboxed like the node.
 
     Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE, GENESIS_INVALID.
     """
@@ -114,7 +102,7 @@ def _begin(config: NodeConfig, genesis: Genesis) -> Begin:
 
 
 def _require_wall(wall: str, parts: tuple[SandboxFeature, ...]) -> None:
-    """Raise CONTRACT_SANDBOX_INCOMPLETE if the wall must be whole and is not."""
+    """Raises CONTRACT_SANDBOX_INCOMPLETE."""
     missing = missing_parts(parts)
     if wall == "require" and missing:
         named = "; ".join(f"{name}: {why}" for name, why in missing.items())
@@ -139,12 +127,10 @@ class InProcessContracts:
         arguments: list[Any],
         source: Source = OWN,  # noqa: ARG002 - they run at once
     ) -> bytes:
-        """Return the encoded result of a view on this snapshot; see `node.api.services.ViewRunner`."""
         header = snapshot.header
         return self._views.run(snapshot, header.height, header.timestamp_ms, contract, view, arguments)
 
     def describe(self) -> Mapping[str, Any]:
-        """Return that there is no wall."""
         return {"wall": "off"}
 
     async def close(self) -> None:
@@ -155,7 +141,7 @@ class SandboxedContracts:
     """Contracts run in two worker processes: one for blocks, one for views."""
 
     def __init__(self, wall: str, staff: WorkerSpec, ledger: LedgerStore) -> None:
-        """Start the worker for blocks, but do not wait for it; the other one is started with the first view."""
+        """Start the block worker without waiting; the first view starts the other."""
         self._wall = wall
         blocks = replace(staff, note_loss=partial(_note_loss, "blocks"))
         self._blocks = WorkerMachine(blocks, WorkerLedgerSource(ledger))
@@ -166,10 +152,7 @@ class SandboxedContracts:
         self.views: ViewRunner = self
 
     async def greet(self) -> None:
-        """Wait until the worker is behind its wall; say what that lacks.
-
-        Raises CONTRACT_WORKER_FAILED, or CONTRACT_SANDBOX_INCOMPLETE if the wall must be whole and is not.
-        """
+        """Wait until the worker is sandboxed. Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE."""
         parts = await asyncio.to_thread(self._blocks.greet)
         _report(parts)
         _require_wall(self._wall, parts)
@@ -177,10 +160,7 @@ class SandboxedContracts:
     async def run_view(
         self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], source: Source = OWN
     ) -> bytes:
-        """Return the encoded result of a view on this snapshot, run in the worker for views.
-
-        Raises RATE_LIMITED, VIEWS_BUSY, CONTRACT_WORKER_FAILED, and what `node.api.services.ViewRunner` names.
-        """
+        """See `node.api.services.ViewRunner`; also raises RATE_LIMITED, VIEWS_BUSY, CONTRACT_WORKER_FAILED."""
         header = snapshot.header
         run = partial(
             self._views.run_view,
@@ -198,11 +178,9 @@ class SandboxedContracts:
         return await _see_through(running)
 
     def describe(self) -> Mapping[str, Any]:
-        """Return how the wall and the workers are, ready for JSON."""
         return {"wall": self._wall, "blocks": self._blocks.describe(), "views": self._views.describe()}
 
     async def close(self) -> None:
-        """End both workers."""
         await asyncio.to_thread(self._close)
 
     def _close(self) -> None:
@@ -212,7 +190,7 @@ class SandboxedContracts:
 
 
 async def _see_through(running: asyncio.Future[bytes]) -> bytes:
-    """Wait for the thread also if the caller is gone: it reads the caller's snapshot, which must not be closed before."""
+    """Wait for the thread even if cancelled: it reads the caller's snapshot."""
     try:
         return await asyncio.shield(running)
     except asyncio.CancelledError:
@@ -232,7 +210,7 @@ def _report(parts: tuple[SandboxFeature, ...]) -> None:
 
 
 async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerStore) -> ContractPlace:
-    """Return where the contracts of a node run, ready for the first block. The ledger holds genesis.
+    """Return a node's contracts; the ledger holds genesis.
 
     Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE, GENESIS_INVALID.
     """

@@ -1,4 +1,4 @@
-"""The places in which calls of views wait for the contract worker, of each source and of all."""
+"""Limits on views waiting for the contract worker, per source and in total."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ViewPlaces:
         self._count = 0
 
     def take(self, source: Source) -> None:
-        """Take a place. Raises RATE_LIMITED if the source has its share of them already, VIEWS_BUSY if all are taken."""
+        """Take a place. Raises RATE_LIMITED for the source's share, VIEWS_BUSY for the total."""
         is_over_part = bool(source.part) and self._taken[source] >= VIEWS_OF_VISIT_KEY_MAX_COUNT
         if is_over_part or self._taken[source.shared] >= VIEWS_OF_SOURCE_MAX_COUNT:
             raise over_budget(str(source), 1.0)
@@ -30,7 +30,6 @@ class ViewPlaces:
         self._add(source, 1)
 
     def give_back(self, source: Source) -> None:
-        """The view has run."""
         self._add(source, -1)
 
     def _add(self, source: Source, count: int) -> None:

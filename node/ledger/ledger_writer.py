@@ -1,7 +1,4 @@
-"""From "final" to "stored" to "known": writes finalized blocks in order and tells who waits.
-
-A waiter is told only after the store holds the block durably, so that what a client was told survives a power cut.
-"""
+"""Writes finalized blocks in order, and notifies waiters once they are durable."""
 
 from __future__ import annotations
 
@@ -27,7 +24,7 @@ FinalizedListener = Callable[[list[ExecutedBlock], FinalityProof, Position], Non
 
 
 class FinalityFeed:
-    """Who waits for a height or a transaction, told in the order in which they came. All on the event loop."""
+    """Waiters for heights and transactions, notified in arrival order; on the event loop."""
 
     def __init__(self, height: int) -> None:
         self.height = height
@@ -35,7 +32,6 @@ class FinalityFeed:
         self._transactions: dict[bytes, dict[asyncio.Future[bool], None]] = {}
 
     def publish(self, blocks: list[ExecutedBlock], _proof: FinalityProof, position: Position) -> None:
-        """Blocks were stored."""
         self.height = position.height
         for waiter in self._heights:
             if not waiter.done():
@@ -47,7 +43,6 @@ class FinalityFeed:
                     self._resolve(txid, final=True)
 
     def give_up(self, txids: list[bytes]) -> None:
-        """Transactions expired: nobody need wait for them."""
         for txid in txids:
             self._resolve(txid, final=False)
 
@@ -57,7 +52,6 @@ class FinalityFeed:
                 waiter.set_result(final)
 
     async def wait_above(self, height: int, timeout_ms: int) -> bool:
-        """Wait until a block above `height` is stored; tell whether one is, or the time ran out."""
         try:
             async with asyncio.timeout(timeout_ms / 1000):
                 while self.height <= height:
@@ -72,7 +66,6 @@ class FinalityFeed:
         return True
 
     async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
-        """Wait until the transaction is stored as final; tell whether it is, or the time ran out, or it expired."""
         waiter = asyncio.get_running_loop().create_future()
         self._transactions.setdefault(txid, {})[waiter] = None
         try:
@@ -90,10 +83,7 @@ class FinalityFeed:
 
 
 class LedgerWriter:
-    """Stores finalized blocks in order, as many at once as wait; then calls its listeners, in order.
-
-    A store that refuses is asked again every second, until it takes the blocks (R38).
-    """
+    """Stores finalized blocks in batches, in order; a refusing store is retried every second (R38)."""
 
     def __init__(self, ledger: LedgerStore) -> None:
         self._ledger = ledger
@@ -117,7 +107,7 @@ class LedgerWriter:
         self._listeners.append(listener)
 
     def set_milestones(self, every: int, hook: Callable[[LedgerSnapshot], None]) -> None:
-        """Call `hook` with the ledger at each multiple of a height, exactly there; it takes the snapshot over."""
+        """Call `hook` with the ledger at each multiple of `every`; it owns the snapshot."""
         self._milestone, self._on_milestone = every, hook
 
     def start(
@@ -127,17 +117,16 @@ class LedgerWriter:
         on_recovery: Callable[[], None],
         between_events: Callable[[Callable[[], None]], None],
     ) -> None:
-        """Begin to write. `between_events` runs an action when nothing is being executed: there listeners are called.
+        """Begin to write; `between_events` calls listeners while nothing executes.
 
-        `on_failure` hears of the first refusal, `on_recovery` of the end of it. After an error that nobody foresaw there
-        is no recovery: what is stored and what is known may differ then, and a restart begins from what is stored.
+        `on_failure` gets the first refusal, `on_recovery` its end; unforeseen errors need a restart.
         """
         self._on_failure, self._on_recovery, self._between_events = on_failure, on_recovery, between_events
         self._task = asyncio.get_running_loop().create_task(self._run(), name="ledger-writer")
         self._task.add_done_callback(self._end)
 
     async def stop(self) -> None:
-        """Write what waits (unless the store refuses it), then stop."""
+        """Write pending blocks (unless the store refuses), then stop."""
         if self._task is None:
             return
         if not self._failed and not self._task.done():
@@ -148,15 +137,12 @@ class LedgerWriter:
             _close(self._unpublished.popleft())
 
     def take_stored(self) -> LedgerSnapshot | None:
-        """Return the ledger exactly as the listeners that run now hear of it; the store may be further by now.
-
-        The first one to ask takes it over; None for all others.
-        """
+        """Return the ledger as running listeners know it; None after the first caller."""
         stored, self._stored = self._stored, None
         return stored
 
     def store(self, blocks: list[ExecutedBlock], proof: FinalityProof) -> None:
-        """Queue finalized blocks, oldest first; those that are queued or stored already are left out."""
+        """Queue finalized blocks, oldest first; skip those queued or stored already."""
         for block in blocks:
             if block.header.height == self.queued_height + 1:
                 self.queued_height += 1
@@ -183,7 +169,6 @@ class LedgerWriter:
                 self._between_events(partial(self._publish, blocks, batch[-1][1], position))
 
     def _open_stored(self) -> LedgerSnapshot | None:
-        """Open what was just stored, before anything more is."""
         try:
             return self._ledger.snapshot()
         except BlockRobotError as error:
@@ -191,7 +176,6 @@ class LedgerWriter:
             return None
 
     def _pass_milestone(self, height: int) -> None:
-        """What is done at a milestone is for others: blocks are stored whether it can be done or not."""
         if self._on_milestone is None or height % self._milestone != 0:
             return
         try:
@@ -200,7 +184,7 @@ class LedgerWriter:
             log.error("milestone_failed", height=height, code=error.code, detail=error.detail)
 
     def _end(self, task: asyncio.Task[None]) -> None:
-        """The writer ended by itself: nothing is stored any more, so nothing may be signed any more."""
+        """The writer ended unexpectedly: nothing is stored, so nothing may be signed."""
         error = None if task.cancelled() else task.exception()
         if error is not None:
             self._idle.set()
@@ -213,7 +197,6 @@ class LedgerWriter:
             self._on_failure(f"What was finalized cannot be stored or told: {type(error).__name__}. Restart the node.")
 
     async def _commit(self, batch: list[tuple[ExecutedBlock, FinalityProof]]) -> Position:
-        """Store a batch, as soon as the store takes it."""
         stored = [block.to_stored(proof) for block, proof in batch]
         finality = encode(batch[-1][1])
         while True:
@@ -235,7 +218,7 @@ class LedgerWriter:
             return position
 
     def _publish(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
-        """Tell everybody; may be called from anywhere in the node, so nothing is thrown there."""
+        """Notify all listeners; raises nothing."""
         self._stored = self._unpublished.popleft()
         try:
             for listener in self._listeners:
@@ -246,10 +229,7 @@ class LedgerWriter:
             _close(self.take_stored())
 
     def _take_batch(self) -> list[tuple[ExecutedBlock, FinalityProof]]:
-        """Return the oldest blocks that wait, ending where a commit of the core ended (there the proof belongs).
-
-        None goes beyond a boundary: the next epoch begins only when the boundary's own proof is stored.
-        """
+        """Return the oldest pending blocks up to a commit's end, none beyond a boundary."""
         end = min(len(self._waiting), COMMIT_BLOCKS_MAX_COUNT)
         for place, (block, _) in enumerate(self._waiting[:end], start=1):
             if block.next_epoch is not None:
@@ -259,7 +239,7 @@ class LedgerWriter:
         return self._waiting[: self._end_at_milestone(end)]
 
     def _end_at_milestone(self, end: int) -> int:
-        """Return where a batch of so many blocks has to end, so that none goes beyond a milestone with its own proof."""
+        """Return the batch end that passes no milestone with its own proof."""
         first = self._waiting[0][0].header.height
         for place in range(1, end):
             has_own_proof = self._waiting[place][1] is not self._waiting[place - 1][1]

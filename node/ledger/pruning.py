@@ -1,9 +1,4 @@
-"""Drops the bodies of old blocks.
-
-Which are old is in `retention.py`. What stays of a pruned block is its header (with the certificate of its parent),
-the places of its transactions and the txids of the replay window; epoch proofs and the state, with the audit in it, are
-not touched.
-"""
+"""Drops the bodies of old blocks (`retention.py`); headers, places, txids, proofs and state stay."""
 
 from __future__ import annotations
 
@@ -30,7 +25,7 @@ log = structlog.get_logger(__name__)
 
 
 async def prune_ledger(ledger: LedgerStore, below_height: int) -> int:
-    """Prune step by step, letting others work in between; return the earliest height that keeps its body."""
+    """Prune stepwise, yielding in between; return the earliest height with a body."""
     while True:
         earliest = await ledger.prune(below_height, header_of_block)
         position = ledger.position
@@ -40,10 +35,9 @@ async def prune_ledger(ledger: LedgerStore, below_height: int) -> int:
 
 
 class Pruner:
-    """Prunes a running node's ledger now and then.
+    """Prunes periodically; the `keep` newest blocks stay (0: archive).
 
-    `keep` newest blocks stay in any case; 0 makes the node an archive, which keeps everything. `followed` is how far the
-    custodian is, as in `highest_prunable`.
+    `followed` as in `highest_prunable`.
     """
 
     def __init__(self, ledger: LedgerStore, keep: int, followed: Callable[[], int | None]) -> None:
@@ -55,7 +49,7 @@ class Pruner:
         self._listeners: list[Callable[[int], None]] = []
 
     def add_listener(self, listener: Callable[[int], None]) -> None:
-        """Call `listener` with the earliest height that keeps its body, after each pruning."""
+        """Call `listener` after pruning with the earliest height with a body."""
         self._listeners.append(listener)
 
     async def _prune(self, below: int) -> int:
@@ -65,7 +59,7 @@ class Pruner:
         return earliest
 
     async def prune_to(self, keep: int) -> None:
-        """Prune now, as somebody asked: `keep` stay, and what the custodian has yet to follow. Raises NODE_IS_ARCHIVE."""
+        """Prune now except `keep` and what the custodian must follow. Raises NODE_IS_ARCHIVE."""
         if not self._keep:
             raise BlockRobotError("NODE_IS_ARCHIVE")
         position = self._ledger.position
@@ -74,7 +68,7 @@ class Pruner:
         await self._prune(below)
 
     async def run_once(self) -> None:
-        """Prune if enough has piled up. What fails is logged; the next time may work."""
+        """Prune if enough has piled up; failures are logged."""
         if not self._keep:
             return
         try:
@@ -91,7 +85,6 @@ class Pruner:
         log.info("ledger_pruned", earliest_height=earliest)
 
     def describe(self) -> dict[str, Any]:
-        """Return how far back the node keeps blocks, ready for JSON."""
         try:
             earliest_ms: int | None = self._retention.earliest()[1]
         except BlockRobotError:
@@ -104,7 +97,7 @@ class Pruner:
 
 
 def request_pruning(data_dir: Path, keep: int) -> Path:
-    """Ask the node that runs on a data directory to prune; return the file that is gone once it has."""
+    """Request pruning by the running node; return the file that it deletes when done."""
     path = data_dir / REQUEST_FILE_NAME
     temporary = path.with_suffix(".tmp")
     temporary.write_text(str(keep), encoding="ascii")
@@ -113,7 +106,7 @@ def request_pruning(data_dir: Path, keep: int) -> Path:
 
 
 async def answer_requests(data_dir: Path, pruner: Pruner) -> None:
-    """Prune if somebody who may write to the data directory asked for it; a request that makes no sense is dropped."""
+    """Prune if a request file is in the data directory; drop invalid requests."""
     path = data_dir / REQUEST_FILE_NAME
     try:
         keep = int(path.read_text(encoding="ascii"))
@@ -126,9 +119,9 @@ async def answer_requests(data_dir: Path, pruner: Pruner) -> None:
 
 
 async def prune_stopped_node(config: NodeConfig, keep: int) -> dict[str, Any]:
-    """Prune the ledger of a node that is not running; the data directory's lock must be held.
+    """Prune a stopped node's ledger under the data directory's lock.
 
-    Returns `height`, `earliest_height` and whether the custodian's checkpoint kept it from dropping more. Raises
+    Returns `height`, `earliest_height` and whether the custodian's checkpoint limited it. Raises
     DATA_DIRECTORY_INVALID, STORAGE_*, STORE_UNAVAILABLE.
     """
     followed: int | None = None

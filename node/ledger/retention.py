@@ -1,8 +1,7 @@
-"""Below which block bodies may be dropped, by block time.
+"""Below which height block bodies may be dropped, by block time.
 
-A body goes once its block is older than the longest retention of a record and the lifetime of a transaction, and every
-record that it holds is erased or past its expiry. A restriction for a claim prolongs an expiry, but delays nobody else's
-blocks beyond `LIVE_RECORD_HELD_MAX_MS`.
+Required: older than the longest retention and transaction lifetime, all records erased or expired (delay limited by
+`LIVE_RECORD_HELD_MAX_MS`).
 """
 
 from __future__ import annotations
@@ -40,16 +39,16 @@ class HeldBy(StrEnum):
 
 
 class Cutoff(NamedTuple):
-    """Bodies of blocks below `height` may go; what keeps the next one, if it is old enough."""
+    """Bodies below `height` may go; and what keeps the next one."""
 
     height: int
     held_by: HeldBy
 
 
 def highest_prunable(head: int, keep: int, followed: int | None) -> int:
-    """Return the height below which bodies may go: `keep` stay, and all that the custodian still has to follow.
+    """Return the height below which bodies may go.
 
-    `followed` is the height of the custodian's checkpoint, -1 if it has none yet, None without a custodian.
+    `followed`: custodian's checkpoint height (-1: none yet; None: no custodian).
     """
     below = head - keep + 1
     return max(0, below if followed is None else min(below, followed + 1))
@@ -64,7 +63,7 @@ def read_time_ms(view: LedgerSnapshot, height: int) -> int:
 
 
 def find_first_since(view: LedgerSnapshot, since_ms: int, first: int, last: int) -> int:
-    """Return the first height from `first` to `last` whose block is not older than a time; `last` + 1 if all are."""
+    """Return the first height whose block is not older, or `last` + 1."""
     low, high = first, last + 1
     while low < high:
         middle = (low + high) // 2
@@ -76,12 +75,12 @@ def find_first_since(view: LedgerSnapshot, since_ms: int, first: int, last: int)
 
 
 def find_live_record(view: LedgerSnapshot, height: int, now_ms: int) -> bytes | None:
-    """Return the id of a record that this block holds and that lives still, or None."""
+    """Return a live record's id in this block, or None."""
     return next((record_id for record_id in _recorded_in(view, height) if is_live(view, record_id, now_ms)), None)
 
 
 def is_live(view: LedgerSnapshot, record_id: bytes, now_ms: int) -> bool:
-    """Tell whether a record is neither erased nor past its expiry, which a restriction may prolong."""
+    """Return whether a record is neither erased nor expired (restrictions included)."""
     row = RECORD.at(view, record_id)
     if row is None or row.status not in _LIVE:
         return False
@@ -107,7 +106,7 @@ def _recorded_in(view: LedgerSnapshot, height: int) -> Iterator[bytes]:
 
 
 class Retention:
-    """Finds the cut-off of one ledger again and again; a block is searched for live records once."""
+    """Finds one ledger's cut-off repeatedly; each block is searched for live records once."""
 
     def __init__(self, ledger: LedgerStore) -> None:
         self._ledger = ledger
@@ -117,14 +116,14 @@ class Retention:
         self._earliest: tuple[int, int] | None = None
 
     def earliest(self) -> tuple[int, int]:
-        """Return height and time (ms) of the oldest block whose body is here."""
+        """Return height and time (ms) of the oldest block with a body."""
         with self._ledger.snapshot() as view:
             if self._earliest is None or self._earliest[0] != view.earliest_height:
                 self._earliest = view.earliest_height, read_time_ms(view, view.earliest_height)
         return self._earliest
 
     async def find_cutoff(self, keep: int, followed: int | None) -> Cutoff:
-        """Return the cut-off at the newest block. `followed` as in `highest_prunable`. Raises STORAGE_DAMAGED."""
+        """Return the cut-off at the newest block; `followed` as in `highest_prunable`. Raises STORAGE_DAMAGED."""
         position = self._ledger.position
         if position is None:
             return Cutoff(0, HeldBy.NOTHING)
@@ -144,7 +143,6 @@ class Retention:
         return Cutoff(below, HeldBy.FLOOR if below < old else HeldBy.NOTHING)
 
     async def _find_live(self, first: int, below: int, now_ms: int) -> int:
-        """Return the first of these heights whose block holds a live record, or `below`."""
         if first > self._searched_below:
             self._searched_below, self._live = first, None
         while self._searched_below < below:
@@ -157,7 +155,6 @@ class Retention:
         return below
 
     def _search(self, view: LedgerSnapshot, below: int, now_ms: int) -> None:
-        """Go on until a block holds a live record, or to this height."""
         while self._searched_below < below:
             self._live = find_live_record(view, self._searched_below, now_ms)
             if self._live is not None:

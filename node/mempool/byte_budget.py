@@ -1,8 +1,4 @@
-"""How many bytes of transactions an account may have nodes keep: blocks stay for a year, and disks fill up by accounts.
-
-A token bucket in bytes for each account. Each node counts what it lets wait, whoever brought it, so nobody gets more by
-asking several.
-"""
+"""Token buckets for transaction bytes per account; each node counts every waiting transaction."""
 
 from __future__ import annotations
 
@@ -23,7 +19,7 @@ person has many, and a robot that lies opens as many as it likes."""
 
 
 class ByteBudgets:
-    """The buckets of all accounts that are not full; the least recently seen make room."""
+    """Buckets of all accounts that are not full; evicts the least recently seen."""
 
     def __init__(
         self,
@@ -32,20 +28,20 @@ class ByteBudgets:
         bytes_per_s: int = ACCOUNT_BYTES_PER_S,
         burst_bytes: int = ACCOUNT_BURST_BYTES,
     ) -> None:
-        """`clock_s` gives seconds that only grow."""
+        """`clock_s` is monotonic, in seconds."""
         self._clock_s = clock_s
         self._bytes_per_s = bytes_per_s
         self._burst_bytes = burst_bytes
         self._buckets: OrderedDict[bytes, tuple[float, float]] = OrderedDict()
 
     def level(self, name: bytes, part: int = 1) -> float:
-        """Return how many bytes are left under a name, whose bucket is such a part of an account's."""
+        """Return bytes left under a name with 1/`part` of an account's bucket."""
         now_s, burst_bytes = self._clock_s(), self._burst_bytes / part
         level, seen_s = self._buckets.get(name, (burst_bytes, now_s))
         return min(burst_bytes, level + (now_s - seen_s) * self._bytes_per_s / part)
 
     def take(self, account: Account, size_bytes: int) -> None:
-        """Pay for so many bytes. Raises RATE_LIMITED, with the time to wait, if the account has not so many left."""
+        """Take bytes from the account's buckets. Raises RATE_LIMITED with the time to wait."""
         for name, part in _purses(account):
             missing_bytes = size_bytes - self.level(name, part)
             if missing_bytes > 0:
@@ -54,7 +50,6 @@ class ByteBudgets:
             self._set(name, self.level(name, part) - size_bytes)
 
     def refund(self, account: Account, size_bytes: int) -> None:
-        """Give back what was paid for bytes that are not kept after all."""
         for name, part in _purses(account):
             if name in self._buckets:
                 self._set(name, min(self._burst_bytes / part, self.level(name, part) + size_bytes))
@@ -67,7 +62,7 @@ class ByteBudgets:
 
 
 def _purses(account: Account) -> list[tuple[bytes, int]]:
-    """Return from which buckets an account pays, and which part of an account's each is."""
+    """Return (bucket name, divisor) pairs that an account pays from."""
     if not account.origin:
         return [(account.name, 1)]
     return [(account.name, VISITS_PART), (account.origin, 1)]

@@ -1,7 +1,4 @@
-"""Tells a client that its call cannot succeed, where the finalized state shows it.
-
-Only submissions are looked at: a transaction that another node took may fit a version that is not final here yet.
-"""
+"""Rejects submitted calls that cannot succeed by the finalized state."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ _Known = tuple[VersionRow, bool, int]
 
 
 class CallCheck:
-    """Compares calls with the interfaces of the contracts in force, which it remembers while the table is the same."""
+    """Checks calls against the interfaces of the contracts in force, cached per table."""
 
     def __init__(self, reader: Callable[[], Reader]) -> None:
         """`reader` gives the newest finalized state."""
@@ -28,10 +25,7 @@ class CallCheck:
         self._known: dict[str, _Known | None] = {}
 
     def require(self, transaction: Transaction) -> None:
-        """Refuse a call that the version in force does not take. A contract that is not known is the chain's to refuse.
-
-        Raises CONTRACT_DISABLED, CONTRACT_CALL_OUTDATED.
-        """
+        """Raises CONTRACT_DISABLED, CONTRACT_CALL_OUTDATED; unknown contracts pass."""
         state, body = self._reader(), transaction.body
         known = self._find(state, body.contract)
         if known is None:
@@ -55,7 +49,7 @@ class CallCheck:
 
 
 def _look_up(state: Reader, name: str) -> _Known | None:
-    """Return what is known of a contract, or None; an interface that cannot be read says nothing against a call."""
+    """Return what is known of a contract, or None; unreadable interfaces reject nothing."""
     row = active_contract(state, name)
     try:
         return None if row is None else (read_version(state, name, row[0]), row[1], row[2])

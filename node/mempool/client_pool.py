@@ -1,8 +1,4 @@
-"""The pool of waiting transactions as clients see it.
-
-A node that was removed, or whose certificate counts no more, says so at once: its clients go to another node instead of
-waiting for a block that cannot come.
-"""
+"""The pool of waiting transactions as clients see it, closed on certificate problems."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ class ClientPool:
     """A pool, closed while the node has a problem with all its peers."""
 
     def __init__(self, pool: TransactionPool, problem: Callable[[], BlockRobotError | None]) -> None:
-        """`problem` says why no peer would talk to this node, if that is so."""
+        """`problem` returns why all peers reject this node, or None."""
         self._pool = pool
         self._problem = problem
 
@@ -29,9 +25,7 @@ class ClientPool:
         return await self._pool.submit(wires, source)
 
     def status(self, txid: bytes) -> PoolStatus:
-        """Tell what the pool knows of a transaction that is not final."""
         return self._pool.status(txid)
 
     async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
-        """Wait until the transaction is final; tell whether it is, or the time ran out (or it expired)."""
         return await self._pool.wait_final(txid, timeout_ms)

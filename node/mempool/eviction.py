@@ -1,4 +1,4 @@
-"""What makes room for a transaction in a full mempool: a plan only."""
+"""Plans which transactions make room for a new one in a full mempool."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ EVICTION_FACTOR = 4
 
 
 class EvictionPlan(Generic[W]):
-    """What a newcomer takes the place of, newest first, by three rules; each adds to what the one before found.
+    """Transactions that a newcomer replaces, newest first, by three cumulative rules.
 
-    Accounts that have `EVICTION_FACTOR` times as much waiting, the newcomer included, lose some of it. A member takes from
-    visits that have so much more than he together. A visit takes from others that have no less than it; its first
-    transaction from those that have a quarter of it.
+    From accounts `EVICTION_FACTOR` times larger; for a member, from visits that much larger together; for a visit, from
+    others no smaller (its first: from those a quarter its size).
     """
 
     def __init__(self, lanes: Sequence[Lane[W]], wanted_bytes: int) -> None:
@@ -30,9 +29,9 @@ class EvictionPlan(Generic[W]):
         self._txids: dict[bytes, None] = {}
 
     def make(self, account: Account, own_bytes: int, *, is_first: bool) -> Collection[bytes]:
-        """Return the txids of what makes room for one more transaction of an account. Raises MEMPOOL_FULL.
+        """Return txids to evict. Raises MEMPOOL_FULL.
 
-        `own_bytes` is all that the account would have waiting; `is_first` if that is the newcomer alone.
+        `own_bytes`: the account's waiting total; `is_first`: the newcomer alone.
         """
         for lane, freed in zip(self._lanes, self._freed, strict=True):
             self._take(lane, freed, lane.largest(), EVICTION_FACTOR * own_bytes, self._wanted_bytes)
@@ -56,7 +55,6 @@ class EvictionPlan(Generic[W]):
         most_bytes: int,
         but: bytes = b"",
     ) -> None:
-        """Plan what is newest of these accounts while they have so much left, until so much is free in all."""
         for account in accounts:
             if self._freed_bytes >= most_bytes:
                 return

@@ -15,7 +15,7 @@ AGAIN_MAX_BYTES = 1024 * 1024
 
 
 def batches(transactions: Iterable[Transaction], max_bytes: int = BATCH_MAX_BYTES) -> Iterable[bytes]:
-    """Yield the payloads of transaction batches, each of about `max_bytes` at most."""
+    """Yield batch payloads of about `max_bytes` at most."""
     wires: list[bytes] = []
     size = 0
     for transaction in transactions:
@@ -29,7 +29,7 @@ def batches(transactions: Iterable[Transaction], max_bytes: int = BATCH_MAX_BYTE
 
 
 def oldest_within(transactions: list[Transaction], max_bytes: int) -> list[Transaction]:
-    """Return the oldest of the transactions, as many as fit into `max_bytes`."""
+    """Return the oldest transactions that fit into `max_bytes`."""
     kept: list[Transaction] = []
     for transaction in transactions:
         max_bytes -= len(transaction.wire)
@@ -40,7 +40,7 @@ def oldest_within(transactions: list[Transaction], max_bytes: int) -> list[Trans
 
 
 class Gossip:
-    """What this node heard from clients and passes on."""
+    """Passes on what this node received from clients."""
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
         """`send` sends the payload of a batch to all peers."""
@@ -50,7 +50,7 @@ class Gossip:
         self._timer: asyncio.TimerHandle | None = None
 
     def offer(self, transactions: list[Transaction]) -> None:
-        """Pass new transactions on: now, if nothing was sent in the last interval."""
+        """Send new transactions now if the last interval was idle, else later."""
         if not transactions:
             return
         self._waiting += transactions
@@ -58,12 +58,11 @@ class Gossip:
             self._flush()
 
     def repeat(self, transactions: list[Transaction]) -> None:
-        """Send transactions that still wait once more, the oldest first."""
+        """Resend transactions that still wait, the oldest first."""
         for payload in batches(oldest_within(transactions, AGAIN_MAX_BYTES)):
             self._send(payload)
 
     def stop(self) -> None:
-        """Stop the timer."""
         if self._timer is not None:
             self._timer.cancel()
 

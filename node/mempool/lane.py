@@ -1,4 +1,4 @@
-"""One lane of the mempool: what waits of each account, and which have most."""
+"""One lane of the mempool: transactions per account, and the largest accounts."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Generic, Protocol, TypeVar
 
 
 class Waiting(Protocol):
-    """What waits: whose it is, and how long it is."""
+    """A waiting transaction: its account and size."""
 
     @property
     def account(self) -> bytes:
-        """In whose turns it is taken."""
+        """The account in whose turn it is taken."""
 
     @property
     def is_of_visit(self) -> bool:
-        """Whether this is the key, or the grantees, of a visit: one person has many such accounts."""
+        """Whether the account is a visit's key or grantees; one person has many."""
 
     @property
     def size_bytes(self) -> int:
@@ -27,11 +27,7 @@ W = TypeVar("W", bound=Waiting)
 
 
 class Lane(Generic[W]):
-    """The queues of all accounts, in the order of their turns.
-
-    Accounts are sorted into classes by the binary length of their size, so that the largest are found, within a factor of
-    two, without looking at all.
-    """
+    """Queues of accounts in turn order, classed by their size's bit length."""
 
     def __init__(self) -> None:
         self.queues: OrderedDict[bytes, dict[bytes, W]] = OrderedDict()
@@ -42,7 +38,6 @@ class Lane(Generic[W]):
         self._classes: dict[tuple[int, bool], dict[bytes, None]] = {}
 
     def add(self, txid: bytes, item: W) -> None:
-        """Let one more wait, behind what its account has waiting."""
         queue = self.queues.setdefault(item.account, {})
         if not queue and item.is_of_visit:
             self._visits.add(item.account)
@@ -50,7 +45,6 @@ class Lane(Generic[W]):
         self._resize(item.account, item.size_bytes)
 
     def remove(self, txid: bytes, item: W) -> None:
-        """Take one out."""
         queue = self.queues[item.account]
         del queue[txid]
         self._resize(item.account, -item.size_bytes)
@@ -79,19 +73,15 @@ class Lane(Generic[W]):
             del self._sizes[account]
 
     def size_of(self, account: bytes) -> int:
-        """Return how many bytes an account has waiting."""
         return self._sizes.get(account, 0)
 
     @property
     def largest_bytes(self) -> int:
-        """How much an account has waiting that has most (within a factor of two)."""
+        """Bytes waiting of the largest account (within a factor of two)."""
         return self.size_of(next(self.largest(), b""))
 
     def largest(self, *, of_visits: bool = False) -> Iterator[bytes]:
-        """Yield accounts, those that have most first, within a factor of two; among equals visits', and the newest, first.
-
-        `of_visits`: those of visits alone.
-        """
+        """Yield accounts, largest first within a factor of two; `of_visits`: only visits."""
         for key in sorted(self._classes, reverse=True):
             if key[1] or not of_visits:
                 yield from reversed(self._classes[key])

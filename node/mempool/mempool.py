@@ -1,16 +1,7 @@
-"""Transactions that wait for a block.
+"""Transactions that wait for a block: accounts take turns, FIFO within each.
 
-Senders take turns, first come first served within each. Whoever has a visit makes as many grantees' keys as she likes:
-they all take one sender's turns, and each of them a sixteenth of its room at most. A tenth of the room, and of every
-block, is kept for the calls by which people exercise control of their data, so that no flood of records delays an
-erasure.
-
-When there is no room left, whoever has much waiting loses the newest of it to whoever has a quarter of that or less. One
-person has a key for each visit, so visits lose theirs, too, to a member who has a quarter of what they have together. A
-member is refused only if neither any account nor all visits together have four times as much as he. Nobody can tell one
-person's visits from other people's: the first transaction of a visit takes the place of the newest of another, if there
-is one with a quarter of its size. So it is let in, and may be lost again: who sends from many visits without end takes
-from others such a share of the visits' turns as is hers of what is sent.
+A visit's grantees share one account's turns. A tenth of room and blocks is reserved for data-control calls. When full,
+large accounts lose their newest.
 """
 
 from __future__ import annotations
@@ -74,9 +65,9 @@ class _Entry:
 
 @dataclass(frozen=True, slots=True)
 class Screened:
-    """A transaction that passed all cheap checks. `is_verified`: so did its signature; `is_waiting`: it is here already.
+    """A transaction after the cheap checks; `is_waiting`: already here.
 
-    `refusal` is for its signer alone: why it may not wait all the same.
+    `refusal`: why it may not wait, for its signer alone.
     """
 
     transaction: Transaction
@@ -94,7 +85,7 @@ class _Load:
 
 
 class Mempool:
-    """The pool. All its parts run on the node's event loop."""
+    """The mempool; runs on the node's event loop."""
 
     def __init__(
         self,
@@ -109,10 +100,7 @@ class Mempool:
         sender_max_bytes: int = SENDER_MAX_BYTES,
         byte_budgets: ByteBudgets | None = None,
     ) -> None:
-        """`has_standing` looks at the finalized state; `is_spent` tells of a txid if it is on the branch or final.
-
-        `account_of` says in whose turns a transaction is taken that has standing: its sender's, or those that he shares.
-        """
+        """`is_spent`: whether a txid is on the branch or final; `account_of`: whose turns count."""
         self._chain_id = chain_id
         self._cache = cache
         self._has_standing = has_standing
@@ -132,12 +120,11 @@ class Mempool:
 
     @property
     def size_bytes(self) -> int:
-        """How many bytes wait."""
         return self._ordinary.size_bytes + self._reserved.size_bytes
 
     @property
     def ordinary_bytes(self) -> int:
-        """How many of them have no room kept for them."""
+        """Waiting bytes in the ordinary (unreserved) lane."""
         return self._ordinary.size_bytes
 
     def __len__(self) -> int:
@@ -147,7 +134,6 @@ class Mempool:
         return txid in self._entries
 
     def get(self, txid: bytes) -> Transaction | None:
-        """Return a waiting transaction."""
         entry = self._entries.get(txid)
         return None if entry is None else entry.transaction
 
@@ -160,9 +146,9 @@ class Mempool:
     def admit(
         self, wire: bytes, now_ms: int, also: Callable[[Transaction], None] | None = None
     ) -> tuple[Transaction, bool]:
-        """Check a transaction and let it wait; return it and whether it is new here. `also` may refuse it by raising.
+        """Check and add; return the transaction and whether it is new.
 
-        Raises what `read`, `screen` and `insert` raise, and SIGNATURE_*. The signature comes last: it costs most.
+        Raises as `read`, `screen` and `insert`, `also`'s errors, and SIGNATURE_*.
         """
         transaction, is_verified = self.read(wire)
         screened = self.screen(transaction, now_ms, also, is_verified=is_verified)
@@ -171,7 +157,7 @@ class Mempool:
         return self.insert(screened)
 
     def read(self, wire: bytes) -> tuple[Transaction, bool]:
-        """Return the transaction of these bytes, and whether its signature was checked here before.
+        """Return the transaction and whether its signature was checked before.
 
         Raises ENCODING_*, TRANSACTION_TOO_LARGE.
         """
@@ -186,11 +172,11 @@ class Mempool:
         *,
         is_verified: bool,
     ) -> Screened:
-        """Do all checks of a transaction but that of its signature. `also` may refuse it by raising.
+        """Do all checks except the signature's; `also` may raise.
 
-        What is wrong only for this sender stands in `refusal`, for `insert` to raise: it would tell who has not signed that
-        the sender is a member. Raises TRANSACTION_WRONG_CHAIN, TRANSACTION_EXPIRED, TRANSACTION_TOO_FAR_AHEAD,
-        TRANSACTION_REPLAYED, MEMPOOL_FULL, SENDER_NOT_ADMITTED or what `has_standing` raises.
+        Sender-specific errors go to `refusal`: unsigned calls reveal no membership. Raises TRANSACTION_WRONG_CHAIN,
+        TRANSACTION_EXPIRED, TRANSACTION_TOO_FAR_AHEAD, TRANSACTION_REPLAYED, MEMPOOL_FULL, SENDER_NOT_ADMITTED or as
+        `has_standing`.
         """
         if transaction.txid in self._entries:
             return Screened(transaction, Account(b""), reserved=False, is_verified=True, is_waiting=True)
@@ -215,10 +201,9 @@ class Mempool:
         return Screened(transaction, account, reserved, is_verified, False, refusal)
 
     def insert(self, screened: Screened) -> tuple[Transaction, bool]:
-        """Let a transaction wait whose signature was checked since it was screened; return it and whether it is new.
+        """Add a screened transaction with checked signature; return it and whether new.
 
-        What is refused changes nothing. Raises its `refusal`, RATE_LIMITED if the account has used up its bytes, and
-        TRANSACTION_REPLAYED, SENDER_LIMIT or MEMPOOL_FULL if that came to pass in between.
+        Raises its `refusal`, RATE_LIMITED, TRANSACTION_REPLAYED, SENDER_LIMIT, MEMPOOL_FULL, changing nothing.
         """
         transaction = screened.transaction
         if screened.refusal is not None:
@@ -252,11 +237,7 @@ class Mempool:
             raise BlockRobotError("TRANSACTION_TOO_FAR_AHEAD")
 
     def _plan_evictions(self, transaction: Transaction, account: Account, reserved: bool) -> Collection[bytes]:
-        """Return the txids of what makes room for a transaction; nothing changes yet.
-
-        While the ordinary lane is over its own limit, nothing else makes room for what goes there. Raises MEMPOOL_FULL if
-        too little may go.
-        """
+        """Raises MEMPOOL_FULL."""
         size = len(transaction.wire)
         over_ordinary = 0 if reserved else self.ordinary_bytes + size - self._ordinary_max_bytes
         over_all = self.size_bytes + size - self._max_bytes
@@ -271,7 +252,7 @@ class Mempool:
         return plan.make(account, size + waiting, is_first=not waiting)
 
     def _evict(self, txids: Collection[bytes]) -> None:
-        """Take out what makes room for another, and give its bytes back: no block keeps them."""
+        """Evict transactions and refund their bytes."""
         for txid in txids:
             entry = self._entries[txid]
             self._byte_budgets.refund(entry.payer, entry.size_bytes)
@@ -295,7 +276,7 @@ class Mempool:
     # Leaving
 
     def remove(self, txids: Iterable[bytes]) -> int:
-        """Take out what became final, or what cannot be executed; return how many were here."""
+        """Remove final or inexecutable transactions; return how many were here."""
         count = 0
         for txid in txids:
             entry = self._entries.pop(txid, None)
@@ -311,10 +292,7 @@ class Mempool:
         return count
 
     def purge_expired(self, now_ms: int) -> list[bytes]:
-        """Take out what would not be admitted at `now_ms`: too old, or (the clock was put back) too far ahead.
-
-        Returns the txids.
-        """
+        """Remove what is expired or too far ahead at `now_ms`; return the txids."""
         expired = [txid for txid, entry in self._entries.items() if not _is_timely(entry.transaction, now_ms)]
         self.remove(expired)
         return expired
@@ -324,10 +302,9 @@ class Mempool:
     def take(
         self, *, max_count: int, max_bytes: int, timestamp_ms: int, exclude: Collection[bytes] = ()
     ) -> list[Transaction]:
-        """Choose transactions for a block with this timestamp; they stay here until they are final.
+        """Choose transactions for a block; they stay until final. `exclude`: the branch's txids.
 
-        First up to a tenth of the block from the reserved lane, then round robin over all accounts, the reserved ones
-        first in each turn. `exclude` holds the txids of the branch.
+        Up to a tenth from the reserved lane first, then round robin.
         """
         taken: list[Transaction] = []
         chosen: set[bytes] = set()
@@ -381,11 +358,11 @@ class Mempool:
             lane.queues.move_to_end(account)
 
     def note_block(self, *, is_roomy: bool) -> None:
-        """A block was certified; `is_roomy` if it had room left, so that what it lacks was left out by choice."""
+        """Note a certified block; `is_roomy` if it had room left."""
         self._roomy_blocks += is_roomy
 
     def has_work(self, exclude: Collection[bytes], patience_blocks: int) -> bool:
-        """Tell whether a transaction outside the branch is worth a block: not left out of too many roomy ones."""
+        """Return whether any transaction off the branch deserves a block."""
         newest = self._roomy_blocks - patience_blocks
         return any(
             entry.roomy_blocks_at_start > newest and txid not in exclude

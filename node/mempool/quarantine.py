@@ -1,8 +1,4 @@
-"""What could not be executed here, or was lost with a proposal: left out of own blocks for a while.
-
-Each failure doubles the reasons for doubt: the first keeps a transaction out of a few blocks, the third for as long as it
-may live. So a transaction that only met a worker's end by chance is hardly delayed.
-"""
+"""Quarantine: failed or lost transactions stay out of own blocks, longer each time."""
 
 from __future__ import annotations
 
@@ -37,14 +33,13 @@ class _Doubt:
 
 
 class _Doubts:
-    """Transactions that are held, each for longer every time; the oldest is forgotten beyond `HELD_MAX_COUNT`."""
+    """Held transactions, longer each time; beyond `HELD_MAX_COUNT` the oldest is forgotten."""
 
     def __init__(self, pauses_ms: tuple[int, ...]) -> None:
         self._pauses_ms = pauses_ms
         self._held: OrderedDict[bytes, _Doubt] = OrderedDict()
 
     def add(self, txid: bytes, now_s: float) -> int:
-        """Hold a transaction once more; return how often that was so far."""
         doubt = self._held.setdefault(txid, _Doubt())
         self._held.move_to_end(txid)
         doubt.count += 1
@@ -54,12 +49,10 @@ class _Doubts:
         return doubt.count
 
     def has(self, txid: bytes, now_s: float) -> bool:
-        """Tell whether a transaction is held now."""
         doubt = self._held.get(txid)
         return doubt is not None and doubt.until_s > now_s
 
     def current(self, now_s: float) -> set[bytes]:
-        """Return what is held now, and forget what has been free for as long as a transaction may live."""
         lifetime_s = TRANSACTION_LIFETIME_MAX_MS / 1000
         for txid in [txid for txid, doubt in self._held.items() if doubt.until_s + lifetime_s < now_s]:
             del self._held[txid]
@@ -74,7 +67,7 @@ class _Failing:
 
 
 class Quarantine:
-    """The node's memory of failed executions. Any thread may ask and tell; `stopwatch` gives seconds that only grow."""
+    """The node's memory of failed executions; thread-safe, with a monotonic `stopwatch` (seconds)."""
 
     def __init__(self, stopwatch: Callable[[], float]) -> None:
         self._stopwatch = stopwatch
@@ -89,26 +82,26 @@ class Quarantine:
     # Transactions
 
     def note_failure(self, txid: bytes, reason: str) -> None:
-        """The execution of this transaction failed here, for want of memory or time or for a fault of the interpreter."""
+        """Note a failed execution of a transaction (memory, time, interpreter fault)."""
         with self._lock:
             failures_count = self._failed.add(txid, self._stopwatch())
         self._note_reason(reason)
         log.error("transaction_quarantined", txid=txid.hex(), failures=failures_count, reason=self.last_failure)
 
     def note_lost(self, txids: Iterable[bytes]) -> None:
-        """A block of this node's own that held these was not certified: others may have failed on one of them."""
+        """Note the transactions of an own block that was not certified."""
         with self._lock:
             for txid in txids:
                 self._lost.add(txid, self._stopwatch())
 
     def held(self) -> frozenset[bytes]:
-        """Return the txids that this node proposes in no block now."""
+        """Return the txids that this node does not propose now."""
         with self._lock:
             now_s = self._stopwatch()
             return frozenset(self._failed.current(now_s) | self._lost.current(now_s))
 
     def find_failing(self, txids: Iterable[bytes]) -> bytes | None:
-        """Return the first of these on which the execution failed here not long ago."""
+        """Return the first of these that failed here recently, or None."""
         with self._lock:
             now_s = self._stopwatch()
             return next((txid for txid in txids if self._failed.has(txid, now_s)), None)
@@ -117,11 +110,10 @@ class Quarantine:
 
     @property
     def has_failed_changes(self) -> bool:
-        """Tell whether any change failed here: mostly there is nothing to look up."""
         return bool(self._changes)
 
     def note_change(self, change: Change, reason: str) -> None:
-        """This version of a contract could not be put into force here."""
+        """Note a contract version that could not be activated here."""
         with self._lock:
             self._changes[change] = self._stopwatch() + TRANSACTION_LIFETIME_MAX_MS / 1000
             while len(self._changes) > CHANGES_MAX_COUNT:
@@ -130,14 +122,14 @@ class Quarantine:
         log.error("change_failed_here", contract=change[0], version=change[1], reason=self.last_failure)
 
     def has_failed(self, change: Change) -> bool:
-        """Tell whether this version could not be put into force here, not long ago."""
+        """Return whether this version failed to activate here recently."""
         with self._lock:
             return self._changes.get(change, 0.0) > self._stopwatch()
 
     # Blocks that others could execute
 
     def note_block(self, block_id: bytes, height: int, reason: str, *, certified: bool) -> None:
-        """A block could not be executed here: next time it may take more."""
+        """Note a block that failed here; its next execution may take more."""
         with self._lock:
             failing = self._blocks.pop(block_id, None) or _Failing(height)
             failing.attempts_count += 1
@@ -153,13 +145,12 @@ class Quarantine:
             self._blocks.pop(block_id, None)
 
     def failures_of(self, block_id: bytes) -> int:
-        """Return how often a block could not be executed here."""
         with self._lock:
             failing = self._blocks.get(block_id)
             return 0 if failing is None else failing.attempts_count
 
     def forget_up_to(self, height: int) -> None:
-        """Everything up to this height is stored: nothing of it needs to be executed any more."""
+        """Forget everything up to this stored height."""
         with self._lock:
             for block_id in [block_id for block_id, one in self._blocks.items() if one.height <= height]:
                 del self._blocks[block_id]
@@ -170,7 +161,6 @@ class Quarantine:
         self.last_failure = "".join(shown)[:REASON_MAX_CHARS]
 
     def gauges(self) -> dict[str, tuple[str, Callable[[], float]]]:
-        """Return what the node's metrics show."""
         return {
             "blockrobot_execution_failures_total": (
                 "Executions that failed since the start.",
@@ -180,7 +170,7 @@ class Quarantine:
         }
 
     def describe(self) -> dict[str, Any]:
-        """Return what is held and what fails, ready for JSON. `stuck`: the lowest block that others could execute."""
+        """Return holds and failures, for JSON. `stuck`: lowest block that others could execute."""
         held = len(self.held())
         with self._lock:
             certified = [failing for failing in self._blocks.values() if failing.certified]

@@ -1,7 +1,6 @@
-"""Where transactions come in, from peers and from clients: each source in its turn, and each for its own budget.
+"""Fair, budgeted intake of transactions; signatures are checked last, in a thread.
 
-Cheap checks come first (`Mempool.screen`); signatures are checked last, in slices and in a thread, so that the event loop
-goes on. A sender pays for what he signed; what nobody signed is paid for by who brought it.
+Senders pay for what they signed; otherwise the source pays.
 """
 
 from __future__ import annotations
@@ -66,10 +65,7 @@ _ALLOWANCES: dict[SourceKind, Allowance] = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one transaction: refused with an error, or waiting; `is_new` if it was not here before.
-
-    `transaction` is None for what is none, or was not even read.
-    """
+    """One transaction's result; `transaction` is None if unread or malformed."""
 
     wire: bytes
     transaction: Transaction | None
@@ -96,20 +92,18 @@ class _Job:
         self.waiting_bytes = sum(map(len, self.wires))
 
     def take(self) -> bytes:
-        """Take out the next transaction."""
         wire = self.wires.popleft()
         self.waiting_bytes -= len(wire)
         return wire
 
     def clear(self) -> None:
-        """Drop what waits of it."""
         self.wires.clear()
         self.waiting_bytes = 0
 
 
 @dataclass(slots=True)
 class _Paid:
-    """What was paid for one transaction, by who brings it and by its sender: one of them gets it back."""
+    """Payments by source and sender for one transaction; one is refunded."""
 
     item: Screened
     by_bringer: list[Receipt]
@@ -123,7 +117,6 @@ class _Queue:
     size_of_parts_bytes: Counter[str] = field(default_factory=Counter)
 
     def count(self, job: _Job) -> None:
-        """Count what waits of a job now instead of what was counted of it before."""
         change_bytes, job.counted_bytes = job.waiting_bytes - job.counted_bytes, job.waiting_bytes
         self.size_bytes += change_bytes
         part = job.source.part
@@ -134,7 +127,7 @@ class _Queue:
 
 
 class TransactionIntake:
-    """The one way into the mempool while the node runs. On the event loop only."""
+    """The one way into the mempool; on the event loop only."""
 
     def __init__(
         self,
@@ -142,7 +135,7 @@ class TransactionIntake:
         clock: Callable[[], int],
         note_over: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
     ) -> None:
-        """`clock` says ms since 1970; `note_over` hears who is over his budget."""
+        """`clock` gives ms since 1970; `note_over` gets sources over their budget."""
         self._loop = asyncio.get_running_loop()
         self._mempool = mempool
         self._clock = clock
@@ -159,7 +152,6 @@ class TransactionIntake:
         self.dropped_count = 0
 
     async def stop(self) -> None:
-        """Stop; what waits is forgotten."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -174,16 +166,13 @@ class TransactionIntake:
     # Bringing
 
     def offer(self, source: Source, wires: Sequence[bytes], sink: Sink) -> None:
-        """Take what a peer passes on. What is beyond its queue is dropped: it comes again, or stands in a block."""
+        """Queue a peer's transactions; drop what exceeds its queue."""
         self._bring(_Job(source, deque(wires), sink, None))
 
     async def submit(
         self, source: Source, wires: Sequence[bytes], also: Callable[[Transaction], None], sink: Sink
     ) -> None:
-        """Take what a client sends, and return when all of it was looked at.
-
-        Raises RATE_LIMITED if too much waits, or if the source cannot even have it all looked at: then nothing is.
-        """
+        """Process a client's transactions; return when all are checked. Raises RATE_LIMITED beforehand."""
         if len(wires) > INLINE_MAX_COUNT and source != OWN:
             cost_us = len(wires) * TRANSACTION_SCREENING_US
             receipt = self._sources.take(source.shared, cost_us)
@@ -233,7 +222,7 @@ class TransactionIntake:
         return True
 
     def forget(self, source: Source) -> None:
-        """Drop what waits of a source that is not listened to any more."""
+        """Drop what waits of a disconnected source."""
         for ring in self._rings:
             queue = ring.pop(source, None)
             for job in () if queue is None else queue.jobs:
@@ -243,7 +232,6 @@ class TransactionIntake:
     # Working
 
     async def _work(self) -> None:
-        """Take a slice of each source in turn, peers and clients alternating, until nothing waits."""
         while True:
             ring = self._rings[self._turn] or self._rings[1 - self._turn]
             self._turn = 1 - self._turn
@@ -279,7 +267,6 @@ class TransactionIntake:
         job.sink(outcomes)
 
     def _screen_slice(self, job: _Job) -> tuple[list[_Paid], list[Outcome]]:
-        """Take transactions of a job until they are worth a slice; return those to be checked, and the others' outcomes."""
         now_ms, weight_us = self._clock(), 0
         screened: list[_Paid] = []
         outcomes: list[Outcome] = []
@@ -303,10 +290,7 @@ class TransactionIntake:
     def _screen(
         self, job: _Job, receipt: Receipt, transaction: Transaction, now_ms: int, *, is_verified: bool
     ) -> tuple[_Paid, int]:
-        """Do the cheap checks of one transaction, and have its signature paid for; return it and what that costs.
-
-        `receipt` is of its screening. Raises RATE_LIMITED, and what `Mempool.screen` raises.
-        """
+        """Raises RATE_LIMITED."""
         source, cost_us, receipts = job.source, 0, [receipt]
         if is_registration(transaction) and not is_verified:
             cost_us = REGISTRATION_US
@@ -342,7 +326,7 @@ class TransactionIntake:
         return receipt or self._refuse(f"member {sender.hex()}", self._senders.wait_s(sender, EC_OPERATION_US))
 
     def _pay_for_signature(self, source: Source, sender: bytes) -> Receipt:
-        """Take it from who brings the transaction, or from the little that a sender has behind a used-up address."""
+        """Charge the source, or the sender's small budget behind an exhausted address."""
         source = source.shared
         receipt = self._sources.take(source, EC_OPERATION_US)
         if receipt is None and source.kind != "peer":
@@ -356,7 +340,6 @@ class TransactionIntake:
         raise error
 
     def _settle(self, source: Source, paid: _Paid, error: BlockRobotError | None) -> Outcome:
-        """Let a checked transaction wait, and give back what it turns out that somebody else has to pay."""
         item, is_signed = paid.item, error is None
         transaction = item.transaction
         if not item.is_verified:
@@ -378,12 +361,12 @@ class TransactionIntake:
 
 
 def as_told_to_clients(error: BlockRobotError) -> BlockRobotError:
-    """Return what a client is told: of who did not sign, the same whether the sender is a member or not."""
+    """Return the client's error: without a signature, equal for members and strangers."""
     return BlockRobotError(_NOT_ADMITTED) if error.code in _UNSIGNED else error
 
 
 def payer_of(item: Screened) -> bytes:
-    """Return who pays for a signature: an account, whichever key it has now, or one of the many keys that share one."""
+    """Return the signature's payer: an account whatever its key, or a shared key."""
     return item.transaction.body.sender if item.account.is_shared else item.account.name
 
 
@@ -400,7 +383,6 @@ def _check_all(items: list[Screened]) -> list[BlockRobotError | None]:
 
 
 def _has_place(queue: _Queue | None, source: Source, size_bytes: int, limit_bytes: int) -> bool:
-    """Tell whether a queue has room for so much more, and the part that this key may have of a queue that many share."""
     waiting_bytes = 0 if queue is None else queue.size_bytes
     if queue is not None and source.part:
         own_bytes = queue.size_of_parts_bytes[source.part]

@@ -1,7 +1,4 @@
-"""Takes other nodes' connections, up to the end of the handshake.
-
-Until then nobody knows who calls, so places and budgets go by address; from then on by name (`node.p2p.greeting`).
-"""
+"""Accepts other nodes' connections until the handshake ends, limited by address."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ class Accepting:
         context: Callable[[], ssl.SSLContext],
         note_over: Callable[[Source, float], None],
     ) -> None:
-        """`make` gives the protocol of a connection; `note_over` hears of an address that shakes hands too often."""
+        """`make` builds a connection's protocol; `note_over` gets addresses with too many handshakes."""
         self._make = make
         self._context = context
         self._note_over = note_over
@@ -45,7 +42,7 @@ class Accepting:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self, listener: socket.socket) -> None:
-        """Take connections, of each address no more than its budget of handshakes: what a stranger costs most."""
+        """Accept connections within each address's handshake budget."""
         try:
             await accept_each(listener, self._take)
         finally:

@@ -1,7 +1,6 @@
-"""One TLS connection to one peer: frames in, frames out, requests and answers.
+"""One TLS connection to one peer: frames, requests and answers.
 
-Gossip that does not fit waits in a short queue whose oldest entry is dropped. Consensus messages are never dropped in
-silence: a peer so slow that they do not fit loses its connection, which both sides notice and repair.
+Excess gossip drops its oldest entry; if consensus messages do not fit, the connection is closed.
 """
 
 from __future__ import annotations
@@ -44,14 +43,12 @@ log = structlog.get_logger(__name__)
 
 
 class LinkShaper(Protocol):
-    """Where link faults can be put in: decides when, and whether, the bytes of a frame go out."""
+    """Injects link faults: decides when, and whether, a frame's bytes are sent."""
 
-    def admits(self, peer: str) -> bool:
-        """Tell whether a connection to this peer can be made at all."""
-        ...
+    def admits(self, peer: str) -> bool: ...
 
     def waiting_bytes(self, peer: str) -> int:
-        """How many bytes it holds back for this peer: they count as unsent."""
+        """Bytes held back for this peer; they count as unsent."""
         ...
 
     def deliver(self, peer: str, frame: bytes, send: Callable[[bytes], None]) -> None:
@@ -60,15 +57,13 @@ class LinkShaper(Protocol):
 
 
 class ConnectionOwner(Protocol):
-    """What a connection tells the network that it belongs to."""
+    """What a connection reports to its network."""
 
     def connection_made(self, connection: PeerConnection) -> None:
         """The TLS handshake is over."""
         ...
 
-    def connection_lost(self, connection: PeerConnection) -> None:
-        """The connection is gone."""
-        ...
+    def connection_lost(self, connection: PeerConnection) -> None: ...
 
     def frame_received(self, connection: PeerConnection, kind: FrameKind, payload: bytes) -> None:
         """A whole frame came (no request or response)."""
@@ -79,28 +74,28 @@ class ConnectionOwner(Protocol):
         ...
 
     def pay(self, peer: str, kind: FrameKind, cost_us: int) -> None:
-        """Let a peer pay for a frame that is about to be handled."""
+        """Charge a peer for a frame before it is handled."""
         ...
 
     def pay_reading(self, peer: str, cost_us: int) -> None:
-        """Let a peer pay for what reading cost besides its frames."""
+        """Charge a peer for reading costs besides its frames."""
         ...
 
     def too_many_requests(self, peer: str) -> None:
-        """A peer's request is refused, since more of it are open already than an honest node has."""
+        """A request was rejected: the peer has too many open."""
         ...
 
     def wait_s(self, peer: str) -> float:
-        """Return for how long nothing more of a peer is read: 0 while it has a budget left."""
+        """Return seconds to pause reading a peer; 0 within its budget."""
         ...
 
     def offended(self, connection: PeerConnection, error: BlockRobotError) -> None:
-        """The peer sent what no honest node sends: the connection is to be closed."""
+        """The peer sent what no honest node sends: close the connection."""
         ...
 
 
 class PeerConnection(asyncio.Protocol):
-    """A connection, dialled or accepted. `peer` is empty until the certificate was looked at."""
+    """A connection, dialled or accepted; `peer` is empty until the certificate is checked."""
 
     def __init__(
         self, owner: ConnectionOwner, shaper: LinkShaper | None, dialled: str | None, traffic: Traffic | None = None
@@ -130,14 +125,13 @@ class PeerConnection(asyncio.Protocol):
 
     @property
     def transport(self) -> asyncio.Transport:
-        """The transport below. Raises PEER_UNAVAILABLE once the connection is closed."""
+        """The transport. Raises PEER_UNAVAILABLE once closed."""
         if self._transport is None:
             raise BlockRobotError("PEER_UNAVAILABLE", "The connection is closed.")
         return self._transport
 
     @property
     def is_open(self) -> bool:
-        """Tell whether bytes can be sent."""
         return self._transport is not None and not self._transport.is_closing()
 
     def certificate_der(self) -> bytes | None:
@@ -148,14 +142,12 @@ class PeerConnection(asyncio.Protocol):
     # asyncio.Protocol
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take the transport."""
         self._transport = cast("asyncio.Transport", transport)
         self._transport.set_write_buffer_limits(high=GOSSIP_ABOVE_BYTES)
         self._reading = Reading(self._transport.get_extra_info("socket"))
         self._owner.connection_made(self)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        """Fail what waits for an answer and tell the owner."""
         self._transport = None
         if self._reading_on is not None:
             self._reading_on.cancel()
@@ -171,7 +163,6 @@ class PeerConnection(asyncio.Protocol):
         self._owner.connection_lost(self)
 
     def data_received(self, data: bytes) -> None:
-        """Cut bytes into frames and pass them on; a peer that breaks the framing is cut off."""
         if self._is_cut_off:
             return
         cost_us = self._reading.cost_us(len(data))
@@ -182,10 +173,7 @@ class PeerConnection(asyncio.Protocol):
             self._read_on()
 
     def _read_on(self) -> None:
-        """Handle the frames that are here: for a slice of time, and no more than the peer can pay for.
-
-        Meanwhile nothing is read from the socket: a peer that sends more than it may is held up by its own buffers.
-        """
+        """Handle frames for a time slice within the peer's budget."""
         self._reading_on = None
         spent_us = 0
         try:
@@ -212,7 +200,6 @@ class PeerConnection(asyncio.Protocol):
             self.abort()
 
     def _wait_for_more(self, *, has_cut: bool) -> None:
-        """Read on: what ended no frame is paid for as such, and a frame that has begun has to end in time."""
         if not has_cut:
             self._owner.pay_reading(self.peer, READ_US)
         if self._decoder.has_begun and self._late is None:
@@ -242,7 +229,6 @@ class PeerConnection(asyncio.Protocol):
             self._transport.resume_reading()
 
     def resume_writing(self) -> None:
-        """The send buffer has room again: gossip goes on."""
         if self._is_resuming:
             return
         self._is_resuming = True
@@ -293,7 +279,6 @@ class PeerConnection(asyncio.Protocol):
             self._write(frame)
 
     def _write(self, frame: bytes) -> None:
-        """Write a frame, perhaps long after it was handed to the shaper; what waited behind it may go on."""
         if self.is_open:
             self.transport.write(frame)
             if self._gossip and self._shaper is not None:
@@ -305,13 +290,13 @@ class PeerConnection(asyncio.Protocol):
             self._transport.close()
 
     def cut_off(self, linger_s: float) -> None:
-        """Hear nothing more; send what is buffered, but wait no longer than `linger_s` for it."""
+        """Stop reading; send what is buffered within `linger_s`, then close."""
         self._is_cut_off = True
         self.close()
         asyncio.get_running_loop().call_later(linger_s, self.abort)
 
     def abort(self) -> None:
-        """Close at once, and hear nothing more."""
+        """Close at once and stop reading."""
         self._is_cut_off = True
         if self._transport is not None:
             self._transport.abort()
@@ -319,7 +304,7 @@ class PeerConnection(asyncio.Protocol):
     # Requests
 
     async def request(self, kind: RequestKind, body: bytes, timeout_s: float) -> bytes:
-        """Ask the peer and wait for its answer. Raises PEER_UNAVAILABLE if it refuses or does not answer."""
+        """Return the peer's answer. Raises PEER_UNAVAILABLE if it refuses or times out."""
         if not self.is_open:
             raise BlockRobotError("PEER_UNAVAILABLE")
         self._next_request = number = (self._next_request + 1) & 0xFFFFFFFF

@@ -1,8 +1,4 @@
-"""Connections whose certificate was looked at and that have not said hello yet.
-
-No budget applies to who says nothing, so they have a deadline, a few places for each name, and places for all together.
-The oldest makes room: an honest node says hello at once, and is gone from here before others push it out.
-"""
+"""Connections with a checked certificate awaiting the hello: deadline, limits, oldest evicted."""
 
 from __future__ import annotations
 
@@ -19,10 +15,10 @@ _DESCRIPTORS_PART = 16
 
 
 class Greeting:
-    """The connections that have still to say hello, the oldest first."""
+    """Connections awaiting the hello, the oldest first."""
 
     def __init__(self, give_up: Callable[[PeerConnection, str], None]) -> None:
-        """`give_up` is called with a connection that is to be closed, and why."""
+        """`give_up` gets a connection to close, and why."""
         self._give_up = give_up
         self._max_count = share_of_descriptors(UNGREETED_MAX_COUNT, _DESCRIPTORS_PART)
         self._waiting: dict[PeerConnection, asyncio.TimerHandle] = {}
@@ -31,7 +27,7 @@ class Greeting:
         return len(self._waiting)
 
     def add(self, connection: PeerConnection) -> None:
-        """Wait for the hello of a connection whose `peer` is known."""
+        """Await the hello of a connection whose `peer` is known."""
         late = asyncio.get_running_loop().call_later(HELLO_TIMEOUT_MS / 1000, self._end, connection, "in time")
         self._waiting[connection] = late
         of_peer = [each for each in self._waiting if each.peer == connection.peer]
@@ -41,7 +37,6 @@ class Greeting:
             self._end(next(iter(self._waiting)), "before others needed its place")
 
     def remove(self, connection: PeerConnection) -> None:
-        """It said hello, or is gone."""
         late = self._waiting.pop(connection, None)
         if late is not None:
             late.cancel()

@@ -1,8 +1,4 @@
-"""Who is at the other end, by its certificate and the directory.
-
-The TLS library checks that a certificate leads to some CA of the directory, and looks at no dates; everything else is
-checked here, against the node's own clock, so that each refusal has a code and a name.
-"""
+"""Identifies a peer by certificate and directory; TLS checks only the CA chain, no dates."""
 
 from __future__ import annotations
 
@@ -25,7 +21,7 @@ PROVEN_REFUSALS = frozenset({"PEER_CUT_OFF", "PEER_REMOVED", "PEER_CERTIFICATE_R
 
 @dataclass(frozen=True, slots=True)
 class CertificateFacts:
-    """What a certificate says: whom it names, its serial number, and from when until when it counts (ms, UTC)."""
+    """A certificate's name, serial number, and validity (ms, UTC)."""
 
     name: str
     organisation: str
@@ -35,21 +31,18 @@ class CertificateFacts:
 
     @property
     def serial_hex(self) -> str:
-        """The serial number as commands and logs show it."""
         return f"{self.serial:x}"
 
     def is_expired(self, now_ms: int) -> bool:
-        """Tell whether its time is over."""
         return now_ms > self.not_after_ms
 
     @property
     def expires(self) -> str:
-        """When it ends, for people and logs."""
         return show_utc_moment(self.not_after_ms)
 
 
 def read_facts(certificate: x509.Certificate) -> CertificateFacts:
-    """Return what a certificate says; an ambiguous name is no name."""
+    """Return a certificate's facts; an ambiguous name counts as none."""
 
     def only(oid: x509.ObjectIdentifier) -> str:
         found = certificate.subject.get_attributes_for_oid(oid)
@@ -66,11 +59,9 @@ def read_facts(certificate: x509.Certificate) -> CertificateFacts:
 
 @lru_cache(maxsize=256)
 def load_authorities(ca_certificate: str) -> tuple[x509.Certificate, ...]:
-    """Return the CA certificates (PEM) of an organisation of the directory; none if they cannot be read.
+    """Return an organisation's CA certificates (PEM, two allow rotation).
 
-    Two of them, one behind the other, let an organisation go over from an old authority to a new one without a gap.
-    What stands on the chain was agreed upon, but no contract can read a certificate: one that is damaged makes
-    strangers of its own organisation's nodes, and of nobody else's. One that the TLS library would refuse is none.
+    An unusable one isolates only its own organisation's nodes.
     """
     try:
         found = x509.load_pem_x509_certificates(ca_certificate.encode())
@@ -80,7 +71,7 @@ def load_authorities(ca_certificate: str) -> tuple[x509.Certificate, ...]:
 
 
 def _is_known_to_tls(certificate: x509.Certificate) -> bool:
-    """Tell whether the TLS library takes what this library could read: the two differ on oddities."""
+    """Return whether the TLS library accepts it; the libraries differ on oddities."""
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=certificate.public_bytes(Encoding.DER))
     except (ssl.SSLError, ValueError):
@@ -89,11 +80,10 @@ def _is_known_to_tls(certificate: x509.Certificate) -> bool:
 
 
 def identify_peer(certificate_der: bytes | None, directory: DirectoryContent, now_ms: int) -> CertificateFacts:
-    """Return what the certificate of a node of the network says, whose name is thereby proven.
+    """Return the facts of a network node's certificate, proving its name.
 
-    Raises PEER_REFUSED (none, unreadable, or a name that is no node), PEER_CERTIFICATE_FOREIGN (not from the CA of the
-    node's own organisation), PEER_REMOVED, PEER_CERTIFICATE_REVOKED, PEER_CERTIFICATE_EXPIRED; `context["peer"]` is
-    the name that the certificate claims.
+    Raises PEER_REFUSED (none, unreadable, unknown name), PEER_CERTIFICATE_FOREIGN (other CA), PEER_REMOVED,
+    PEER_CERTIFICATE_REVOKED, PEER_CERTIFICATE_EXPIRED; `context["peer"]`: claimed name.
     """
     if not certificate_der:
         raise BlockRobotError("PEER_REFUSED", "The peer showed no certificate.")

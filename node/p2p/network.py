@@ -1,8 +1,4 @@
-"""The node's links to all other nodes: one connection per pair, dialled by the one whose name sorts first.
-
-The directory says who the
-nodes are: when it changes, links of those that left are cut at once, newcomers are dialled, moved ones dialled anew.
-"""
+"""Links to all other nodes, by the directory: one per pair, dialled by the lower name."""
 
 from __future__ import annotations
 
@@ -50,12 +46,11 @@ log = structlog.get_logger(__name__)
 
 
 def wall_now_ms() -> int:
-    """Return milliseconds since 1970 UTC by the machine's clock."""
     return time.time_ns() // 1_000_000
 
 
 class PeerHandler(Protocol):
-    """What the node does with its peers' words."""
+    """How the node handles its peers' messages."""
 
     def finalized_height(self) -> int:
         """Return the node's finalized height, for the hello."""
@@ -65,20 +60,16 @@ class PeerHandler(Protocol):
         """A peer is connected and has said hello."""
         ...
 
-    def peer_disconnected(self, peer: str) -> None:
-        """A peer is gone."""
-        ...
+    def peer_disconnected(self, peer: str) -> None: ...
 
     def peer_frame(self, peer: str, kind: FrameKind, payload: bytes) -> None:
-        """A frame of a peer. Raises BlockRobotError if it is malformed: the peer is then cut off."""
+        """A peer's frame. Raises BlockRobotError if malformed: the peer is disconnected."""
         ...
 
-    async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Answer a peer's request. Raises BlockRobotError to refuse."""
-        ...
+    async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes: ...
 
     def note_over(self, source: Source, wait_s: float) -> None:
-        """Hear who sends or asks more than he may, or shakes hands too often, and for how long he has to wait."""
+        """Note a source over its budget, and the wait."""
         ...
 
 
@@ -121,11 +112,10 @@ class PeerNetwork:
 
     @property
     def connected(self) -> list[str]:
-        """The names of the connected peers, sorted."""
         return sorted(self._peers)
 
     async def start(self) -> None:
-        """Listen, and dial the nodes whose names sort behind this one's. Raises PORT_IN_USE."""
+        """Listen, and dial nodes with higher names. Raises PORT_IN_USE."""
         self._listener = bind_listener(self._config.host, self._config.p2p_port)
         self._spawn(self._accepting.run(self._listener))
         self._directory.add_listener(self._directory_changed)
@@ -133,7 +123,6 @@ class PeerNetwork:
         self._spawn(self._watch_certificates())
 
     async def stop(self) -> None:
-        """Close everything."""
         self._directory.remove_listener(self._directory_changed)
         tasks = [*self._tasks, *(task for _, task in self._dialling.values())]
         for task in tasks:
@@ -161,13 +150,12 @@ class PeerNetwork:
     # Sending
 
     def broadcast(self, kind: FrameKind, payload: bytes) -> None:
-        """Send one payload to all connected peers; it is framed once."""
         frame = encode_frame(kind, payload)
         for connection in list(self._peers.values()):
             connection.send(kind, frame)
 
     def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
-        """Send to one peer; tell whether it is connected."""
+        """Send to one peer; return whether it is connected."""
         connection = self._peers.get(peer)
         if connection is None:
             return False
@@ -184,7 +172,6 @@ class PeerNetwork:
     # Dialling
 
     def _dial_the_right_ones(self) -> None:
-        """Dial whom the directory says that this node dials, where it says; leave the others alone."""
         wanted = {name: node.address for name, node in self._directory.content.active.items() if name > self._name}
         for name, (address, task) in list(self._dialling.items()):
             if wanted.get(name) != address:
@@ -207,13 +194,12 @@ class PeerNetwork:
             backoff_ms = min(DIAL_BACKOFF_MAX_MS, backoff_ms * 2)
 
     def _may_dial(self, name: str) -> bool:
-        """Tell whether anybody would take this node's certificate, and the other one may be heard."""
         if self._penalties.is_paused(name):
             return False
         return not self._credentials.own.facts.is_expired(self._clock())
 
     async def _dial(self, name: str, host: str, port: int) -> bool:
-        """Dial once; return after the connection ended, True if the peer had been greeted."""
+        """Dial once; return after the connection ended, True if greeted."""
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(DIAL_TIMEOUT_MS / 1000):
@@ -241,7 +227,6 @@ class PeerNetwork:
         self._dial_the_right_ones()
 
     def _trust_directory(self) -> None:
-        """Trust the directory's CAs; while that cannot be done, each link is still checked against the directory."""
         try:
             if self._credentials.trust(self._directory.content):
                 log.info("authorities_changed", height=self._directory.height)
@@ -249,7 +234,6 @@ class PeerNetwork:
             log.error("authorities_unusable", code=error.code, detail=error.detail)
 
     def _check_open_connections(self) -> None:
-        """Cut each connection whose certificate does not count any more."""
         for connection in [item for item in self._open if item.peer]:
             try:
                 identify_peer(connection.certificate, self._directory.content, self._clock())
@@ -257,7 +241,6 @@ class PeerNetwork:
                 self._refuse(connection, error)
 
     async def _watch_certificates(self) -> None:
-        """Once a second: take a renewed certificate, cut links whose certificate ran out, say when the own one does."""
         while True:
             self.reload_certificate()
             self._trust_directory()
@@ -268,7 +251,7 @@ class PeerNetwork:
             await asyncio.sleep(CERTIFICATE_CHECK_MS / 1000)
 
     def reload_certificate(self) -> None:
-        """Take the node's certificate and key from their files if they changed; links are made anew one by one."""
+        """Reload changed certificate and key files; renew links one by one."""
         try:
             if not self._credentials.reload():
                 return
@@ -281,7 +264,6 @@ class PeerNetwork:
         self._spawn(self._renew_links(list(self._peers.values())))
 
     async def _renew_links(self, connections: list[PeerConnection]) -> None:
-        """Close links that were made with the old certificate, one after another; they are dialled again at once."""
         for connection in connections:
             connection.close()
             await asyncio.sleep(LINK_RENEWAL_MS / 1000)
@@ -300,7 +282,7 @@ class PeerNetwork:
             log.warning("certificate_expires_soon", code=error.code, detail=error.detail, next_step=error.next_step)
 
     def own_problem(self) -> BlockRobotError | None:
-        """Return why no peer would talk to this node, if that is so: its certificate is over, or it was removed."""
+        """Return why all peers reject this node (certificate, removal), or None."""
         now_ms, content = self._clock(), self._directory.content
         own = self._credentials.own
         if own.facts.is_expired(now_ms):
@@ -313,7 +295,7 @@ class PeerNetwork:
         return None
 
     def describe(self) -> dict[str, Any]:
-        """Return how the links are, ready for JSON: the own certificate, who is refused here, who refuses this node."""
+        """Return own certificate and refusals in both directions, for JSON."""
         problem, now_ms = self.own_problem(), self._clock()
         return {
             "certificate": self._credentials.own.describe(now_ms),
@@ -328,7 +310,6 @@ class PeerNetwork:
     # ConnectionOwner
 
     def connection_made(self, connection: PeerConnection) -> None:
-        """Check who it is, and say hello."""
         self._open.add(connection)
         transport_socket = connection.transport.get_extra_info("socket")
         if transport_socket is not None:
@@ -353,7 +334,7 @@ class PeerNetwork:
         connection.send(FrameKind.HELLO, encode_frame(FrameKind.HELLO, encode(hello)))
 
     def _refuse(self, connection: PeerConnection, error: BlockRobotError) -> None:
-        """Cut a connection; hear nothing more from it. A proven node is told the code, a stranger nothing."""
+        """Close a connection; only a proven node gets the error code."""
         peer = str(error.context.get("peer", "")) or connection.dialled or "unknown"
         self._refused.note(peer, error, self._clock())
         if error.code in PROVEN_REFUSALS:
@@ -364,7 +345,6 @@ class PeerNetwork:
         self._forget(connection)
 
     def _give_up(self, connection: PeerConnection, why: str) -> None:
-        """Close a connection whose holder says nothing, and name it."""
         self._refused.note(connection.peer, BlockRobotError("PEER_SILENT", why), self._clock())
         connection.abort()
 
@@ -375,7 +355,6 @@ class PeerNetwork:
             raise BlockRobotError("PEER_REFUSED", f"{name!r} dialled, though this node dials it.", peer=name)
 
     def connection_lost(self, connection: PeerConnection) -> None:
-        """Forget it."""
         self._open.discard(connection)
         self._greeting.remove(connection)
         self._forget(connection)
@@ -387,7 +366,6 @@ class PeerNetwork:
             self._handler.peer_disconnected(connection.peer)
 
     def frame_received(self, connection: PeerConnection, kind: FrameKind, payload: bytes) -> None:
-        """Check the hello, then pass frames on."""
         if kind is FrameKind.REFUSAL:
             self._note_refused_by(connection, decode(payload, Refusal).code)
             return
@@ -411,7 +389,7 @@ class PeerNetwork:
         self._handler.peer_connected(connection.peer, hello.finalized_height)
 
     def _note_refused_by(self, connection: PeerConnection, code: str) -> None:
-        """A peer says why it does not take this node. Raises PEER_MESSAGE_INVALID for a reason that is none."""
+        """Raises PEER_MESSAGE_INVALID for an unknown reason."""
         if code not in PROVEN_REFUSALS or code not in CATALOGUE:
             raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer's reason for a refusal is none.")
         error = BlockRobotError(code, f"{connection.peer} refuses this node: {CATALOGUE[code].meaning}")
@@ -419,30 +397,25 @@ class PeerNetwork:
         connection.abort()
 
     def pay(self, peer: str, kind: FrameKind, cost_us: int) -> None:
-        """Let a peer pay for a frame: for one of consensus as such, for any other one what reading it costs."""
         if FRAME_COSTS[kind].lane is Lane.CONSENSUS:
             self._consensus.charge(peer, cost_us)
         else:
             self._links.charge(peer, cost_us - FRAME_COSTS[kind].us)
 
     def pay_reading(self, peer: str, cost_us: int) -> None:
-        """Let a peer pay for what reading cost besides its frames."""
         self._links.charge(peer, cost_us)
 
     def too_many_requests(self, peer: str) -> None:
-        """Let a peer pay for the refusal, and name it."""
         self._links.charge(peer, REFUSAL_US)
         self._handler.note_over(Source("peer", peer), 1.0)
 
     def wait_s(self, peer: str) -> float:
-        """Return until when a peer's socket is not read: it sends more than any honest node has to say."""
         wait_s = max(self._links.wait_s(peer), self._consensus.wait_s(peer))
         if wait_s > 0:
             self._handler.note_over(Source("peer", peer), wait_s)
         return wait_s
 
     def offended(self, connection: PeerConnection, error: BlockRobotError) -> None:
-        """Close a connection on which something malformed came; a peer that had said hello is not heard for a while."""
         if connection.greeted:
             self._penalties.punish(connection.peer, error)
             connection.abort()
@@ -451,11 +424,10 @@ class PeerNetwork:
             connection.cut_off(REFUSED_LINGER_MS / 1000)
 
     def cut_off(self, peer: str, error: BlockRobotError) -> None:
-        """Hear nothing more of a peer that sent what no honest node sends, for a while that grows each time."""
+        """Ignore a misbehaving peer for a time that doubles each time."""
         connection = self._peers.get(peer)
         if connection is not None:
             self.offended(connection, error)
 
     async def answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Pass a request on."""
         return await self._handler.peer_request(peer, kind, body)

@@ -1,8 +1,4 @@
-"""Answers what peers ask for: a few requests of each peer at a time, for its own budget, and off the event loop.
-
-A request beyond the budget waits, and is refused if that takes too long: whoever catches up waits a moment, whoever asks
-in a loop waits for ever.
-"""
+"""Answers peers' requests, few at a time; over budget they wait, then fail."""
 
 from __future__ import annotations
 
@@ -33,18 +29,15 @@ ANSWERS_KEPT_MAX_BYTES = 16 * 1024 * 1024
 
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """An answer, and the ledger that it was read from."""
-
     answer: bytes
     height: int
     is_full: bool
 
 
 class PeerRequests:
-    """The requests of all peers. On the event loop, but for what it reads."""
+    """Requests of all peers; on the event loop except for reading."""
 
     def __init__(self, ledger: LedgerStore, note_over: Callable[[str, BlockRobotError], None]) -> None:
-        """`note_over` hears who is over his budget."""
         self._ledger = ledger
         self._note_over = note_over
         self._loop = asyncio.get_running_loop()
@@ -56,11 +49,10 @@ class PeerRequests:
         self._dropped_below = 0
 
     def stop(self) -> None:
-        """Answer nothing more."""
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     async def answer(self, peer: str, kind: RequestKind, make: Callable[[], Awaitable[bytes]]) -> bytes:
-        """Return an answer in the peer's turn and for its budget. Raises RATE_LIMITED, and what `make` raises."""
+        """Answer in the peer's turn and budget. Raises RATE_LIMITED, or as `make`."""
         of_blocks = kind in OF_BLOCKS
         turn = self._turns.setdefault((peer, of_blocks), asyncio.Semaphore(1 if of_blocks else OTHERS_AT_ONCE_COUNT))
         async with turn:
@@ -81,7 +73,7 @@ class PeerRequests:
     # Blocks
 
     async def read_finalized(self, request: FinalizedRequest) -> bytes:
-        """Return stored blocks; what was asked for lately is not read again. Raises STORAGE_*."""
+        """Return stored blocks, cached briefly. Raises STORAGE_*."""
         position = self._ledger.position
         kept = self._kept.get(request)
         if kept is not None and position is not None and (kept.is_full or kept.height == position.height):
@@ -92,7 +84,7 @@ class PeerRequests:
         return found.answer
 
     def forget_below(self, height: int) -> None:
-        """Drop the answers that hold blocks below a height, since the ledger has dropped them."""
+        """Drop cached answers with blocks below a height."""
         self._dropped_below = height
         for request in [request for request in self._kept if request.from_height < height]:
             self._kept_bytes -= len(self._kept.pop(request).answer)
@@ -115,7 +107,7 @@ class PeerRequests:
             self._kept_bytes -= len(oldest.answer)
 
     async def read_branch(self, request: BranchRequest, branch: list[bytes]) -> bytes:
-        """Return a branch, oldest first, completed from the ledger where the core no longer holds it. Raises STORAGE_*."""
+        """Return a branch, oldest first, completed from the ledger. Raises STORAGE_*."""
         return await self._loop.run_in_executor(self._thread, self._read_branch, request, branch)
 
     def _read_branch(self, request: BranchRequest, branch: list[bytes]) -> bytes:

@@ -1,7 +1,4 @@
-"""What the node says to its peers and hears from them.
-
-Between the frames of `node/p2p` and the parts that decide: the engine, the mempool, the synchroniser and custody.
-"""
+"""Connects peers' frames with engine, mempool, synchroniser and custody."""
 
 from __future__ import annotations
 
@@ -82,24 +79,18 @@ class Network(Protocol):
     """The links to all peers."""
 
     @property
-    def connected(self) -> list[str]:
-        """The names of the connected peers, sorted."""
-        ...
+    def connected(self) -> list[str]: ...
 
     async def start(self) -> None:
-        """Let peers come, and go to them. Raises PORT_IN_USE."""
+        """Accept and dial peers. Raises PORT_IN_USE."""
         ...
 
-    async def stop(self) -> None:
-        """Let go of all links."""
-        ...
+    async def stop(self) -> None: ...
 
-    def broadcast(self, kind: FrameKind, payload: bytes) -> None:
-        """Send one payload to all connected peers."""
-        ...
+    def broadcast(self, kind: FrameKind, payload: bytes) -> None: ...
 
     def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
-        """Send to one peer; tell whether it is connected."""
+        """Send to one peer; return whether it is connected."""
         ...
 
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
@@ -107,15 +98,15 @@ class Network(Protocol):
         ...
 
     def cut_off(self, peer: str, error: BlockRobotError) -> None:
-        """Hear nothing more of a peer that sent what no honest node sends, for a while that grows each time."""
+        """Ignore a misbehaving peer for a time that doubles each time."""
         ...
 
 
 class SnapshotSource(Protocol):
-    """What a node serves to those who are too far behind for blocks."""
+    """Serves snapshots to nodes too far behind for blocks."""
 
     async def serve(self, body: bytes) -> bytes:
-        """Answer a request for a snapshot's manifest or chunk; nothing if there is none (yet)."""
+        """Return a manifest or chunk; empty if there is none."""
         ...
 
 
@@ -123,7 +114,7 @@ class ClipSource(Protocol):
     """What a custodian serves to other custodians."""
 
     async def serve_peer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Answer a request for a clip or a background. Raises BlockRobotError to refuse."""
+        """Return a clip or background. Raises BlockRobotError to refuse."""
         ...
 
 
@@ -143,7 +134,7 @@ class Peers:
         clock: Callable[[], int],
         note_over: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
     ) -> None:
-        """`start` is how the epoch began that the node is in; `name_of_producer` finds the node of a producer key."""
+        """`start` is the current epoch's; `name_of_producer` maps producer keys to nodes."""
         self._chain_id = chain_id
         self._name_of_producer = name_of_producer
         self._mempool = mempool
@@ -167,11 +158,10 @@ class Peers:
         self.snapshots: SnapshotSource | None = None
 
     def connect(self, network: Network, engine: Engine, sync: Synchroniser) -> None:
-        """Tie the parts together; called once, before anything starts."""
+        """Connect the parts; called once, before anything starts."""
         self._network, self._engine, self._sync = network, engine, sync
 
     async def stop(self) -> None:
-        """Stop what is under way."""
         self.gossip.stop()
         self._handover.stop()
         self._requests.stop()
@@ -184,13 +174,13 @@ class Peers:
     # Epochs
 
     def name_producers(self) -> None:
-        """Find the names of the epoch's producers (again, after a change of who is who)."""
+        """Refresh the names of the epoch's producers."""
         names = [self._name_of_producer(key) for key in self._epoch.schedule.producers]
         self._names = names
         self._indexes = {node: index for index, node in enumerate(names) if node is not None}
 
     def begin_epoch(self, start: EpochStart) -> None:
-        """A new epoch began here: say so, help its producers into it, and take up what they said in it already."""
+        """Announce a new epoch, help its producers into it, process their earlier messages."""
         self._epoch = start
         self.name_producers()
         self.announce_height(self.finalized_height())
@@ -198,7 +188,6 @@ class Peers:
             self._take_word(peer, kind, payload)
 
     def _take_word(self, peer: str, kind: FrameKind, payload: bytes) -> None:
-        """Pass a word of this epoch on to the core; answer a word of another one. Raises BlockRobotError."""
         event, epoch = self._event_of(peer, kind, payload)
         if epoch == self._epoch.number:
             self._note_word(peer)
@@ -211,13 +200,12 @@ class Peers:
             self._follow_later(peer, epoch)
 
     def _note_word(self, peer: str) -> None:
-        """R25: a producer that is first heard in this epoch may have missed what was said in it so far."""
+        """R25: a producer first heard in this epoch may have missed its messages."""
         index = self._indexes.get(peer)
         if self._handover.note_word(peer) and index is not None:
             self._engine.submit(PeerConnected(index=index, now_ms=self._clock()))
 
     def _event_of(self, peer: str, kind: FrameKind, payload: bytes) -> tuple[Event, int]:
-        """Return the event that a word is, and its epoch. Raises ENCODING_*."""
         now_ms, sender = self._clock(), self._indexes.get(peer)
         if kind is FrameKind.VOTE:
             vote = decode(payload, Vote)
@@ -238,7 +226,6 @@ class Peers:
         return NoticeReceived(notice=notice, now_ms=now_ms), notice.qc.epoch
 
     def _follow_later(self, peer: str, epoch: int) -> None:
-        """A peer is in a later epoch: catch up with it, unless one's own boundary is stored in a moment."""
         if peer not in self._hints:
             loop = asyncio.get_running_loop()
             self._hints[peer] = loop.call_later(OWN_BOUNDARY_WAIT_MS / 1000, self._follow, peer, epoch)
@@ -249,7 +236,7 @@ class Peers:
             self._sync.note_epoch(peer, epoch)
 
     def _take_proof(self, peer: str, payload: bytes) -> None:
-        """A peer says that this node's epoch is over. Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*."""
+        """Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*."""
         proof = decode(payload, EpochProof)
         if proof.epoch.number <= self._epoch.number:
             self._tell_height(peer)
@@ -270,24 +257,18 @@ class Peers:
     # Outbox of the engine
 
     def broadcast(self, message: Message) -> None:
-        """Send to all peers."""
         self._network.broadcast(_KINDS[type(message)], encode(message))
 
     def send_to(self, index: int, message: Message) -> None:
-        """Send to one producer."""
         name = self._names[index]
         if name is not None:
             self._network.send(name, _KINDS[type(message)], encode(message))
 
     def gossip_again(self) -> None:
-        """Send the waiting transactions to all peers again."""
         self.gossip.repeat(self._mempool.transactions())
 
     def fetch(self, effect: FetchBlocks) -> None:
-        """Ask some of the named producers for a branch; what comes first goes to the core.
-
-        Not while a long gap is being closed: the core asks again, and then needs only what lies above it.
-        """
+        """Ask some named producers for a branch, except during a long catch-up."""
         if self._sync.closes_gap:
             return
         connected = self._network.connected
@@ -317,12 +298,11 @@ class Peers:
         self._network.broadcast(FrameKind.TRANSACTIONS, payload)
 
     def announce_height(self, height: int) -> None:
-        """Tell all peers how far this node is."""
         notice = HeightNotice(height, self._epoch.number, self._earliest_height)
         self._network.broadcast(FrameKind.HEIGHT, encode(notice))
 
     def forget_blocks(self, below_height: int) -> None:
-        """The ledger has dropped the bodies below a height: serve none of them from memory, and tell all peers."""
+        """Serve no blocks below the pruned height, and announce it."""
         self._requests.forget_below(below_height)
         self._earliest_height = below_height
         self.announce_height(self.finalized_height())
@@ -334,12 +314,10 @@ class Peers:
     # Handler of the network
 
     def finalized_height(self) -> int:
-        """Return the height of the newest stored block."""
         position = self._ledger.position
         return 0 if position is None else position.height
 
     def peer_connected(self, peer: str, finalized_height: int) -> None:
-        """Greet a peer: what waits here, and what the core has to say."""
         for payload in batches(oldest_within(self._mempool.transactions(), AGAIN_MAX_BYTES)):
             self._network.send(peer, FrameKind.TRANSACTIONS, payload)
         self._tell_height(peer)
@@ -349,20 +327,15 @@ class Peers:
             self._engine.submit(PeerConnected(index=index, now_ms=self._clock()))
 
     def peer_disconnected(self, peer: str) -> None:
-        """A peer is gone."""
         self._sync.forget(peer)
         self._intake.forget(Source("peer", peer))
         self._unsettled.pop(peer, None)
 
     def note_over(self, source: Source, wait_s: float) -> None:
-        """Name a source of frames, requests or handshakes that is over its budget for so long."""
         self._note_over(str(source), over_budget(str(source), wait_s))
 
     def peer_frame(self, peer: str, kind: FrameKind, payload: bytes) -> None:
-        """Take a frame. Raises ENCODING_* for what is malformed, PROOF_INVALID or CERTIFICATE_INVALID for a forgery.
-
-        Heights and questions beyond the peer's budget are dropped: they come again.
-        """
+        """Raises ENCODING_*, PROOF_INVALID, CERTIFICATE_INVALID; drops heights and requests over budget."""
         cost = FRAME_COSTS[kind]
         if cost.lane is Lane.CONTROL and not self._control.take(peer, cost.us):
             self.note_over(Source("peer", peer), self._control.wait_s(peer, cost.us))
@@ -377,7 +350,6 @@ class Peers:
             self._take_proof(peer, payload)
 
     async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Answer a request. Raises BlockRobotError to refuse."""
         return await self._requests.answer(peer, kind, partial(self._answer, peer, kind, body))
 
     async def _answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
@@ -399,7 +371,6 @@ class Peers:
         self._intake.offer(Source("peer", peer), wires, partial(self._note_taken, peer, None))
 
     def _note_taken(self, peer: str, until_ms: int | None, outcomes: list[Outcome]) -> None:
-        """Wake the engine; keep what may get standing soon; hear no more of a peer that passes on what nobody checked."""
         for outcome in outcomes:
             error = outcome.error
             if error is None:
@@ -419,7 +390,7 @@ class Peers:
             kept.setdefault(wire, self._clock() + UNSETTLED_MAX_MS if until_ms is None else until_ms)
 
     def retry_unsettled(self) -> None:
-        """Look again at transactions whose sender had no standing here yet: the peer may have been ahead."""
+        """Retry transactions whose sender had no standing here yet."""
         if not self._unsettled:
             return
         now_ms = self._clock()

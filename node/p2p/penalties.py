@@ -1,8 +1,4 @@
-"""Peers that sent what no honest node sends, and for how long they are not heard.
-
-A node checks what it passes on, so one false signature or one malformed frame is enough. The first pause is short, since
-a peer may be broken and mended; each further one is twice as long.
-"""
+"""Pauses for peers that sent what no honest node sends; each doubles."""
 
 from __future__ import annotations
 
@@ -24,7 +20,6 @@ log = structlog.get_logger(__name__)
 
 
 def monotonic_ms() -> int:
-    """Return milliseconds of a clock that only grows, whatever becomes of the machine's time."""
     return time.monotonic_ns() // 1_000_000
 
 
@@ -38,15 +33,15 @@ class _Penalty:
 
 
 class Penalties:
-    """The pauses of all peers, by their proven names: as many as the directory has nodes."""
+    """The pauses of all peers, by their proven names."""
 
     def __init__(self, clock_ms: Callable[[], int] = monotonic_ms) -> None:
-        """`clock_ms` only grows: setting the machine's clock must neither end a pause nor make it last."""
+        """`clock_ms` is monotonic, so clock changes do not affect pauses."""
         self.clock_ms = clock_ms
         self._by_peer: dict[str, _Penalty] = {}
 
     def punish(self, peer: str, error: BlockRobotError) -> None:
-        """Begin a pause, twice as long as the last one. During a pause nothing more is counted."""
+        """Begin a pause, twice the last; ignored during a pause."""
         known, now_ms = self._by_peer.get(peer), self.clock_ms()
         if known is not None and now_ms < known.until_ms:
             return
@@ -64,21 +59,20 @@ class Penalties:
             raise BlockRobotError("PEER_CUT_OFF", f"{detail}honest node sends ({known.code}).", peer=peer)
 
     def until_ms(self, peer: str) -> int:
-        """Return when the peer's last pause ends or ended by `clock_ms` (0 if there was none)."""
+        """Return when the last pause ends or ended by `clock_ms` (0: none)."""
         known = self._by_peer.get(peer)
         return 0 if known is None else known.until_ms
 
     def is_paused(self, peer: str) -> bool:
-        """Tell whether the peer's pause lasts."""
         return peer in self._by_peer and self.clock_ms() < self.until_ms(peer)
 
     @property
     def count(self) -> int:
-        """How many pauses there were since the start."""
+        """Number of pauses since the start."""
         return sum(penalty.count for penalty in self._by_peer.values())
 
     def describe(self, wall_ms: int) -> list[dict[str, Any]]:
-        """Return who was cut off lately, how often and why, ready for JSON; `until_ms` is by the wall clock."""
+        """Return recent pauses for JSON; `until_ms` is by the wall clock."""
         now_ms = self.clock_ms()
         return [
             {

@@ -1,8 +1,4 @@
-"""What reading a connection cost besides its frames: TLS records, and reads that end no frame. Must count no byte twice.
-
-A peer may send each byte as a record of its own, 22 bytes longer: a frame's price says nothing of that. Where the system
-does not tell what came over the socket, records are not counted.
-"""
+"""Cost of reading besides frames: TLS record overhead (22 bytes each); counts no byte twice."""
 
 from __future__ import annotations
 
@@ -25,7 +21,7 @@ _UNREAD = struct.Struct("@i")
 
 
 def read_bytes(transport_socket: Any) -> int | None:
-    """Return how many bytes were read from a TCP socket since it was opened; None where the system does not tell."""
+    """Return bytes read from a TCP socket; None where unsupported."""
     if not sys.platform.startswith("linux"):
         return None
     try:
@@ -39,7 +35,7 @@ def read_bytes(transport_socket: Any) -> int | None:
 
 
 class Reading:
-    """How many bytes of one connection were records' own."""
+    """TLS record overhead bytes of one connection."""
 
     def __init__(self, transport_socket: Any) -> None:
         self._socket = transport_socket
@@ -48,7 +44,7 @@ class Reading:
         self._paid_bytes = 0
 
     def cost_us(self, content_bytes: int) -> int:
-        """Return what records cost since the last call, of which so many bytes of content came."""
+        """Return records' cost since the last call, given its content bytes."""
         self._content_bytes += content_bytes
         now = None if self._begun is None else read_bytes(self._socket)
         if now is None or self._begun is None:

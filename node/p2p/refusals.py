@@ -1,4 +1,4 @@
-"""Which links are refused at this node, and why: for the operator."""
+"""Refused links at this node and their reasons, for the operator."""
 
 from __future__ import annotations
 
@@ -31,8 +31,6 @@ class _Refusal:
 
 @dataclass(slots=True)
 class _Kind:
-    """What is kept of one kind of source, and how much was logged of it since when."""
-
     refusals: dict[str, _Refusal] = field(default_factory=dict)
     since_ms: int = 0
     lines_count: int = 0
@@ -48,17 +46,14 @@ class _Kind:
 
 
 class Refusals:
-    """The newest refusal of each peer by its claimed name, until that peer is connected."""
+    """Newest refusal per claimed peer name, until that peer connects."""
 
     def __init__(self, event: str) -> None:
         self._event = event
         self._kinds: dict[str, _Kind] = {}
 
     def note(self, peer: str, error: BlockRobotError, now_ms: int, kind_name: str = "") -> None:
-        """Take down a refusal; it is logged when it is new, and once a minute after that, if not too much is.
-
-        `kind_name` is one of a few kinds of sources: each has its own places and its own lines.
-        """
+        """Record a refusal; log it if new, then once a minute at most."""
         kind = self._kinds.setdefault(kind_name, _Kind())
         known = kind.refusals.get(peer)
         if known is not None and known.code == error.code:
@@ -79,12 +74,11 @@ class Refusals:
             )
 
     def forget(self, peer: str) -> None:
-        """The peer is connected, or is of no interest any more."""
         for kind in self._kinds.values():
             kind.refusals.pop(peer, None)
 
     def describe(self, now_ms: int) -> list[dict[str, Any]]:
-        """Return all refusals that stand, ready for JSON: those of the last minute, since whoever is refused tries on."""
+        """Return the refusals of the last minute, for JSON."""
         return [
             {
                 "peer": peer,

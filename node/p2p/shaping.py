@@ -1,9 +1,4 @@
-"""Makes links slow, lossy or dead on purpose: delay, jitter, loss, bandwidth, a cut.
-
-It works on whole frames on their way out, above TLS: a lost frame is one that was never written, so that the stream
-below stays in step. Chance is drawn from a seed for each peer, so that a link with the same seed and the same frames
-loses the same ones. One shaper for each node; the other direction is the peer's own.
-"""
+"""Injects seeded link faults into outgoing frames above TLS."""
 
 from __future__ import annotations
 
@@ -26,9 +21,9 @@ _KIND_PLACE = HEADER_SIZE_BYTES - 1
 
 
 class LinkFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is wrong with one direction of a link. Each frame waits `delay_ms` and up to `jitter_ms` more.
+    """Faults of one link direction; delay is `delay_ms` plus up to `jitter_ms`.
 
-    `loss` is the share of frames that vanish, `bandwidth_bytes_per_s` is 0 for no limit, `cut` lets nothing through.
+    `loss`: share of lost frames; `bandwidth_bytes_per_s`: 0 means unlimited.
     """
 
     delay_ms: float = 0.0
@@ -38,7 +33,7 @@ class LinkFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cut: bool = False
 
     def check(self) -> None:
-        """Raise FAULT_INVALID for a figure that makes no sense."""
+        """Raise FAULT_INVALID for values out of range."""
         times = (self.delay_ms, self.jitter_ms)
         if not all(math.isfinite(value) and 0 <= value <= DELAY_MAX_MS for value in times):
             raise BlockRobotError("FAULT_INVALID", f"A delay lies between 0 and {DELAY_MAX_MS:.0f} ms.")
@@ -52,11 +47,10 @@ class LinkFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def is_sound(self) -> bool:
-        """Tell whether nothing is wrong with the link."""
+        """Return whether the link has no fault."""
         return self == SOUND
 
     def describe(self) -> str:
-        """Say in a few words what is wrong."""
         if self.cut:
             return "cut"
         delay = f"{self.delay_ms:g}" + (f"-{self.delay_ms + self.jitter_ms:g}" if self.jitter_ms else "")
@@ -70,8 +64,6 @@ SOUND = LinkFault()
 
 
 class _Link:
-    """One direction to one peer: what waits on it, and until when it is busy."""
-
     def __init__(self, chance: Random) -> None:
         self.chance = chance
         self.waiting_bytes = 0
@@ -92,22 +84,21 @@ class Shaper:
 
     @property
     def faults(self) -> Mapping[str, LinkFault]:
-        """The links with something wrong, by peer."""
+        """Links with faults, by peer."""
         return self._faults
 
     @property
     def seed(self) -> int:
-        """What chance is drawn from."""
         return self._seed
 
     def reseed(self, seed: int) -> None:
-        """Begin every link's chance anew from this seed."""
+        """Restart every link's randomness from this seed."""
         self._seed = seed
         for peer, link in self._links.items():
             link.chance = self._chance_of(peer)
 
     def set_link(self, peer: str, fault: LinkFault) -> None:
-        """Say what is wrong with the direction to a peer. Raises FAULT_INVALID."""
+        """Set the faults towards a peer. Raises FAULT_INVALID."""
         fault.check()
         if fault.is_sound:
             self._faults.pop(peer, None)
@@ -115,22 +106,20 @@ class Shaper:
             self._faults[peer] = fault
 
     def clear(self) -> None:
-        """All links are sound."""
+        """Remove all faults."""
         self._faults.clear()
 
     # LinkShaper
 
     def admits(self, peer: str) -> bool:
-        """Tell whether a connection to this peer can be made at all."""
         return not self._faults.get(peer, SOUND).cut
 
     def waiting_bytes(self, peer: str) -> int:
-        """How much is on its way to this peer."""
         link = self._links.get(peer)
         return 0 if link is None else link.waiting_bytes
 
     def deliver(self, peer: str, frame: bytes, send: Callable[[bytes], None]) -> None:
-        """Call `send` now, later or never. A greeting is never lost: it is part of making the connection."""
+        """Call `send` now, later or never; greetings are never lost."""
         fault = self._faults.get(peer)
         link = self._links.get(peer)
         if fault is None and (link is None or not link.waiting_bytes):
@@ -154,7 +143,6 @@ class Shaper:
         return frame[_KIND_PLACE] != FrameKind.HELLO and fault.loss > 0 and link.chance.random() < fault.loss
 
     def _due(self, fault: LinkFault, link: _Link, size_bytes: int, now_s: float) -> float:
-        """When the last byte of a frame is through: in turn, and never before the frame ahead of it."""
         start_s = max(now_s, link.busy_until_s)
         rate = fault.bandwidth_bytes_per_s
         link.busy_until_s = start_s + size_bytes / rate if rate else now_s
@@ -163,7 +151,7 @@ class Shaper:
         return link.last_due_s
 
     def _arrive(self, peer: str, link: _Link) -> None:
-        """Let through what is due, in turn: one timer a link, as timers of one moment fire in no order."""
+        """Send due frames in order: one timer per link, since equal timers fire unordered."""
         loop = asyncio.get_running_loop()
         while link.queue:
             due_s, frame, send = link.queue[0]

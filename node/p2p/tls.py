@@ -1,8 +1,6 @@
-"""The two TLS contexts of a node, and the certificate that it shows.
+"""The node's certificate and its two mutual TLS 1.3 contexts.
 
-TLS 1.3, certificates on both sides, trusting the CAs of the directory. A context cannot be emptied of a CA, so both
-are built anew when the directory's CAs or the node's own certificate change; the listener's own context hands each
-handshake on to the newest one. Dates are left to `identity`, which can name whose certificate is over.
+Rebuilt when CAs or certificate change; validity dates are left to `identity`.
 """
 
 from __future__ import annotations
@@ -29,24 +27,22 @@ log = structlog.get_logger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class OwnCertificate:
-    """The certificate of this node, as last read from its file, and which state of the files that was."""
+    """The node's certificate as last read, with its files' stamp."""
 
     facts: CertificateFacts
     stamp: tuple[int, ...]
 
     def state(self, now_ms: int) -> Literal["valid", "expiring", "expired"]:
-        """Tell how long it still counts: it is `expiring` in its last thirty days."""
+        """Return its state; `expiring` means the last thirty days."""
         if self.facts.is_expired(now_ms):
             return "expired"
         return "expiring" if now_ms + EXPIRY_WARNING_MS > self.facts.not_after_ms else "valid"
 
     def sentence(self, now_ms: int) -> str:
-        """Say how it is, for people."""
         verb = "expired on" if self.facts.is_expired(now_ms) else "expires on"
         return f"The certificate {self.facts.serial_hex} of {self.facts.name} {verb} {self.facts.expires}."
 
     def describe(self, now_ms: int) -> dict[str, Any]:
-        """Return what the operator wants to know of it, ready for JSON."""
         return {
             "serial": self.facts.serial_hex,
             "state": self.state(now_ms),
@@ -57,10 +53,10 @@ class OwnCertificate:
 
 
 class Credentials:
-    """The certificate and key files of one node, and the contexts made from them and from the directory's CAs."""
+    """One node's certificate and key files, and the contexts made from them."""
 
     def __init__(self, certificate_path: Path, key_path: Path, directory: DirectoryContent) -> None:
-        """Read the files. Raises CONFIGURATION_INVALID for what cannot be used, GENESIS_INVALID without any CA."""
+        """Raises CONFIGURATION_INVALID for unusable files, GENESIS_INVALID without any CA."""
         self._certificate_path = certificate_path
         self._key_path = key_path
         self._authorities = _authorities(directory)
@@ -75,9 +71,9 @@ class Credentials:
         handshake.context = self.accepting
 
     def trust(self, directory: DirectoryContent) -> bool:
-        """Trust the CAs of this directory from the next handshake on; tell whether they are others than before.
+        """Trust these CAs from the next handshake; return whether they changed.
 
-        Raises CONFIGURATION_INVALID or GENESIS_INVALID, and then trusts those of before.
+        On CONFIGURATION_INVALID or GENESIS_INVALID the old ones stay.
         """
         authorities = _authorities(directory)
         if authorities == self._authorities:
@@ -87,9 +83,9 @@ class Credentials:
         return True
 
     def reload(self) -> bool:
-        """Take a changed certificate from the next handshake on; tell whether there was one.
+        """Use a changed certificate from the next handshake; return whether it changed.
 
-        Files that do not fit together are left for later: they may be half written. Raises CONFIGURATION_INVALID then.
+        On CONFIGURATION_INVALID (half-written files) the old one stays.
         """
         if self._stamp() == self.own.stamp:
             return False
@@ -116,7 +112,6 @@ class Credentials:
         return context
 
     def _stamp(self) -> tuple[int, ...]:
-        """Return what changes when the files do."""
         try:
             states = [path.stat() for path in (self._certificate_path, self._key_path)]
         except OSError:
@@ -133,10 +128,9 @@ class Credentials:
 
 
 def _authorities(directory: DirectoryContent) -> tuple[str, ...]:
-    """Return the CA certificates of all organisations: of removed ones too, so that their nodes are refused by name.
+    """Return all CA certificates, removed organisations' included. Raises GENESIS_INVALID.
 
-    Each is written anew as PEM, never taken over as text: what one organisation's text holds besides a certificate
-    must not reach the TLS library together with the others'. Raises GENESIS_INVALID if there is none that can be read.
+    Each is re-encoded as PEM, so no other text reaches the TLS library.
     """
     readable = []
     for name, organisation in sorted(directory.organisations.items()):

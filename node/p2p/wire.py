@@ -1,8 +1,4 @@
-"""Frames between nodes: length, type, payload.
-
-A frame is a 4-byte big-endian length (of type and payload), one byte of type, and the payload. Payloads are canonical
-bytes; what arrives is kept as it is and never encoded again.
-"""
+"""Frames between nodes: 4-byte big-endian length (type and payload), type byte, canonical payload."""
 
 from __future__ import annotations
 
@@ -45,7 +41,7 @@ class FrameKind(IntEnum):
 
 
 class RequestKind(IntEnum):
-    """What a request asks for: the byte behind its number."""
+    """The request kind: the byte behind its number."""
 
     BRANCH = 1
     FINALIZED = 2
@@ -75,7 +71,7 @@ GOSSIP_KINDS = frozenset({FrameKind.TRANSACTIONS, FrameKind.HEIGHT})
 
 
 class Hello(Wire, frozen=True):
-    """The first frame of both sides: who speaks which protocol on which chain, and how far it is."""
+    """First frame of both sides: protocol, chain and height."""
 
     version: int
     chain_id: bytes
@@ -84,13 +80,13 @@ class Hello(Wire, frozen=True):
 
 
 class Refusal(Wire, frozen=True):
-    """The last frame to a node whose certificate is genuine but does not count: the code of the catalogue why."""
+    """Last frame to a proven but rejected node: the error code."""
 
     code: str
 
 
 class HeightNotice(Wire, frozen=True):
-    """How far the sender's store is: its height, the epoch that this height is in (or begins), its oldest body's height."""
+    """The sender's height, its epoch (or the one it begins), and oldest body's height."""
 
     finalized_height: int
     epoch: int
@@ -98,7 +94,7 @@ class HeightNotice(Wire, frozen=True):
 
 
 class TransactionBatch(Wire, frozen=True):
-    """The wire bytes of transactions, as they were received or signed."""
+    """Wire bytes of transactions, as received or signed."""
 
     transactions: tuple[bytes, ...]
 
@@ -111,17 +107,14 @@ class BranchRequest(Wire, frozen=True):
 
 
 class FinalizedRequest(Wire, frozen=True):
-    """Ask for so many finalized blocks from a height on, and what it takes to prove the last one."""
+    """Ask for finalized blocks from a height, with a proof of the last."""
 
     from_height: int
     count: int
 
 
 class BlockBatch(Wire, frozen=True):
-    """Blocks, oldest first, each the canonical bytes of a `Block`. `proof`, if there, proves the last one final.
-
-    Below `earliest_height` the sender has no bodies.
-    """
+    """Canonical blocks, oldest first; `proof` proves the last; no bodies below `earliest_height`."""
 
     blocks: tuple[bytes, ...]
     proof: FinalityProof | None
@@ -129,7 +122,7 @@ class BlockBatch(Wire, frozen=True):
 
 
 class SnapshotRequest(Wire, frozen=True):
-    """Ask for a chunk of a snapshot by its content's id, or (index -1) for the manifest of one above a height."""
+    """Ask for a snapshot chunk by content id; index -1: manifest above a height."""
 
     content_id: bytes
     index: int
@@ -137,28 +130,28 @@ class SnapshotRequest(Wire, frozen=True):
 
 
 class ClipRequest(Wire, frozen=True):
-    """Ask another custodian for the bytes of an upload, from an offset on."""
+    """Ask a custodian for an upload's bytes from an offset."""
 
     record_id: bytes
     offset: int
 
 
 class ClipPart(Wire, frozen=True):
-    """A part of an upload's canonical bytes, and how many bytes there are in all (0: none here)."""
+    """Part of an upload's canonical bytes, and their total (0: none here)."""
 
     total: int
     data: bytes
 
 
 def encode_frame(kind: FrameKind, payload: bytes) -> bytes:
-    """Return the bytes of one frame. Raises PEER_MESSAGE_INVALID if it is larger than its kind may be."""
+    """Raises PEER_MESSAGE_INVALID if the frame exceeds its kind's limit."""
     if len(payload) > FRAME_MAX_BYTES[kind]:
         raise BlockRobotError("PEER_MESSAGE_INVALID", f"A {kind.name} of {len(payload)} bytes is too large.")
     return _LENGTH.pack(len(payload) + 1, kind) + payload
 
 
 def encode_request(number: int, kind: int, body: bytes) -> bytes:
-    """Return the payload of a request, or (with a status as `kind`) of its response."""
+    """Return a request's payload, or (status as `kind`) its response's."""
     return _REQUEST.pack(number, kind) + body
 
 
@@ -171,14 +164,13 @@ def decode_request(payload: bytes) -> tuple[int, int, bytes]:
 
 
 class FrameDecoder:
-    """Cuts a stream of bytes into frames. Holds at most one frame, whose size it checks before it waits for it."""
+    """Cuts bytes into frames; holds one at most, its size checked first."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self._position = 0
 
     def take(self, data: bytes) -> None:
-        """Take bytes; `next_frame` cuts them."""
         if self._position:
             del self._buffer[: self._position]
             self._position = 0
@@ -186,15 +178,10 @@ class FrameDecoder:
 
     @property
     def has_begun(self) -> bool:
-        """Tell whether a part of a frame is here."""
         return len(self._buffer) > self._position
 
     def next_frame(self, *, is_greeted: bool = True) -> tuple[FrameKind, bytes] | None:
-        """Return the next whole frame as (kind, payload), or None if it is not here yet.
-
-        Raises PEER_MESSAGE_INVALID for an unknown kind, one that nobody says before the hello, or a frame over its
-        limit: the stream is then lost.
-        """
+        """Return the next (kind, payload), or None. Raises PEER_MESSAGE_INVALID; the stream is then lost."""
         buffer, position = self._buffer, self._position
         if len(buffer) - position < HEADER_SIZE_BYTES:
             return None
@@ -211,10 +198,7 @@ class FrameDecoder:
         return FrameKind(kind), bytes(memoryview(buffer)[position + HEADER_SIZE_BYTES : end])
 
     def feed(self, data: bytes) -> Iterator[tuple[FrameKind, bytes]]:
-        """Take bytes and yield each whole frame as (kind, payload).
-
-        Raises PEER_MESSAGE_INVALID for an unknown kind or a frame over its limit: the stream is then lost.
-        """
+        """Yield whole frames as (kind, payload). Raises PEER_MESSAGE_INVALID; the stream is then lost."""
         self.take(data)
         while (frame := self.next_frame()) is not None:
             yield frame

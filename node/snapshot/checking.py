@@ -1,8 +1,6 @@
-"""Checks a snapshot from the node's own genesis file on, and feeds it into a new ledger.
+"""Checks a snapshot from genesis on, and loads it into a new ledger.
 
-Every byte has to have its hash, the block has to be proven final along the epochs, the replay window has to be the
-blocks that lead up to it with the transactions that their headers name, and the state has to have the root that the
-block's header names. (Of the window's expiries nothing proves more than their range; no rule looks at them.)
+Verified: chunk hashes, finality along the epochs, replay window, state root.
 """
 
 from __future__ import annotations
@@ -46,7 +44,6 @@ class ProvenHead:
     transactions: tuple[tuple[bytes, int], ...]
 
     def to_stored(self) -> FinalizedBlock:
-        """Return the block as a ledger stores it; its writes are in the state already."""
         return FinalizedBlock(
             height=self.header.height,
             block_id=self.block.block_id,
@@ -64,9 +61,9 @@ def _damaged(detail: str) -> BlockRobotError:
 
 
 def verify_head(manifest: Manifest, genesis: Genesis) -> ProvenHead:
-    """Return the manifest's block once it is proven final from genesis on.
+    """Return the manifest's block, proven final from genesis.
 
-    Raises SNAPSHOT_OTHER_CHAIN, SNAPSHOT_UNPROVEN, and SNAPSHOT_DAMAGED for parts that do not belong to the block.
+    Raises SNAPSHOT_OTHER_CHAIN, SNAPSHOT_UNPROVEN, SNAPSHOT_DAMAGED.
     """
     if manifest.chain_id != genesis.chain_id:
         raise BlockRobotError("SNAPSHOT_OTHER_CHAIN")
@@ -100,11 +97,7 @@ def _unproven(detail: str) -> BlockRobotError:
 
 
 def _verify_finality(manifest: Manifest, genesis: Genesis, block: Block) -> None:
-    """Follow the epochs from genesis to the block's own, and into the next one if the block is its boundary.
-
-    Every proof is followed exactly once and in order, for the ledger keeps all of them and believes them from then on.
-    Raises SNAPSHOT_UNPROVEN, SNAPSHOT_DAMAGED, and what the light client raises.
-    """
+    """Follow every epoch proof once, in order; the ledger trusts them afterwards."""
     header = block.header
     proofs = [decode(data, EpochProof) for data in manifest.epoch_proofs]
     if [proof.epoch.number for proof in proofs] != list(range(1, header.epoch + header.is_boundary + 1)):
@@ -123,7 +116,6 @@ def _verify_finality(manifest: Manifest, genesis: Genesis, block: Block) -> None
 
 
 def _verify_producer(chain_id: bytes, schedule: Schedule, block: Block) -> None:
-    """Check the one part of a block that its id does not cover, or nobody would take the block from here."""
     header = block.header
     if not 0 <= header.producer < len(schedule.producers) or not is_valid_block_signature(
         chain_id, header.epoch, header.round, block.block_id, block.signature, schedule.producers[header.producer]
@@ -139,10 +131,7 @@ def _checked_chunk(source: _Sized, manifest: Manifest, index: int) -> bytes:
 
 
 def require_whole(source: SnapshotSource, manifest: Manifest, progress: Progress = no_progress) -> None:
-    """Check that every chunk is there and is what its maker wrote; what is in them is not looked at.
-
-    Raises SNAPSHOT_DAMAGED, SNAPSHOT_TRUNCATED, FILE_UNUSABLE.
-    """
+    """Check every chunk's hash. Raises SNAPSHOT_DAMAGED, SNAPSHOT_TRUNCATED, FILE_UNUSABLE."""
     sized = _Sized(source)
     for index in range(len(manifest.chunks)):
         _checked_chunk(sized, manifest, index)
@@ -150,8 +139,6 @@ def require_whole(source: SnapshotSource, manifest: Manifest, progress: Progress
 
 
 class _Window:
-    """The replay window, block by block: each has to be the parent of the next and hold what its header names."""
-
     def __init__(self, head: ProvenHead) -> None:
         self._head = head
         self._previous: Header | None = None
@@ -159,7 +146,7 @@ class _Window:
         self.count = 0
 
     def take(self, row: RecentRow) -> KeptBlock:
-        """Check the next block. Raises SNAPSHOT_DAMAGED."""
+        """Raises SNAPSHOT_DAMAGED."""
         header, block_id = decode(row.header_bytes, Header), sha256(row.header_bytes)
         if self._previous is None:
             self._check_reach(header)
@@ -181,7 +168,6 @@ class _Window:
             raise _damaged("The replay window does not reach back ten minutes.")
 
     def close(self) -> None:
-        """Check that the window ends with the snapshot's own block."""
         if self._previous_id != self._head.block.block_id:
             raise _damaged("The replay window does not lead up to the snapshot's block.")
         if self.count != self._head.manifest.recent_block_count:
@@ -189,21 +175,17 @@ class _Window:
 
 
 class _Sized:
-    """A source that counts the bytes of the chunks it gives."""
-
     def __init__(self, source: SnapshotSource) -> None:
         self._source = source
         self.size_bytes = 0
 
     def chunk(self, index: int) -> bytes:
-        """Return a chunk."""
         data = self._source.chunk(index)
         self.size_bytes += len(data)
         return data
 
 
 def _recent_blocks(source: _Sized, head: ProvenHead, progress: Progress) -> Iterator[KeptBlock]:
-    """Yield the checked blocks of the replay window below the snapshot's own."""
     window = _Window(head)
     for index in range(head.manifest.recent_chunk_count):
         data = _checked_chunk(source, head.manifest, index)
@@ -218,7 +200,7 @@ def _recent_blocks(source: _Sized, head: ProvenHead, progress: Progress) -> Iter
 def restore_into(
     source: SnapshotSource, genesis: Genesis, ledger: LedgerRestore, progress: Progress = no_progress
 ) -> ProvenHead:
-    """Check a whole snapshot and feed it into a new ledger, which becomes one only if all of it was right.
+    """Check a snapshot and load it; the ledger exists only if all is valid.
 
     Raises SNAPSHOT_VERSION, SNAPSHOT_DAMAGED, SNAPSHOT_TRUNCATED, SNAPSHOT_OTHER_CHAIN, SNAPSHOT_UNPROVEN, STORAGE_*.
     """

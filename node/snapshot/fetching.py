@@ -1,9 +1,7 @@
-"""Fetches a snapshot from peers, chunk by chunk, from several at once.
+"""Fetches a snapshot's chunks from several peers, resumable.
 
-A manifest counts only if its block is proven final from genesis on; a chunk only if it has the hash that the manifest
-names. Whether the manifest told the truth about the state is found by the restore, and then the peer that gave it is
-believed no more: what others offer is not touched by that. Nothing is fetched beyond the size that was offered and that
-the disk has room for. What was fetched stays on the disk, so that a fetch that was cut off goes on where it was.
+Accepted: manifests with a proven block, chunks with their hash. If the restore fails, the manifest's peer is
+distrusted.
 """
 
 from __future__ import annotations
@@ -63,12 +61,11 @@ async def _aside(work: Callable[[], T]) -> T:
 
 
 def space_needed_bytes(manifest: Manifest) -> int:
-    """Return how much room a disk must have before a snapshot is fetched."""
     return SPACE_PER_SNAPSHOT_COUNT * manifest.size_bytes + SPACE_KEPT_FREE_BYTES
 
 
 def free_space_bytes(folder: Path) -> int:
-    """Return how much room there is where a folder is or will be. Raises OSError."""
+    """Return free bytes where a folder is or will be. Raises OSError."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     return shutil.disk_usage(folder).free
@@ -76,7 +73,7 @@ def free_space_bytes(folder: Path) -> int:
 
 @dataclass(slots=True)
 class _Offer:
-    """A snapshot that some peers offer: they may send its chunks. The manifest is that of `origin`."""
+    """A snapshot that some peers offer; the manifest is that of `origin`."""
 
     origin: str
     manifest: Manifest
@@ -86,14 +83,14 @@ class _Offer:
     fetched_bytes: int = 0
 
     def take(self, size_bytes: int) -> None:
-        """Count a chunk. Raises SNAPSHOT_DAMAGED if the manifest told another size."""
+        """Raises SNAPSHOT_DAMAGED."""
         self.fetched_bytes += size_bytes
         if size_bytes > CHUNK_SIZE_MAX_BYTES or self.fetched_bytes > self.manifest.size_bytes:
             raise BlockRobotError("SNAPSHOT_DAMAGED", "The chunks have more bytes than the manifest says.")
 
 
 class SnapshotFetcher:
-    """Fetches snapshots into a folder; remembers the peers whose manifests or chunks turned out to be lies."""
+    """Fetches snapshots into a folder; remembers peers with wrong manifests or chunks."""
 
     def __init__(self, genesis: Genesis, requester: Requester, folder: Path) -> None:
         self._genesis = genesis
@@ -105,7 +102,7 @@ class SnapshotFetcher:
         self._verdicts: dict[bytes, tuple[Manifest, bytes] | BlockRobotError] = {}
 
     def forget(self, source: SnapshotFolder) -> None:
-        """A fetched snapshot was refused: take no manifest from the peer that gave it any more, and drop it."""
+        """Drop a rejected snapshot and distrust its manifest's peer."""
         self._blame(self._origins[source.path])
         self.drop(source)
 
@@ -114,14 +111,12 @@ class SnapshotFetcher:
         self._liars.add(peer)
 
     def drop(self, source: SnapshotFolder) -> None:
-        """Remove a fetched snapshot."""
         shutil.rmtree(source.path, ignore_errors=True)
 
     async def fetch(self, peers: Sequence[str], above_height: int) -> SnapshotFolder:
-        """Fetch the snapshot above a height that most peers offer; what earlier fetches left of others is removed.
+        """Fetch the snapshot above a height that most peers offer.
 
-        Raises PEER_UNAVAILABLE if none comes to be, STORAGE_FULL if the disk has no room for any, SNAPSHOT_DAMAGED if
-        it is not what was offered, OSError; after the last two nothing of it stays.
+        Raises PEER_UNAVAILABLE, STORAGE_FULL, SNAPSHOT_DAMAGED, OSError; the last two leave nothing.
         """
         offer = await self._choose(peers, above_height)
         place = self._folder / offer.content_id.hex()
@@ -151,7 +146,6 @@ class SnapshotFetcher:
                 shutil.rmtree(other, ignore_errors=True)
 
     async def _fetch_chunks(self, offer: _Offer, place: Path) -> None:
-        """Fetch all chunks, several at once; if one cannot be had, those that are under way are still kept."""
         waiting = deque(range(len(offer.manifest.chunks)))
         workers = [self._work(offer, place, waiting) for _ in range(CHUNKS_AT_ONCE_COUNT)]
         for failure in await asyncio.gather(*workers, return_exceptions=True):
@@ -161,10 +155,6 @@ class SnapshotFetcher:
             raise BlockRobotError("SNAPSHOT_DAMAGED", "The chunks have fewer bytes than the manifest says.")
 
     async def _choose(self, peers: Sequence[str], above_height: int) -> _Offer:
-        """Return the best offer; peers may still have to make it.
-
-        Those of peers whose offers came to nothing before are the last; then more peers count, then the height.
-        """
         asked = [peer for peer in peers if peer not in self._liars]
         for _ in range(OFFER_TRIES_COUNT):
             answers = await asyncio.gather(*(self._ask_offer(peer, above_height) for peer in asked))
@@ -185,7 +175,7 @@ class SnapshotFetcher:
         return -self._failures[offer.origin], len(offer.peers), offer.manifest.height, offer.content_id
 
     async def _fitting(self, offers: list[_Offer]) -> list[_Offer]:
-        """Return the offers that the disk has room for. Raises STORAGE_FULL if it has for none."""
+        """Raises STORAGE_FULL."""
         free_bytes = await _aside(partial(free_space_bytes, self._folder))
         fitting = [offer for offer in offers if space_needed_bytes(offer.manifest) <= free_bytes]
         if not fitting:
@@ -203,7 +193,6 @@ class SnapshotFetcher:
             return b""
 
     async def _verified(self, peer: str, data: bytes) -> tuple[Manifest, bytes] | None:
-        """Return a manifest whose head is proven, and its content's id; None if it is none."""
         verdict = await _aside(partial(self._verdict, data))
         if isinstance(verdict, BlockRobotError):
             log.warning("snapshot_offer_refused", peer=peer, code=verdict.code, detail=verdict.detail)
@@ -211,7 +200,6 @@ class SnapshotFetcher:
         return verdict
 
     def _verdict(self, data: bytes) -> tuple[Manifest, bytes] | BlockRobotError:
-        """Verify a manifest, or remember what came of it; for one thread at a time."""
         digest = sha256(data)
         if digest not in self._verdicts:
             try:
@@ -241,10 +229,6 @@ class SnapshotFetcher:
         await _aside(partial((place / chunk_name(index)).write_bytes, data))
 
     async def _fetch_chunk(self, offer: _Offer, index: int) -> bytes:
-        """Return a chunk from one of the peers, each chunk beginning with another one; who fails is not asked again.
-
-        Who sends other bytes than it was asked for is not believed in a later fetch either.
-        """
         request = encode(SnapshotRequest(content_id=offer.content_id, index=index, above_height=0))
         expected = offer.manifest.chunks[index]
         while offer.peers:
@@ -265,7 +249,6 @@ class SnapshotFetcher:
 
 
 def _read_kept(place: Path, index: int, expected: bytes) -> bytes | None:
-    """Return a chunk that an earlier fetch left, if it is there and whole."""
     try:
         data = SnapshotFolder(place).chunk(index)
     except BlockRobotError:

@@ -1,10 +1,7 @@
-"""What a snapshot is made of: a manifest and numbered chunks.
+"""Snapshot format: a manifest and numbered chunks.
 
-manifest        "blockrobot-snapshot/1\n", the canonical bytes of a `Manifest`, and the SHA-256 of both
-    chunk-000000    the canonical bytes of a `RecentChunk` (the first `recent_chunk_count` of them) or of a `StateChunk`
-
-Two honest nodes that make a snapshot of the same block cut the same chunks: only the certificates in their proofs may
-differ.
+`manifest`: "blockrobot-snapshot/1", newline, canonical `Manifest`, SHA-256 of both. `chunk-000000`: `RecentChunk`s
+(first `recent_chunk_count`), then `StateChunk`s, deterministic per block.
 """
 
 from __future__ import annotations
@@ -29,9 +26,9 @@ _CONTENT_TAG = "blockrobot/snapshot"
 
 
 class Manifest(Wire, frozen=True):
-    """What a snapshot holds. `block`, `receipts`, `finality` and `epoch_proofs` are canonical bytes of those types.
+    """A snapshot's contents as canonical bytes; `finality` is empty for genesis only.
 
-    `finality` is empty for genesis only. `chunks` are the SHA-256 of each chunk's bytes, the replay window first.
+    `chunks`: SHA-256 of each chunk, replay window first.
     """
 
     chain_id: bytes
@@ -48,7 +45,7 @@ class Manifest(Wire, frozen=True):
 
 
 class RecentRow(Wire, frozen=True):
-    """One block of the replay window: its header's bytes, and (txid, valid_until_ms) in block order."""
+    """A replay-window block: header bytes, and (txid, valid_until_ms) in block order."""
 
     header_bytes: bytes
     transactions: tuple[tuple[bytes, int], ...]
@@ -61,18 +58,13 @@ class RecentChunk(Wire, frozen=True):
 
 
 class StateChunk(Wire, frozen=True):
-    """Consecutive rows of the state: flat key and encoded value, by key."""
+    """Consecutive state rows, flat key and encoded value, by key."""
 
     rows: tuple[tuple[bytes, bytes], ...]
 
 
 def compute_content_id(manifest: Manifest) -> bytes:
-    """Return the 32-byte hash by which two snapshots of the same content are known, whoever certified their proofs.
-
-    It covers all that a restore can refuse a snapshot for whose head is proven: which epochs and boundaries the proofs
-    are about too, but not their certificates, of which honest nodes hold different ones. Raises ENCODING_* if an epoch
-    proof is none.
-    """
+    """Return a content's 32-byte hash, independent of proofs' certificates. Raises ENCODING_*."""
     proofs = [decode(data, EpochProof) for data in manifest.epoch_proofs]
     epochs = [part for proof in proofs for part in (proof.finality.header_bytes, encode(proof.epoch))]
     counts = [
@@ -89,17 +81,12 @@ def compute_content_id(manifest: Manifest) -> bytes:
 
 
 def write_manifest(manifest: Manifest) -> bytes:
-    """Return the bytes of a manifest's file."""
     content = FORMAT_LINE + encode(manifest)
     return content + sha256(content)
 
 
 def read_manifest(data: bytes) -> Manifest:
-    """Return the manifest in a file's bytes.
-
-    Raises SNAPSHOT_VERSION for another format, SNAPSHOT_DAMAGED for bytes that do not have their hash, or that make no
-    sense.
-    """
+    """Raises SNAPSHOT_VERSION for another format, SNAPSHOT_DAMAGED for a wrong hash or content."""
     if not data.startswith(FORMAT_LINE):
         line = data[:64].split(b"\n", 1)[0]
         if not line.startswith(_FORMAT_NAME_START):
@@ -128,31 +115,26 @@ def read_manifest(data: bytes) -> Manifest:
 
 
 class SnapshotSource(Protocol):
-    """Where a snapshot's parts come from. Nothing that it gives is believed unchecked."""
+    """Where a snapshot's parts come from; untrusted."""
 
     def manifest(self) -> bytes:
-        """Return the bytes of the manifest's file. Raises SNAPSHOT_TRUNCATED if there is none."""
+        """Raises SNAPSHOT_TRUNCATED."""
         ...
 
     def chunk(self, index: int) -> bytes:
-        """Return the bytes of a chunk. Raises SNAPSHOT_TRUNCATED if it is not there."""
+        """Return a chunk's bytes. Raises SNAPSHOT_TRUNCATED if missing."""
         ...
 
 
 class SnapshotSink(Protocol):
-    """Where a snapshot's parts go. The manifest is the last one."""
+    """Where a snapshot's parts go; the manifest comes last."""
 
-    def put_chunk(self, index: int, data: bytes) -> None:
-        """Keep a chunk."""
-        ...
+    def put_chunk(self, index: int, data: bytes) -> None: ...
 
-    def put_manifest(self, data: bytes) -> None:
-        """Keep the manifest: with it the snapshot is whole."""
-        ...
+    def put_manifest(self, data: bytes) -> None: ...
 
 
 def chunk_name(index: int) -> str:
-    """Return the name of a chunk's file."""
     return f"chunk-{index:06d}"
 
 
@@ -164,21 +146,19 @@ class MemorySnapshotFolder:
         self.manifest_bytes: bytes | None = None
 
     def put_chunk(self, index: int, data: bytes) -> None:
-        """Keep a chunk."""
         self.chunks[index] = data
 
     def put_manifest(self, data: bytes) -> None:
-        """Keep the manifest."""
         self.manifest_bytes = data
 
     def manifest(self) -> bytes:
-        """Return the manifest. Raises SNAPSHOT_TRUNCATED."""
+        """Raises SNAPSHOT_TRUNCATED."""
         if self.manifest_bytes is None:
             raise BlockRobotError("SNAPSHOT_TRUNCATED", "The snapshot has no manifest.")
         return self.manifest_bytes
 
     def chunk(self, index: int) -> bytes:
-        """Return a chunk. Raises SNAPSHOT_TRUNCATED."""
+        """Raises SNAPSHOT_TRUNCATED."""
         if index not in self.chunks:
             raise BlockRobotError("SNAPSHOT_TRUNCATED", f"The snapshot lacks its chunk {index}.")
         return self.chunks[index]
@@ -191,11 +171,11 @@ class SnapshotFolder:
         self.path = path
 
     def manifest(self) -> bytes:
-        """Return the manifest. Raises SNAPSHOT_TRUNCATED if there is none, FILE_UNUSABLE if it cannot be read."""
+        """Raises FILE_UNUSABLE and SNAPSHOT_TRUNCATED."""
         return self._read(MANIFEST_NAME, MANIFEST_SIZE_MAX_BYTES)
 
     def chunk(self, index: int) -> bytes:
-        """Return a chunk. Raises SNAPSHOT_TRUNCATED if it is not there, FILE_UNUSABLE if it cannot be read."""
+        """Raises FILE_UNUSABLE and SNAPSHOT_TRUNCATED."""
         return self._read(chunk_name(index), CHUNK_SIZE_MAX_BYTES)
 
     def _read(self, name: str, size_max_bytes: int) -> bytes:

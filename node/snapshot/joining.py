@@ -1,8 +1,4 @@
-"""Brings a node that is too far behind for blocks to a snapshot's state.
-
-The snapshot is fetched, checked and built into a ledger beside the running one; then the node is asked to begin anew,
-and its next start puts the new ledger in the place of the old.
-"""
+"""Brings a node too far behind for blocks to a snapshot's state, on restart."""
 
 from __future__ import annotations
 
@@ -35,23 +31,20 @@ class _StoppedError(Exception):
 
 
 class Gap(Protocol):
-    """How far the node is behind, as its synchroniser knows."""
+    """How far the node is behind, by its synchroniser."""
 
     def snapshot_peers(self, lag_max: int) -> tuple[list[str], int]:
-        """Return the peers to fetch a snapshot from (none while blocks will do), and what it has to be above."""
+        """Return peers (empty while blocks suffice) and the snapshot's minimum height."""
         ...
 
     @property
-    def position(self) -> Position:
-        """The newest block that the node has stored."""
-        ...
+    def position(self) -> Position: ...
 
 
 class Joiner:
-    """Looks now and then whether blocks will do, and fetches a snapshot if they will not.
+    """Fetches a snapshot if blocks do not suffice; `restart` requests the node's restart.
 
-    `lag_max` is how many blocks a node is behind before it prefers a snapshot to blocks; 0: only if there is no other
-    way. `restart` asks for the node's next start.
+    `lag_max`: blocks behind before preferring a snapshot (0: never preferred).
     """
 
     def __init__(
@@ -77,7 +70,7 @@ class Joiner:
         self._is_done = False
 
     def look(self) -> None:
-        """Begin to fetch a snapshot if blocks will not do and none is being fetched."""
+        """Begin fetching a snapshot if needed and none is being fetched."""
         if self._is_done or (self._task is not None and not self._task.done()):
             return
         peers, above_height = self._gap.snapshot_peers(self._lag_max)
@@ -85,10 +78,7 @@ class Joiner:
             self._task = asyncio.get_running_loop().create_task(self._join(peers, above_height), name="join")
 
     async def stop(self) -> None:
-        """Stop; what was fetched so far stays for the next time, a ledger that is being built does not.
-
-        Returns once the building has ended: the next start would else clear away what is still written.
-        """
+        """Stop after the build ends; fetched chunks stay, an unfinished ledger does not."""
         self._stopping.set()
         if self._task is not None:
             self._task.cancel()
@@ -97,7 +87,6 @@ class Joiner:
             await asyncio.gather(self._building, return_exceptions=True)
 
     def _go_on(self, _chunks: int, _size_bytes: int) -> None:
-        """Called between chunks, in the thread that builds."""
         if self._stopping.is_set():
             raise _StoppedError
 
@@ -122,7 +111,6 @@ class Joiner:
         self._restart()
 
     async def _build(self, source: SnapshotFolder) -> ProvenHead | None:
-        """Build a ledger of what was fetched. Only a snapshot that lies is held against the peer that gave it."""
         stored, place = self._gap.position, self._ledger_dir
         work = partial(build_aside, source, self._genesis, place, self._go_on, stored=stored)
         self._building = asyncio.get_running_loop().run_in_executor(None, work)

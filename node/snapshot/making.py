@@ -1,7 +1,4 @@
-"""Makes a snapshot out of one finalized version of the ledger.
-
-The ledger goes on meanwhile: what is read is one read transaction, and nothing is written to the ledger.
-"""
+"""Makes a snapshot from one finalized ledger version, in one read transaction."""
 
 from __future__ import annotations
 
@@ -44,18 +41,17 @@ def no_progress(_chunks: int, _size_bytes: int) -> None:
 
 
 def read_header_bytes(ledger: LedgerSnapshot, height: int) -> bytes | None:
-    """Return the bytes of a finalized header, whether the block's body was pruned or not; None if it is not known."""
+    """Return a finalized header's bytes, pruned or not; None if unknown."""
     block = ledger.block(height)
     return ledger.kept_header(height) if block is None else decode(block, Block).header_bytes
 
 
 def header_of_block(block_bytes: bytes) -> bytes:
-    """Return what a pruned block is reduced to: its header's canonical bytes."""
+    """Return a pruned block's remainder: its header's canonical bytes."""
     return decode(block_bytes, Block).header_bytes
 
 
 def _cut(rows: Iterator[T], size_of: Callable[[T], int]) -> Iterator[tuple[T, ...]]:
-    """Yield rows in groups of about `CHUNK_SIZE_BYTES`, decided by the rows alone; one empty group for none."""
     group: list[T] = []
     size = 0
     empty = True
@@ -72,7 +68,7 @@ def _cut(rows: Iterator[T], size_of: Callable[[T], int]) -> Iterator[tuple[T, ..
 
 
 def _recent_rows(ledger: LedgerSnapshot, position: Position) -> Iterator[RecentRow]:
-    """Yield the blocks of the last ten minutes, and the one before them, which shows that none is left out."""
+    """Yield the last ten minutes' blocks and the one before, proving completeness."""
     window_ms = position.timestamp_ms - TRANSACTION_LIFETIME_MAX_MS
     first_ms = 0
     for block in ledger.iter_recent(0):
@@ -102,10 +98,7 @@ def _epoch_proofs(ledger: LedgerSnapshot) -> tuple[bytes, ...]:
 
 
 def make_snapshot(ledger: LedgerSnapshot, sink: SnapshotSink, progress: Progress = no_progress) -> Manifest:
-    """Write a snapshot of the ledger's newest block into `sink`, chunk by chunk; return its manifest.
-
-    Raises STORAGE_DAMAGED if the ledger lacks what belongs to its position.
-    """
+    """Write the newest block's snapshot into `sink`; return its manifest. Raises STORAGE_DAMAGED."""
     position = ledger.position
     block = None if position is None else ledger.block(position.height)
     receipts = None if position is None else ledger.receipts(position.height)
@@ -147,17 +140,13 @@ def make_snapshot(ledger: LedgerSnapshot, sink: SnapshotSink, progress: Progress
 
 
 class _NewFolder:
-    """A folder in the making; it has its name only once it is whole and synced."""
-
     def __init__(self, path: Path) -> None:
         self._unfinished = path.with_name(path.name + UNFINISHED_SUFFIX)
 
     def put_chunk(self, index: int, data: bytes) -> None:
-        """Keep a chunk, durably."""
         self._write(chunk_name(index), data)
 
     def put_manifest(self, data: bytes) -> None:
-        """Keep the manifest, durably."""
         self._write(MANIFEST_NAME, data)
 
     def _write(self, name: str, data: bytes) -> None:
@@ -168,10 +157,7 @@ class _NewFolder:
 
 
 def make_snapshot_folder(ledger: LedgerSnapshot, path: Path, progress: Progress = no_progress) -> Manifest:
-    """Make a snapshot as a new folder, which appears only once it is whole; return its manifest.
-
-    Raises FOLDER_NOT_EMPTY if there is something at this place, FILE_UNUSABLE if it cannot be written.
-    """
+    """Make a snapshot folder that appears once whole. Raises FOLDER_NOT_EMPTY, FILE_UNUSABLE."""
     if path.exists():
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"There is something at {path} already.")
     unfinished = path.with_name(path.name + UNFINISHED_SUFFIX)
@@ -196,7 +182,7 @@ def _sync_folder(path: Path) -> None:
 
 
 def describe_manifest(manifest: Manifest) -> dict[str, object]:
-    """Return what a snapshot says of itself, ready for JSON. Nothing of it is proved by this."""
+    """Return the manifest's unproven claims, for JSON."""
     header = decode(manifest.block, Block).header
     proved = decode(manifest.finality, FinalityProof).header_bytes if manifest.finality else b""
     return {

@@ -1,8 +1,4 @@
-"""Puts a snapshot in the place of a node's ledger.
-
-The new ledger is made beside the old one. A mark says that it is whole; only then do the two change places, and a crash
-in between is finished at the next start.
-"""
+"""Replaces a node's ledger by a snapshot's, built beside it; the swap is crash-safe."""
 
 from __future__ import annotations
 
@@ -32,11 +28,7 @@ def _replaced(ledger_dir: Path) -> Path:
 
 
 def adopt_restored(ledger_dir: Path) -> None:
-    """Finish, or clear away, what a restore that was cut off left. Only for who holds the data directory's lock.
-
-    A ledger that is not newer than the one in place is cleared away too: the node went on by itself meanwhile. Raises
-    STORAGE_BUSY.
-    """
+    """Finish or clear an interrupted restore, under the data directory's lock. Raises STORAGE_BUSY."""
     incoming, replaced = _incoming(ledger_dir), _replaced(ledger_dir)
     if (incoming / WHOLE_MARK).exists() and _height_in(incoming) > _height_in(ledger_dir):
         if ledger_dir.exists():
@@ -52,12 +44,11 @@ def adopt_restored(ledger_dir: Path) -> None:
 
 
 def discard_restored(ledger_dir: Path) -> None:
-    """Remove a ledger that `build_aside` made and that nobody wants any more."""
     shutil.rmtree(_incoming(ledger_dir), ignore_errors=True)
 
 
 def _height_in(directory: Path) -> int:
-    """Return how far the ledger in a directory is; -1 if there is none that can be read. Raises STORAGE_BUSY."""
+    """Raises STORAGE_BUSY."""
     try:
         with LedgerFile(directory) as ledger, ledger.snapshot() as snapshot:
             return -1 if snapshot.position is None else snapshot.position.height
@@ -68,10 +59,7 @@ def _height_in(directory: Path) -> int:
 
 
 def read_stored_position(ledger_dir: Path, genesis: Genesis) -> Position | None:
-    """Return the position of the ledger in a directory, or None if there is none.
-
-    Raises SNAPSHOT_OTHER_CHAIN if it is that of another genesis file, DATA_DIRECTORY_INVALID, STORAGE_DAMAGED.
-    """
+    """Return a ledger's position, or None. Raises SNAPSHOT_OTHER_CHAIN, DATA_DIRECTORY_INVALID, STORAGE_DAMAGED."""
     if not (ledger_dir / DATA_FILE_NAME).is_file():
         return None
     with LedgerFile(ledger_dir) as ledger, ledger.snapshot() as snapshot:
@@ -83,10 +71,9 @@ def read_stored_position(ledger_dir: Path, genesis: Genesis) -> Position | None:
 def restore_ledger(
     source: SnapshotSource, genesis: Genesis, ledger_dir: Path, progress: Progress = no_progress
 ) -> ProvenHead:
-    """Check a snapshot and put it in the ledger's place; return its block. The data directory's lock must be held.
+    """Replace the ledger by a checked snapshot, under the directory lock.
 
-    Raises SNAPSHOT_OLD if the ledger there is as new, what `restore_into` raises, and DATA_DIRECTORY_IN_USE.
-    After an error the ledger is as it was.
+    Raises SNAPSHOT_OLD, DATA_DIRECTORY_IN_USE, or as `restore_into`; the ledger is then unchanged.
     """
     adopt_restored(ledger_dir)
     head = build_aside(source, genesis, ledger_dir, progress)
@@ -101,10 +88,7 @@ def build_aside(
     progress: Progress = no_progress,
     stored: Position | None = None,
 ) -> ProvenHead:
-    """Check a snapshot and build a ledger of it beside the one there, which may be in use: `stored` is where it is.
-
-    `adopt_restored` puts it in its place. Raises as `restore_ledger` does; after an error nothing is left of it.
-    """
+    """Build a snapshot's ledger beside the current one (at `stored`, maybe in use). Raises as `restore_ledger`."""
     manifest = read_manifest(source.manifest())
     head = verify_head(manifest, genesis)
     position = read_stored_position(ledger_dir, genesis) if stored is None else stored

@@ -1,9 +1,4 @@
-"""The snapshots that a node keeps for others, and hands out chunk by chunk.
-
-A node makes one at every milestone (a height that all nodes of the same setting share, so that a newcomer can fetch its
-chunks from several of them), one when pruning left none that helps, and one when it is asked and has none that helps,
-but not often: nobody may keep its disk busy by asking.
-"""
+"""Snapshots that a node serves, made at milestones, after pruning, or on request (rate-limited)."""
 
 from __future__ import annotations
 
@@ -40,7 +35,7 @@ class SnapshotStore:
     """The newest snapshots of a ledger, each in a folder named by its height."""
 
     def __init__(self, ledger: LedgerStore, folder: Path, now_ms: Callable[[], int] = _monotonic_ms) -> None:
-        """`now_ms` is a clock that only goes forward."""
+        """`now_ms` is monotonic."""
         self._now_ms = now_ms
         self._requests_from_ms = 0
         self._ledger = ledger
@@ -49,7 +44,7 @@ class SnapshotStore:
         self._making: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Look at what is on the disk; what is not whole is thrown away."""
+        """Read the snapshots on disk; delete incomplete ones."""
         await asyncio.get_running_loop().run_in_executor(None, self._look)
 
     def _look(self) -> None:
@@ -63,16 +58,15 @@ class SnapshotStore:
                 shutil.rmtree(place, ignore_errors=True)
 
     async def stop(self) -> None:
-        """Wait for a snapshot that is being made."""
         if self._making is not None:
             await asyncio.gather(self._making, return_exceptions=True)
 
     def begin(self, snapshot: LedgerSnapshot) -> None:
-        """Make a snapshot of this version of the ledger in a thread; one at a time. Takes the version over."""
+        """Make a snapshot in a thread, one at a time; takes over `snapshot`."""
         self._begin(snapshot, is_requested=False)
 
     def note_pruned(self, earliest_height: int) -> None:
-        """Make a new snapshot if no blocks lead on from any that is here; those that lead nowhere go with it."""
+        """Replace snapshots from which no blocks lead on."""
         if max(self._known, default=-1) + 1 < earliest_height:
             self.begin(self._ledger.snapshot())
 
@@ -117,7 +111,7 @@ class SnapshotStore:
         return self._folder / f"{height:012d}"
 
     async def serve(self, body: bytes) -> bytes:
-        """Answer a peer: a manifest's bytes, a chunk's, or nothing (yet). Raises ENCODING_*."""
+        """Return a manifest, a chunk, or nothing (yet). Raises ENCODING_*."""
         request = decode(body, SnapshotRequest)
         if request.index == MANIFEST_INDEX:
             return await self._offer(request.above_height)
@@ -127,7 +121,6 @@ class SnapshotStore:
         return b""
 
     async def _offer(self, above_height: int) -> bytes:
-        """Return the newest manifest that helps; begin to make one if there is none, unless one was made just now."""
         newest = max(self._known, default=-1)
         with self._ledger.snapshot() as snapshot:
             position, earliest = snapshot.position, snapshot.earliest_height

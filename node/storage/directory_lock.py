@@ -1,8 +1,4 @@
-"""The lock by which one process owns a directory.
-
-An advisory `flock` on a file in the directory: the kernel drops it when the process ends, however it ends, so there is
-no stale lock to clean up after a kill.
-"""
+"""The lock by which one process owns a directory: a `flock`, never stale."""
 
 from __future__ import annotations
 
@@ -19,7 +15,7 @@ class DirectoryLock:
     """Held from construction until `release`."""
 
     def __init__(self, directory: Path) -> None:
-        """Take the lock. Raises DATA_DIRECTORY_IN_USE if another holds it, DATA_DIRECTORY_INVALID if it cannot be."""
+        """Raises DATA_DIRECTORY_IN_USE if another holds the lock, DATA_DIRECTORY_INVALID if it cannot be taken."""
         try:
             descriptor = os.open(directory / LOCK_FILE_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as error:
@@ -36,7 +32,6 @@ class DirectoryLock:
         self._descriptor: int | None = descriptor
 
     def release(self) -> None:
-        """Let go of the lock; releasing twice is harmless."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None

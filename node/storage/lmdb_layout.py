@@ -1,8 +1,4 @@
-"""How the ledger lies in LMDB: named tables and the keys and rows in them.
-
-Heights are big-endian, so that tables by height are in order. Trie pages are keyed by nibble path behind one byte
-(LMDB knows no empty key).
-"""
+"""Layout of the ledger in LMDB: tables, keys (big-endian heights) and rows."""
 
 from __future__ import annotations
 
@@ -48,10 +44,7 @@ class Tables:
     def open(
         cls, environment: lmdb.Environment, transaction: lmdb.Transaction[bytes] | None, *, create: bool
     ) -> Tables:
-        """Open all tables, inside a transaction or (to read only) in one of its own.
-
-        Raises lmdb.Error if one is not there and `create` is False.
-        """
+        """Open all tables. Raises lmdb.Error if one is missing and `create` is False."""
         names = (
             "meta",
             "state",
@@ -69,47 +62,39 @@ class Tables:
 
 
 def page_key(path: bytes) -> bytes:
-    """Return the key of the trie page under this nibble path."""
     return b"/" + path
 
 
 def height_key(height: int) -> bytes:
-    """Return the key of what is stored for a height."""
     return _HEIGHT.pack(height)
 
 
 def read_height(data: bytes) -> int:
-    """Return the height that a key or row of 8 bytes names."""
     height: int = _HEIGHT.unpack(data)[0]
     return height
 
 
 def place_bytes(height: int, index: int) -> bytes:
-    """Return a height and an index as one sortable key or row of 12 bytes."""
+    """Return height and index as a sortable 12-byte key."""
     return _PLACE.pack(height, index)
 
 
 def read_location(data: bytes) -> TransactionLocation:
-    """Return the location in a row of the table of transactions."""
     return TransactionLocation(*_PLACE.unpack(data))
 
 
 def read_cursor(data: bytes) -> EventCursor:
-    """Return the place that a key of the table of events names."""
     return EventCursor(*_PLACE.unpack(data))
 
 
 def recent_row(timestamp_ms: int, transactions: Sequence[tuple[bytes, int]]) -> bytes:
-    """Return the row of the replay window for one block: its timestamp, then txids with their expiry."""
     return _HEIGHT.pack(timestamp_ms) + b"".join(_RECENT_ROW.pack(*transaction) for transaction in transactions)
 
 
 def read_recent_timestamp(row: bytes) -> int:
-    """Return the block timestamp (ms) of a row of the replay window."""
     return read_height(row[: _HEIGHT.size])
 
 
 def read_recent(height: int, row: bytes) -> RecentBlock:
-    """Return what a row of the replay window says of the block of this height."""
     transactions = tuple(_RECENT_ROW.iter_unpack(row[_HEIGHT.size :]))
     return RecentBlock(height, read_recent_timestamp(row), transactions)

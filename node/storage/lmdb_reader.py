@@ -1,8 +1,4 @@
-"""Reads a ledger in LMDB that another process may be writing.
-
-LMDB lets any number of processes read while one writes. A snapshot that stays open keeps old pages from being reused,
-so the node's file grows while it is read; nothing else of it reaches the node.
-"""
+"""Reads a ledger in LMDB that another process may be writing."""
 
 from __future__ import annotations
 
@@ -22,10 +18,9 @@ class LedgerFile:
     """A ledger opened for reading only; a context manager."""
 
     def __init__(self, directory: Path, *, held: bool = False) -> None:
-        """Open it. Raises DATA_DIRECTORY_INVALID if there is none or it has another format, STORAGE_DAMAGED.
+        """Raises DATA_DIRECTORY_INVALID, STORAGE_DAMAGED.
 
-        `held`: somebody else holds an older snapshot for as long as one from here is open, so that no page is reused;
-        then LMDB's lock file is not touched, and nothing at all of the ledger is opened for writing.
+        `held`: an older snapshot stays open elsewhere, so LMDB's lock file is unused.
         """
         if not (directory / DATA_FILE_NAME).is_file():
             raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} holds no ledger.")
@@ -53,7 +48,6 @@ class LedgerFile:
         return LmdbSnapshot(transaction, self._tables, lambda: None)
 
     def close(self) -> None:
-        """Let go of the ledger. Every snapshot must be closed before."""
         self._environment.close()
 
     def __enter__(self) -> Self:

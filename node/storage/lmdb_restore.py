@@ -1,8 +1,4 @@
-"""A ledger in LMDB made out of a snapshot's parts.
-
-The rows come in batches, each written in a transaction of its own without a sync, so that memory stays bounded; the
-format's name and the position, without which no store opens it, are written last and synced.
-"""
+"""Builds a ledger in LMDB from a snapshot; unsynced until format and position are written."""
 
 from __future__ import annotations
 
@@ -30,23 +26,20 @@ from node.storage.lmdb_writing import (
 
 
 class _Pages:
-    """The trie pages that one transaction sees."""
-
     def __init__(self, transaction: lmdb.Transaction[bytes], tables: layout.Tables) -> None:
         self._transaction = transaction
         self._tables = tables
 
     def page(self, path: bytes) -> bytes | None:
-        """Return the page under a nibble path, or None."""
         page: bytes | None = self._transaction.get(layout.page_key(path), db=self._tables.pages)
         return page
 
 
 class LmdbRestore:
-    """See `LedgerRestore`. Makes a ledger in a new directory; every method may block on the disk."""
+    """See `LedgerRestore`; uses a new directory, and every method may block."""
 
     def __init__(self, directory: Path, *, map_size_bytes: int = MAP_SIZE_START_BYTES) -> None:
-        """Begin. Raises DATA_DIRECTORY_IN_USE, DATA_DIRECTORY_INVALID if something is in the directory already."""
+        """Raises DATA_DIRECTORY_IN_USE, DATA_DIRECTORY_INVALID if the directory is not empty."""
         directory.mkdir(parents=True, mode=0o700, exist_ok=True)
         if any(directory.iterdir()):
             raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} is not empty.")
@@ -63,7 +56,7 @@ class LmdbRestore:
         self._open = True
 
     def put_state(self, rows: Sequence[tuple[bytes, bytes]]) -> None:
-        """Take the next rows of the state, in the order of their flat keys. Raises SNAPSHOT_DAMAGED out of order."""
+        """See `LedgerRestore.put_state`. Raises SNAPSHOT_DAMAGED out of order."""
         try:
             with self._environment.begin(write=True) as transaction:
                 for key, value in rows:
@@ -80,7 +73,6 @@ class LmdbRestore:
         self._root = update.root
 
     def put_kept(self, blocks: Sequence[KeptBlock]) -> None:
-        """Take the next blocks of the replay window, oldest first."""
         try:
             with self._environment.begin(write=True) as transaction:
                 for block in blocks:
@@ -89,7 +81,7 @@ class LmdbRestore:
             raise refusal_of(error) from error
 
     def finish(self, genesis_id: bytes, head: FinalizedBlock, finality: bytes, epoch_proofs: Sequence[bytes]) -> None:
-        """Make it a ledger whose newest block is `head`, durably. Raises SNAPSHOT_DAMAGED if the state is not its own."""
+        """Raises SNAPSHOT_DAMAGED."""
         if self._root != head.state_root:
             raise BlockRobotError("SNAPSHOT_DAMAGED", "The state of the snapshot is not the one of its block.")
         tables = self._tables
@@ -114,7 +106,7 @@ class LmdbRestore:
         self._close()
 
     def abandon(self) -> None:
-        """Let go of what was taken so far; the directory is the caller's to remove."""
+        """Discard what was added; the caller removes the directory."""
         self._close()
 
     def _close(self) -> None:

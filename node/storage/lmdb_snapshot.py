@@ -1,8 +1,4 @@
-"""Reading the ledger in LMDB, from one read transaction.
-
-LMDB is multi-version: a snapshot sees the ledger as it was when it was opened, while commits go on. It keeps the pages
-of its version from being reused, so it is to be closed soon.
-"""
+"""Reads the ledger in LMDB from one read transaction, to be closed soon."""
 
 from __future__ import annotations
 
@@ -30,7 +26,7 @@ from node.storage.ledger_store import (
 
 
 def read_position(transaction: lmdb.Transaction[bytes], tables: layout.Tables) -> Position | None:
-    """Return the position that a transaction sees. Raises STORAGE_DAMAGED if the row is no position."""
+    """Return the transaction's position. Raises STORAGE_DAMAGED for an invalid row."""
     row = transaction.get(layout.META_POSITION, db=tables.meta)
     if row is None:
         return None
@@ -41,7 +37,7 @@ def read_position(transaction: lmdb.Transaction[bytes], tables: layout.Tables) -
 
 
 class LmdbSnapshot:
-    """The ledger at one position; see `LedgerSnapshot`. Reads raise STORAGE_DAMAGED where LMDB finds damage."""
+    """See `LedgerSnapshot`. Reads raise STORAGE_DAMAGED where LMDB finds damage."""
 
     def __init__(
         self, transaction: lmdb.Transaction[bytes], tables: layout.Tables, on_close: Callable[[], None]
@@ -64,7 +60,6 @@ class LmdbSnapshot:
         return value
 
     def _rows(self, table: Any, start: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield the rows of a table in order, from the first key at or above `start`."""
         if self._closed:
             raise ValueError("the snapshot is closed")
         try:
@@ -78,53 +73,42 @@ class LmdbSnapshot:
 
     @property
     def position(self) -> Position | None:
-        """The newest block of this snapshot, or None before genesis."""
         return self._position
 
     @property
     def state_root(self) -> bytes:
-        """The 32-byte root of the state."""
         return EMPTY_ROOT if self._position is None else self._position.state_root
 
     @property
     def finality(self) -> bytes:
-        """The proof that the newest block is final."""
         return self._get(self._tables.meta, layout.META_FINALITY) or b""
 
     def get(self, key: bytes) -> bytes | None:
-        """Return the encoded value under a flat key, or None."""
         return self._get(self._tables.state, key)
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs under the prefix, in key order."""
         return islice(self.scan_range(prefix, prefix_end(prefix)), max(limit, 0))
 
     def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield the pairs from `start` up to but without `end`, in key order."""
         for key, value in self._rows(self._tables.state, start):
             if key >= end:
                 return
             yield key, value
 
     def page(self, path: bytes) -> bytes | None:
-        """Return the trie page under a nibble path, or None."""
         return self._get(self._tables.pages, layout.page_key(path))
 
     def prove(self, key: bytes) -> Proof:
-        """Return the proof of a flat key's presence or absence under `state_root`."""
         return prove(self, self.state_root, key)
 
     def block(self, height: int) -> bytes | None:
-        """Return the bytes of the block of this height, or None."""
         return None if height < 0 else self._get(self._tables.blocks, layout.height_key(height))
 
     def block_height(self, block_id: bytes) -> int | None:
-        """Return the height of the finalized block with this id, or None."""
         row = self._get(self._tables.heights, block_id)
         return None if row is None else layout.read_height(row)
 
     def iter_blocks(self, from_height: int, limit: int) -> Iterator[tuple[int, bytes]]:
-        """Yield up to `limit` pairs of height and block bytes, from this height upwards."""
         if limit <= 0:
             return
         start = layout.height_key(max(from_height, 0))
@@ -134,30 +118,24 @@ class LmdbSnapshot:
                 return
 
     def receipts(self, height: int) -> bytes | None:
-        """Return the receipts of the block of this height, or None."""
         return None if height < 0 else self._get(self._tables.receipts, layout.height_key(height))
 
     @property
     def earliest_height(self) -> int:
-        """The height from which on all blocks, receipts and events are here."""
         row = self._get(self._tables.meta, layout.META_EARLIEST)
         return 0 if row is None else layout.read_height(row)
 
     def kept_header(self, height: int) -> bytes | None:
-        """Return what is kept of the pruned block of this height, or None."""
         return None if height < 0 else self._get(self._tables.headers, layout.height_key(height))
 
     def epoch_proof(self, number: int) -> bytes | None:
-        """Return the proof that began epoch `number` (1 or above), or None."""
         return None if number < 1 else self._get(self._tables.epochs, layout.height_key(number))
 
     def locate(self, txid: bytes) -> TransactionLocation | None:
-        """Return where a finalized transaction stands, or None."""
         row = self._get(self._tables.transactions, txid)
         return None if row is None else layout.read_location(row)
 
     def recent_txids(self, since_timestamp_ms: int) -> list[RecentTransaction]:
-        """Return the transactions of blocks with this timestamp or a later one, oldest block first."""
         return [
             RecentTransaction(txid, block.height, block.timestamp_ms, valid_until_ms)
             for block in self.iter_recent(since_timestamp_ms)
@@ -165,7 +143,6 @@ class LmdbSnapshot:
         ]
 
     def iter_recent(self, since_timestamp_ms: int) -> Iterator[RecentBlock]:
-        """Yield the replay window block by block, from this timestamp on, oldest first."""
         if self._position is None:
             return
         since_ms = max(since_timestamp_ms, self._position.timestamp_ms - REPLAY_WINDOW_KEPT_MS)
@@ -174,7 +151,6 @@ class LmdbSnapshot:
                 yield layout.read_recent(layout.read_height(key), row)
 
     def events(self, from_cursor: EventCursor, limit: int) -> list[tuple[EventCursor, bytes]]:
-        """Return up to `limit` events with their places, from this place on (inclusive), in order."""
         found: list[tuple[EventCursor, bytes]] = []
         if limit <= 0:
             return found
@@ -187,10 +163,7 @@ class LmdbSnapshot:
         return found
 
     def close(self) -> None:
-        """Let go of the snapshot; closing twice is harmless.
-
-        LMDB frees a reader's slot only when the transaction object is gone, so the snapshot does not keep it.
-        """
+        """Drop the transaction object: only then does LMDB free the reader's slot."""
         if not self._closed:
             self._closed = True
             try:

@@ -1,10 +1,4 @@
-"""The ledger of a node on disk, in LMDB.
-
-One writer thread takes the commits that wait and writes them in one transaction (group commit); LMDB syncs it before
-the callers hear of it. Readers use snapshots and never wait for the writer. The map reserves address space far beyond
-what a ledger takes, so that it need not grow while the node runs; where the system gives less, it is doubled when it
-fills up and no snapshot is open.
-"""
+"""The ledger of a node on disk, in LMDB: one writer thread, group commits."""
 
 from __future__ import annotations
 
@@ -56,8 +50,6 @@ class _Pruning:
 
 
 class _ReaderGate:
-    """Counts open snapshots, so that the map is moved only while there are none."""
-
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._open_count = 0
@@ -79,7 +71,7 @@ class _ReaderGate:
             self._changed.notify_all()
 
     def resize(self, environment: lmdb.Environment, size_bytes: int, wait_max_ms: int) -> bool:
-        """Set the map's size once no snapshot is open; tell whether that came to pass in time."""
+        """Resize the map once no snapshot is open; return False on timeout."""
         with self._changed:
             if not self._changed.wait_for(lambda: self._open_count == 0, wait_max_ms / 1000):
                 return False
@@ -88,12 +80,11 @@ class _ReaderGate:
 
 
 class LmdbStore:
-    """See `LedgerStore`. Made by `create` and `open`, which block on the disk: call them before the loop serves."""
+    """See `LedgerStore`. `create` and `open` block: call them before the loop serves."""
 
     def __init__(
         self, environment: lmdb.Environment, tables: layout.Tables, lock: DirectoryLock, size_max_bytes: int
     ) -> None:
-        """Take over an environment that `open` or `create` has checked."""
         self._environment = environment
         self._tables = tables
         self._lock = lock
@@ -116,10 +107,7 @@ class LmdbStore:
         map_size_bytes: int = MAP_SIZE_START_BYTES,
         size_max_bytes: int = STORE_SIZE_MAX_BYTES,
     ) -> LmdbStore:
-        """Make an empty ledger in a directory (made if need be) and open it.
-
-        Raises DATA_DIRECTORY_INVALID if there is a ledger already, DATA_DIRECTORY_IN_USE if another process holds it.
-        """
+        """Create an empty ledger. Raises DATA_DIRECTORY_INVALID if one exists, DATA_DIRECTORY_IN_USE."""
         directory.mkdir(parents=True, exist_ok=True)
         lock = DirectoryLock(directory)
         try:
@@ -145,12 +133,7 @@ class LmdbStore:
         map_size_bytes: int = MAP_SIZE_START_BYTES,
         size_max_bytes: int = STORE_SIZE_MAX_BYTES,
     ) -> LmdbStore:
-        """Open the ledger in a directory.
-
-        Raises DATA_DIRECTORY_INVALID if there is none or it has another format, DATA_DIRECTORY_IN_USE if another
-        process holds it, STORAGE_DAMAGED if it cannot be read or its state is not the one of its position. A ledger
-        whose making was cut off, with nothing in it yet, is made to the end.
-        """
+        """Open, completing interrupted creation. Raises DATA_DIRECTORY_INVALID, DATA_DIRECTORY_IN_USE, STORAGE_DAMAGED."""
         if not (directory / DATA_FILE_NAME).is_file():
             raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} holds no ledger.")
         lock = DirectoryLock(directory)
@@ -174,14 +157,10 @@ class LmdbStore:
 
     @property
     def position(self) -> Position | None:
-        """The newest block that is safe on disk, or None before genesis."""
         return self._position
 
     async def commit(self, blocks: Sequence[FinalizedBlock], finality: bytes) -> Position:
-        """Store consecutive finalized blocks in one atomic step; see `LedgerStore.commit` for the errors.
-
-        Cancelling the caller does not take the blocks back.
-        """
+        """See `LedgerStore.commit`; cancellation does not undo it."""
         if self._closing:
             raise BlockRobotError("STORAGE_UNWRITABLE", "The store is closed.")
         if self._waiting.qsize() >= COMMITS_WAITING_MAX_COUNT:
@@ -191,7 +170,6 @@ class LmdbStore:
         return await asyncio.shield(asyncio.wrap_future(done))
 
     async def prune(self, below_height: int, reduce: Callable[[bytes], bytes]) -> int:
-        """Drop the bodies of the oldest blocks below a height; see `LedgerStore.prune`."""
         if self._closing:
             raise BlockRobotError("STORAGE_UNWRITABLE", "The store is closed.")
         done: Future[int] = Future()
@@ -199,7 +177,7 @@ class LmdbStore:
         return await asyncio.shield(asyncio.wrap_future(done))
 
     def snapshot(self) -> LmdbSnapshot:
-        """Open the ledger as it is now. Close it soon. Raises STORAGE_BUSY if too many are open."""
+        """Raises STORAGE_BUSY."""
         if self._closing:
             raise ValueError("the store is closed")
         transaction = self._gate.open(self._environment)
@@ -211,7 +189,6 @@ class LmdbStore:
             raise
 
     async def close(self) -> None:
-        """Finish the commits that wait, then let go of the store. Closing twice is harmless."""
         if self._closing:
             return
         self._closing = True
@@ -232,7 +209,6 @@ class LmdbStore:
                 task = task or self._waiting.get()
 
     def _gather(self, first: _Commit) -> tuple[list[_Commit], _Commit | _Pruning | None]:
-        """Return the commits that wait behind the first, and what came behind them that is no commit."""
         group = [first]
         while len(group) < COMMITS_GROUP_MAX_COUNT:
             try:
@@ -248,7 +224,7 @@ class LmdbStore:
         return group, None
 
     def _write_group(self, group: list[_Commit]) -> None:
-        """Write what waits in one transaction and tell the callers; commits out of order fail alone."""
+        """Write pending commits in one transaction; commits out of order fail alone."""
         accepted: list[_Commit] = []
         position = self._position
         for commit in group:
@@ -312,10 +288,7 @@ class LmdbStore:
 
 
 def open_environment(directory: Path, map_size_bytes: int, *, sync: bool = True) -> lmdb.Environment:
-    """Open the environment with a map of this size, or of as much of it as the system gives address space for.
-
-    Without `sync` commits are not durable until the environment is synced. Raises STORAGE_DAMAGED or STORAGE_BUSY.
-    """
+    """Raises STORAGE_DAMAGED, STORAGE_BUSY. Without `sync` commits are not durable until synced."""
     while True:
         try:
             return lmdb.open(
@@ -336,7 +309,6 @@ def open_environment(directory: Path, map_size_bytes: int, *, sync: bool = True)
 
 
 def _make_tables(environment: lmdb.Environment) -> layout.Tables:
-    """Make the tables and name the format, in one transaction."""
     with environment.begin(write=True) as transaction:
         tables = layout.Tables.open(environment, transaction, create=True)
         transaction.put(layout.META_FORMAT, layout.FORMAT_NAME, db=tables.meta)
@@ -344,11 +316,7 @@ def _make_tables(environment: lmdb.Environment) -> layout.Tables:
 
 
 def _fill_up(environment: lmdb.Environment, path: Path) -> bool:
-    """Lengthen the data file to all pages that LMDB counts; tell whether any were missing.
-
-    LMDB does not always write the last ones, but a file that was cut short looks the same, and touching the map beyond
-    the file's end would kill the process. Zeros there are harmless, or found to be damage by reading everything.
-    """
+    """Extend the data file to all pages: touching the map beyond it kills the process."""
     size_bytes = (environment.info()["last_pgno"] + 1) * environment.stat()["psize"]
     if path.stat().st_size >= size_bytes:
         return False
@@ -357,7 +325,7 @@ def _fill_up(environment: lmdb.Environment, path: Path) -> bool:
 
 
 def _check_content(environment: lmdb.Environment, tables: layout.Tables, directory: Path) -> None:
-    """Read every row and compute the state's root anew. Raises STORAGE_DAMAGED where that fails."""
+    """Read every row and recompute the state root. Raises STORAGE_DAMAGED."""
     try:
         with environment.begin() as transaction:
             position = read_position(transaction, tables)
@@ -381,7 +349,6 @@ def _count_rows(transaction: lmdb.Transaction[bytes], table: Any) -> None:
 
 
 def _check_ledger(environment: lmdb.Environment, directory: Path) -> layout.Tables:
-    """Return the tables of a ledger that has our format and whose root page is the one of its position."""
     try:
         with environment.begin(write=True) as transaction:
             try:
@@ -406,7 +373,6 @@ def _check_ledger(environment: lmdb.Environment, directory: Path) -> layout.Tabl
 
 
 def refusal_of(error: Exception) -> Exception:
-    """Return what the callers of a failed commit are told."""
     full = isinstance(error, lmdb.DiskError) or (isinstance(error, OSError) and error.errno == errno.ENOSPC)
     if full:
         return BlockRobotError("STORAGE_FULL", "The disk is full; nothing of the commit was stored.")
@@ -416,7 +382,6 @@ def refusal_of(error: Exception) -> Exception:
 
 
 def sync_directory(directory: Path) -> None:
-    """Make the names in a directory durable."""
     descriptor = os.open(directory, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,7 +1,4 @@
-"""The rows that a block adds to the ledger in LMDB, and those that pruning takes away.
-
-All that is done to one transaction here becomes visible with it, or not at all.
-"""
+"""Rows that blocks add to the LMDB ledger and pruning removes."""
 
 from __future__ import annotations
 
@@ -16,7 +13,6 @@ PRUNED_AT_ONCE_COUNT = 256
 
 
 def write_block(transaction: lmdb.Transaction[bytes], tables: layout.Tables, block: FinalizedBlock) -> None:
-    """Add a block with all that it changes."""
     write_body(transaction, tables, block)
     key = layout.height_key(block.height)
     if block.epoch_proof_bytes:
@@ -31,7 +27,6 @@ def write_block(transaction: lmdb.Transaction[bytes], tables: layout.Tables, blo
 
 
 def write_body(transaction: lmdb.Transaction[bytes], tables: layout.Tables, block: FinalizedBlock) -> None:
-    """Add a block's body, receipts and events, and where it and its transactions are found."""
     key = layout.height_key(block.height)
     transaction.put(key, block.block_bytes, db=tables.blocks, append=True)
     transaction.put(key, block.receipts_bytes, db=tables.receipts, append=True)
@@ -43,7 +38,6 @@ def write_body(transaction: lmdb.Transaction[bytes], tables: layout.Tables, bloc
 
 
 def write_kept(transaction: lmdb.Transaction[bytes], tables: layout.Tables, block: KeptBlock) -> None:
-    """Add what is known of a block whose body is not here."""
     height, timestamp_ms, transactions = block.recent
     key = layout.height_key(height)
     transaction.put(key, block.header_bytes, db=tables.headers)
@@ -56,7 +50,6 @@ def write_kept(transaction: lmdb.Transaction[bytes], tables: layout.Tables, bloc
 def write_pages(
     transaction: lmdb.Transaction[bytes], tables: layout.Tables, pages: Iterable[tuple[bytes, bytes | None]]
 ) -> None:
-    """Put the trie pages by nibble path; delete those that are None."""
     for path, page in pages:
         if page is None:
             transaction.delete(layout.page_key(path), db=tables.pages)
@@ -65,14 +58,12 @@ def write_pages(
 
 
 def write_epoch_proofs(transaction: lmdb.Transaction[bytes], tables: layout.Tables, proofs: Iterable[bytes]) -> None:
-    """Add the proofs of the next epochs."""
     first = transaction.stat(tables.epochs)["entries"] + 1
     for number, proof in enumerate(proofs, start=first):
         transaction.put(layout.height_key(number), proof, db=tables.epochs, append=True)
 
 
 def forget_old_txids(transaction: lmdb.Transaction[bytes], tables: layout.Tables, timestamp_ms: int) -> None:
-    """Shorten the replay window to what is kept at this time of the newest block."""
     with transaction.cursor(db=tables.recent) as cursor:
         while cursor.first() and layout.read_recent_timestamp(cursor.value()) < timestamp_ms - REPLAY_WINDOW_KEPT_MS:
             cursor.delete()
@@ -81,7 +72,7 @@ def forget_old_txids(transaction: lmdb.Transaction[bytes], tables: layout.Tables
 def prune_blocks(
     transaction: lmdb.Transaction[bytes], tables: layout.Tables, below_height: int, reduce: Callable[[bytes], bytes]
 ) -> int:
-    """Reduce the oldest blocks below a height, up to `PRUNED_AT_ONCE_COUNT`; return the earliest height then."""
+    """Reduce up to `PRUNED_AT_ONCE_COUNT` oldest blocks; return the new earliest height."""
     earliest = _read_earliest(transaction, tables)
     end = min(below_height, earliest + PRUNED_AT_ONCE_COUNT)
     if end <= earliest:
@@ -101,7 +92,6 @@ def prune_blocks(
 
 
 def write_earliest(transaction: lmdb.Transaction[bytes], tables: layout.Tables, height: int) -> None:
-    """Note from which height on all bodies are here."""
     transaction.put(layout.META_EARLIEST, layout.height_key(height), db=tables.meta)
 
 

@@ -1,8 +1,4 @@
-"""A ledger store in memory, for tests and the simulator.
-
-A snapshot shares the tables with the store until the next commit, which then works on a copy: nothing that a reader
-holds open ever changes.
-"""
+"""A ledger store in memory, for tests and the simulator; commits copy shared tables."""
 
 from __future__ import annotations
 
@@ -29,8 +25,6 @@ from node.storage.ledger_store import (
 
 
 class _Tables:
-    """All that the store holds at one position."""
-
     def __init__(self) -> None:
         self.position: Position | None = None
         self.finality = b""
@@ -62,7 +56,6 @@ class _Tables:
         self.remember(RecentBlock(block.height, block.timestamp_ms, tuple(block.transactions)))
 
     def remember(self, block: RecentBlock) -> None:
-        """Take a block into the replay window and note where its transactions are."""
         self.recent.append(block)
         while self.recent[0].timestamp_ms < block.timestamp_ms - REPLAY_WINDOW_KEPT_MS:
             self.recent.pop(0)
@@ -70,7 +63,6 @@ class _Tables:
             self.locations[txid] = TransactionLocation(block.height, index)
 
     def prune(self, below_height: int, reduce: Callable[[bytes], bytes]) -> None:
-        """Reduce the blocks below a height."""
         count = max(0, below_height - self.earliest_height)
         for block in self.blocks[:count]:
             self.kept[block.height] = reduce(block.block_bytes)
@@ -79,7 +71,7 @@ class _Tables:
 
 
 class MemorySnapshot:
-    """The ledger at one position; see `LedgerSnapshot`."""
+    """See `LedgerSnapshot`."""
 
     def __init__(self, tables: _Tables) -> None:
         self._tables: _Tables | None = tables
@@ -93,37 +85,29 @@ class MemorySnapshot:
 
     @property
     def position(self) -> Position | None:
-        """The newest block of this snapshot, or None before genesis."""
         return self._open.position
 
     @property
     def state_root(self) -> bytes:
-        """The 32-byte root of the state."""
         return self._open.state.state_root
 
     @property
     def finality(self) -> bytes:
-        """The proof that the newest block is final."""
         return self._open.finality
 
     def get(self, key: bytes) -> bytes | None:
-        """Return the encoded value under a flat key, or None."""
         return self._open.state.get(key)
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs under the prefix, in key order."""
         return self._open.state.scan(prefix, limit)
 
     def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield the pairs from `start` up to but without `end`, in key order."""
         return self._open.state.scan_range(start, end)
 
     def page(self, path: bytes) -> bytes | None:
-        """Return the trie page under a nibble path, or None."""
         return self._open.state.page(path)
 
     def prove(self, key: bytes) -> Proof:
-        """Return the proof of a flat key's presence or absence under `state_root`."""
         return self._open.state.prove(key)
 
     def _stored(self, height: int) -> FinalizedBlock | None:
@@ -131,45 +115,36 @@ class MemorySnapshot:
         return self._open.blocks[index] if 0 <= index < len(self._open.blocks) else None
 
     def block(self, height: int) -> bytes | None:
-        """Return the bytes of the block of this height, or None."""
         found = self._stored(height)
         return None if found is None else found.block_bytes
 
     def block_height(self, block_id: bytes) -> int | None:
-        """Return the height of the finalized block with this id, or None."""
         return self._open.heights.get(block_id)
 
     def iter_blocks(self, from_height: int, limit: int) -> Iterator[tuple[int, bytes]]:
-        """Yield up to `limit` pairs of height and block bytes, from this height upwards."""
         first = max(from_height - self._open.earliest_height, 0)
         for block in self._open.blocks[first : first + max(limit, 0)]:
             yield block.height, block.block_bytes
 
     def receipts(self, height: int) -> bytes | None:
-        """Return the receipts of the block of this height, or None."""
         found = self._stored(height)
         return None if found is None else found.receipts_bytes
 
     @property
     def earliest_height(self) -> int:
-        """The height from which on all blocks, receipts and events are here."""
         return self._open.earliest_height
 
     def kept_header(self, height: int) -> bytes | None:
-        """Return what is kept of the pruned block of this height, or None."""
         return self._open.kept.get(height)
 
     def epoch_proof(self, number: int) -> bytes | None:
-        """Return the proof that began epoch `number` (1 or above), or None."""
         proofs = self._open.epoch_proofs
         return proofs[number - 1] if 1 <= number <= len(proofs) else None
 
     def locate(self, txid: bytes) -> TransactionLocation | None:
-        """Return where a finalized transaction stands, or None."""
         return self._open.locations.get(txid)
 
     def recent_txids(self, since_timestamp_ms: int) -> list[RecentTransaction]:
-        """Return the transactions of blocks with this timestamp or a later one, oldest block first."""
         return [
             RecentTransaction(txid, block.height, block.timestamp_ms, valid_until_ms)
             for block in self.iter_recent(since_timestamp_ms)
@@ -177,13 +152,11 @@ class MemorySnapshot:
         ]
 
     def iter_recent(self, since_timestamp_ms: int) -> Iterator[RecentBlock]:
-        """Yield the replay window block by block, from this timestamp on, oldest first."""
         tables = self._open
         first = bisect_left(tables.recent, since_timestamp_ms, key=lambda block: block.timestamp_ms)
         yield from tables.recent[first:]
 
     def events(self, from_cursor: EventCursor, limit: int) -> list[tuple[EventCursor, bytes]]:
-        """Return up to `limit` events with their places, from this place on (inclusive), in order."""
         found: list[tuple[EventCursor, bytes]] = []
         first = max(from_cursor.height - self._open.earliest_height, 0)
         for block in self._open.blocks[first:]:
@@ -196,7 +169,6 @@ class MemorySnapshot:
         return found
 
     def close(self) -> None:
-        """Let go of the snapshot; closing twice is harmless."""
         if self._tables is not None:
             self._tables.readers -= 1
             self._tables = None
@@ -211,7 +183,7 @@ class MemorySnapshot:
 
 
 class MemoryStore:
-    """See `LedgerStore`. What it holds is lost with the object."""
+    """See `LedgerStore`; not persistent."""
 
     def __init__(self) -> None:
         self._tables = _Tables()
@@ -219,11 +191,9 @@ class MemoryStore:
 
     @property
     def position(self) -> Position | None:
-        """The newest block of the store, or None before genesis."""
         return self._tables.position
 
     async def commit(self, blocks: Sequence[FinalizedBlock], finality: bytes) -> Position:
-        """Store consecutive finalized blocks in one step. Raises ValueError for blocks that do not follow."""
         if self._closed:
             raise BlockRobotError("STORAGE_UNWRITABLE", "The store is closed.")
         check_order(self._tables.position, blocks)
@@ -235,7 +205,6 @@ class MemoryStore:
         return blocks[-1].position
 
     async def prune(self, below_height: int, reduce: Callable[[bytes], bytes]) -> int:
-        """Drop the bodies of the oldest blocks below a height; see `LedgerStore.prune`."""
         if self._closed:
             raise BlockRobotError("STORAGE_UNWRITABLE", "The store is closed.")
         tables = self._tables.copy() if self._tables.readers else self._tables
@@ -245,13 +214,11 @@ class MemoryStore:
         return tables.earliest_height
 
     def snapshot(self) -> MemorySnapshot:
-        """Open the ledger as it is now."""
         if self._closed:
             raise ValueError("the store is closed")
         return MemorySnapshot(self._tables)
 
     async def close(self) -> None:
-        """Let go of the store; closing twice is harmless."""
         self._closed = True
 
 
@@ -264,7 +231,7 @@ class MemoryRestore:
         self.store: MemoryStore | None = None
 
     def put_state(self, rows: Sequence[tuple[bytes, bytes]]) -> None:
-        """Take the next rows of the state, in the order of their flat keys. Raises SNAPSHOT_DAMAGED out of order."""
+        """Raises SNAPSHOT_DAMAGED."""
         for key, _ in rows:
             if key <= self._last_key:
                 raise BlockRobotError("SNAPSHOT_DAMAGED", "The state's keys are out of order.")
@@ -272,14 +239,13 @@ class MemoryRestore:
         self._tables.state.apply(dict(rows))
 
     def put_kept(self, blocks: Sequence[KeptBlock]) -> None:
-        """Take the next blocks of the replay window, oldest first."""
         for block in blocks:
             self._tables.kept[block.recent.height] = block.header_bytes
             self._tables.heights[block.block_id] = block.recent.height
             self._tables.remember(block.recent)
 
     def finish(self, genesis_id: bytes, head: FinalizedBlock, finality: bytes, epoch_proofs: Sequence[bytes]) -> None:
-        """Make it a ledger whose newest block is `head`. Raises SNAPSHOT_DAMAGED if the state is not its own."""
+        """Raises SNAPSHOT_DAMAGED."""
         tables = self._tables
         if tables.state.state_root != head.state_root:
             raise BlockRobotError("SNAPSHOT_DAMAGED", "The state of the snapshot is not the one of its block.")
@@ -292,12 +258,10 @@ class MemoryRestore:
         self.store._tables = tables
 
     def abandon(self) -> None:
-        """Forget what was taken so far."""
         self._tables = _Tables()
 
 
 def _without_writes(block: FinalizedBlock) -> FinalizedBlock:
-    """Return the block without its writes, which the state has absorbed, and free of the caller's containers."""
     return replace(
         block,
         transactions=tuple(block.transactions),

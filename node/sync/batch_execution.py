@@ -1,8 +1,4 @@
-"""Executes runs of finalized blocks ahead of the store.
-
-What was executed and is not stored yet stands in one flat layer over a snapshot of the ledger, so that a read costs the
-same however far execution is ahead. The layer stands on a newer snapshot whenever the store has taken a run.
-"""
+"""Executes runs of finalized blocks ahead of the store, in a layer over a snapshot."""
 
 from __future__ import annotations
 
@@ -25,8 +21,6 @@ GROUP_BLOCKS_MAX_COUNT = 64
 
 @dataclass(slots=True)
 class _Run:
-    """What one run of blocks wrote."""
-
     top: int
     writes: dict[bytes, bytes | None]
     pages: dict[bytes, bytes | None]
@@ -34,8 +28,6 @@ class _Run:
 
 
 class _Spent:
-    """The txids of the runs above the snapshot, and of the ledger below."""
-
     def __init__(self, above: set[bytes], ledger: LedgerSnapshot) -> None:
         self._above = above
         self._ledger = ledger
@@ -45,7 +37,7 @@ class _Spent:
 
 
 class CatchUp:
-    """Executes one run after another from the stored head on. One thread at a time; close it at the end."""
+    """Executes runs from the stored head on; single-threaded, to be closed."""
 
     def __init__(self, ledger: LedgerStore, executor: Executor) -> None:
         self._ledger = ledger
@@ -63,14 +55,10 @@ class CatchUp:
         self._txids: set[bytes] = set()
 
     def close(self) -> None:
-        """Let go of the snapshot."""
         self._snapshot.close()
 
     def execute(self, run: CheckedRange) -> list[ExecutedBlock]:
-        """Execute what lies above the newest executed block; return it.
-
-        Raises BLOCK_INVALID if the run does not join on, or a block gives other roots here.
-        """
+        """Execute what lies above the newest executed block. Raises BLOCK_INVALID."""
         self._rebase()
         fresh = [checked for checked in run.blocks if checked.header.height > self.height]
         if not fresh:
@@ -103,7 +91,6 @@ class CatchUp:
         return executed
 
     def _rebase(self) -> None:
-        """Stand on the newest stored block, and forget what it holds."""
         position = self._snapshot.position
         stored = self._ledger.position
         if stored is None or position is None or stored.height <= position.height:
@@ -128,7 +115,7 @@ class CatchUp:
 
 
 def grouped(blocks: Sequence[CheckedBlock]) -> Iterator[list[CheckedBlock]]:
-    """Yield the blocks in groups that a machine executes in one go: each with less than two full blocks hold."""
+    """Yield groups smaller than two full blocks, executed in one go."""
     group: list[CheckedBlock] = []
     gas = size = 0
     for checked in blocks:

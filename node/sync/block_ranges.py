@@ -1,8 +1,6 @@
-"""Runs of finalized blocks with a proof for the last one: read from a ledger, and checked.
+"""Runs of finalized blocks within one epoch, with a proof for the last one.
 
-The proof makes the last block final, and the ids of the parents all of them: their certificates need no second look.
-What the ids do not cover is checked here: the producers' signatures, the transactions and who signed them. A run never
-goes beyond a boundary, so that one epoch's schedule is enough to check it.
+Signatures and transactions, not covered by ids, are checked here.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ PROOF_SEARCH_MAX_COUNT = 192
 
 
 def proof_from_blocks(block: Block, child: Block | None, grandchild: Block | None) -> FinalityProof | None:
-    """Return the two-chain proof of a stored block out of the two blocks above it, or None if they make none."""
+    """Return a stored block's two-chain proof from the blocks above, or None."""
     if child is None or grandchild is None:
         return None
     header, child_header, qc = block.header, child.header, grandchild.header.qc
@@ -42,7 +40,7 @@ def proof_from_blocks(block: Block, child: Block | None, grandchild: Block | Non
 
 
 def finality_of(snapshot: LedgerSnapshot, height: int) -> FinalityProof | None:
-    """Return the proof that the stored block of this height is final, if it has one of its own."""
+    """Return the stored block's own finality proof, or None."""
     position = snapshot.position
     if position is not None and position.height == height:
         return decode(snapshot.finality, FinalityProof) if snapshot.finality else None
@@ -54,7 +52,7 @@ def finality_of(snapshot: LedgerSnapshot, height: int) -> FinalityProof | None:
 
 
 def boundary_proof(snapshot: LedgerSnapshot, block: Block) -> FinalityProof | None:
-    """Return the proof of a stored boundary, which began the next epoch, or None for any other block."""
+    """Return a stored boundary's proof, or None for other blocks."""
     header = block.header
     if header.next_schedule_hash is None:
         return None
@@ -63,10 +61,7 @@ def boundary_proof(snapshot: LedgerSnapshot, block: Block) -> FinalityProof | No
 
 
 def read_range(snapshot: LedgerSnapshot, from_height: int, count: int) -> BlockBatch:
-    """Return stored blocks of one epoch from a height on: `count` and what it takes to end with a provable one.
-
-    Fewer if they would not fit a message, or an epoch or the ledger ends; none if they were pruned.
-    """
+    """Return about `count` stored blocks of one epoch, ending provably; none if pruned."""
     blocks: list[bytes] = []
     size, proof, wanted = 0, None, min(max(1, count), RANGE_MAX_COUNT)
     for height, data in snapshot.iter_blocks(from_height, wanted + PROOF_SEARCH_MAX_COUNT):
@@ -92,7 +87,7 @@ def read_range(snapshot: LedgerSnapshot, from_height: int, count: int) -> BlockB
 
 @dataclass(frozen=True, slots=True)
 class CheckedBlock:
-    """A block that is proven final, with what was decoded of it on the way."""
+    """A block proven final, with its decoded parts."""
 
     block: Block
     block_id: bytes
@@ -102,7 +97,7 @@ class CheckedBlock:
 
 @dataclass(frozen=True, slots=True)
 class CheckedRange:
-    """A run of blocks, proven final, and the peer that gave it."""
+    """A run of blocks, proven final, and its peer."""
 
     peer: str
     blocks: Sequence[CheckedBlock]
@@ -110,17 +105,14 @@ class CheckedRange:
 
     @property
     def last(self) -> CheckedBlock:
-        """The newest block of the run."""
         return self.blocks[-1]
 
     @property
     def ends_epoch(self) -> bool:
-        """Tell whether the run ends with a boundary."""
         return self.last.header.next_schedule_hash is not None
 
 
 def decode_range(batch: BlockBatch) -> list[Block]:
-    """Return the blocks of an answer. Raises ENCODING_*."""
     return [decode(data, Block) for data in batch.blocks]
 
 
@@ -133,10 +125,9 @@ def check_range(
     chain_id: bytes,
     read: Callable[[bytes], Transaction],
 ) -> list[CheckedBlock]:
-    """Check that the blocks follow one another from a height on, in one epoch, and that the last one is final.
+    """Check that blocks are consecutive in one epoch and the last is final.
 
-    `read` decodes a transaction and checks its signature. Raises BLOCK_INVALID, PROOF_INVALID, CERTIFICATE_INVALID,
-    ENCODING_*, SIGNATURE_*.
+    Raises BLOCK_INVALID, PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*, SIGNATURE_*.
     """
     verify_finality(proof, start.schedule, chain_id, start.round_zero_id)
     if proof.header_bytes != blocks[-1].header_bytes:

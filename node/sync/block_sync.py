@@ -1,11 +1,4 @@
-"""Catching up: fetches finalized blocks from peers, checks and executes them.
-
-A line of requests runs ahead, each for a run of blocks and to another peer; while one run is executed the next ones are
-fetched and checked, and those before are stored. Every block is executed here and its roots compared before any of it
-is stored. A peer that lies is left alone for a while, one that stalls or has nothing for a moment. Short gaps are the
-core's own business (it asks for the missing ancestors of what it hears of); long ones are closed here, and short ones
-that stay: on an idle network a node that missed the last blocks hears of no further one.
-"""
+"""Catching up: fetches finalized blocks from several peers, checks and executes them."""
 
 from __future__ import annotations
 
@@ -60,8 +53,6 @@ class Requester(Protocol):
 
 @dataclass(slots=True)
 class _Ask:
-    """One request of the line: a run of blocks, fetched and checked in a task; None if no peer has it."""
-
     from_height: int
     count: int
     task: asyncio.Task[CheckedRange | None]
@@ -102,29 +93,27 @@ class Synchroniser:
 
     @property
     def is_running(self) -> bool:
-        """Tell whether the node is catching up."""
         return self._task is not None and not self._task.done()
 
     @property
     def closes_gap(self) -> bool:
-        """Tell whether a gap that a peer has proved is being closed; what peers only claim does not count."""
+        """Return whether a gap that a peer proved is being closed."""
         return self.is_running and self._has_proof
 
     @property
     def lag_blocks(self) -> int:
-        """How many blocks the peers say that this node is behind the one that is farthest ahead (0 or more)."""
+        """Blocks behind the highest height that peers claim (0 or more)."""
         return max(0, max(self._heights.values(), default=0) - self._writer.queued_height)
 
     def is_level_with(self, peer: str) -> bool:
-        """Tell whether a peer has said how far it is, and that is no farther than this node."""
+        """Return whether a peer's known height is no higher than this node's."""
         height = self._heights.get(peer)
         return height is not None and height <= self._writer.queued_height
 
     def snapshot_peers(self, lag_max: int) -> tuple[list[str], int]:
-        """Return the peers to fetch a snapshot from, and the height that it has to be above; no peers while blocks do.
+        """Return peers to fetch a snapshot from (empty while blocks suffice), and its minimum height.
 
-        They do no longer once no peer that is ahead has the next block, or (unless `lag_max` is 0) once a peer says to
-        be more than `lag_max` blocks ahead: then only a snapshot that proves it will do.
+        `lag_max`: how far ahead a peer may be (0: unlimited).
         """
         following = self._writer.queued_height + 1
         ahead = [peer for peer, height in self._heights.items() if height > following + LAG_TOLERATED_BLOCKS]
@@ -136,20 +125,19 @@ class Synchroniser:
 
     @property
     def position(self) -> Position:
-        """The newest block that is stored."""
         position = self._ledger.position
         if position is None:
             raise AssertionError("the ledger holds genesis")
         return position
 
     def keepers(self, height: int) -> list[str]:
-        """Return the peers that say they have the body of the block of this height."""
+        """Return peers that claim this height's block body."""
         return sorted(
             peer for peer, earliest in self._earliest.items() if earliest <= height <= self._heights.get(peer, -1)
         )
 
     def note_height(self, peer: str, height: int, earliest_height: int | None = None) -> None:
-        """A peer said how far it is, and from where on it has bodies: begin to catch up if that is far ahead."""
+        """Note a peer's height and oldest body; catch up if far ahead."""
         if self._is_distrusted(peer):
             return
         self._heights[peer] = height
@@ -159,7 +147,7 @@ class Synchroniser:
             self._begin()
 
     def look_again(self) -> None:
-        """Close a short gap too if it has stayed for `STANDSTILL_MS`. To be called every now and then."""
+        """Close a short gap that stayed `STANDSTILL_MS`; call periodically."""
         reached = self._writer.queued_height
         if not self.lag_blocks:
             self._still = None
@@ -170,7 +158,7 @@ class Synchroniser:
             self._begin()
 
     def note_epoch(self, peer: str, epoch: int) -> None:
-        """A peer is in a later epoch: catch up with it, however short the gap. Not soon again if it had nothing."""
+        """Catch up with a peer in a later epoch, unless it recently had nothing."""
         until = self._fruitless.get(peer)
         if self._is_distrusted(peer) or epoch <= self._engine.epoch.number:
             return
@@ -184,7 +172,6 @@ class Synchroniser:
             self._task = asyncio.get_running_loop().create_task(self._run(), name="sync")
 
     def forget(self, peer: str) -> None:
-        """A peer is gone."""
         self._heights.pop(peer, None)
         self._epochs.pop(peer, None)
         self._earliest.pop(peer, None)
@@ -196,17 +183,14 @@ class Synchroniser:
         return self._distrusted.get(peer, 0.0) > self._now()
 
     def _set_aside(self, peer: str) -> None:
-        """A peer had nothing that helps: do not ask it again for a while because of its epoch."""
         self.forget(peer)
         self._fruitless[peer] = self._now() + FRUITLESS_MS / 1000
 
     def _distrust(self, peer: str) -> None:
-        """A peer sent what is not so: believe nothing that it says for a while."""
         self._set_aside(peer)
         self._distrusted[peer] = self._now() + DISTRUST_MS / 1000
 
     async def stop(self) -> None:
-        """Stop catching up."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -215,7 +199,6 @@ class Synchroniser:
     # The work
 
     def _is_behind(self) -> bool:
-        """Tell whether a peer is in a later epoch or claims blocks that are not queued here."""
         reached = max(self._feed.height, self._writer.queued_height)
         following = self._writer.queued_height + 1
         later = any(number > self._engine.epoch.number for number in self._epochs.values())
@@ -242,7 +225,6 @@ class Synchroniser:
         log.info("sync_finished", height=self._feed.height, blocks=self.blocks_installed_count)
 
     async def _catch_up(self) -> None:
-        """Go on from the stored head until no peer has more, or an epoch ends."""
         if self._feed.height < self._writer.queued_height:
             await self._feed.wait_above(self._writer.queued_height - 1, INSTALL_TIMEOUT_MS)
         work = CatchUp(self._ledger, self._executor)
@@ -267,7 +249,6 @@ class Synchroniser:
         await self._wait_stored(self._writer.queued_height)
 
     def _lengthen(self, line: deque[_Ask], height: int) -> None:
-        """Ask for the next runs, as far as some peer claims to have them."""
         following = line[-1].from_height + line[-1].count if line else height + 1
         top = max(self._heights.values(), default=0)
         while len(line) < RANGES_AHEAD_COUNT and (following <= top or (not line and self._is_behind())):
@@ -276,7 +257,6 @@ class Synchroniser:
             following += RANGE_COUNT
 
     def _choose_peer(self, height: int, tried: set[str]) -> str | None:
-        """Return a peer to ask for a height: the one with the fewest open requests; None if none is left."""
         epoch = self._engine.epoch.number
         able = [
             peer
@@ -288,7 +268,6 @@ class Synchroniser:
         return min(able, key=lambda peer: (self._asked.get(peer, 0), -self._heights.get(peer, 0), peer), default=None)
 
     async def _fetch(self, from_height: int, count: int) -> CheckedRange | None:
-        """Return a checked run from some peer, trying one after another; None if none has it (in this epoch)."""
         tried: set[str] = set()
         while (peer := self._choose_peer(from_height, tried)) is not None:
             tried.add(peer)
@@ -309,7 +288,7 @@ class Synchroniser:
         return None
 
     async def _fetch_from(self, peer: str, from_height: int, count: int) -> CheckedRange | None:
-        """Return a checked run from one peer, or None if it has none. Raises PEER_UNAVAILABLE, and what is wrong."""
+        """Raises PEER_UNAVAILABLE."""
         request = encode(FinalizedRequest(from_height=from_height, count=count))
         try:
             async with asyncio.timeout(PATIENCE_MS / 1000):
@@ -328,7 +307,6 @@ class Synchroniser:
         return await self._check(peer, blocks, batch.proof, from_height)
 
     def _note_nothing(self, peer: str, earliest_height: int, from_height: int) -> None:
-        """A peer has no blocks from this height on: it pruned them, or is not as far as it said."""
         height = self._heights.get(peer, 0)
         if from_height == self._writer.queued_height + 1:
             self._set_aside(peer)
@@ -338,7 +316,6 @@ class Synchroniser:
             self._heights[peer] = from_height - 1
 
     async def _check(self, peer: str, blocks: list[Block], proof: FinalityProof, from_height: int) -> CheckedRange:
-        """Check a run in a thread of its own: signatures take most of the time, and another core can do them."""
         start, chain_id, read = self._engine.epoch, self._genesis.chain_id, self._executor.read_transaction
 
         def check() -> CheckedRange:
@@ -348,7 +325,6 @@ class Synchroniser:
         return await _work(self._checking, check, sum(1 + len(block.transactions) for block in blocks))
 
     async def _install(self, work: CatchUp, run: CheckedRange) -> None:
-        """Execute a run and hand it to the writer; wait only if too much is not stored yet, or an epoch ends."""
         self._has_proof = True
         weight = sum(1 + len(checked.transactions) for checked in run.blocks)
         try:
@@ -364,13 +340,12 @@ class Synchroniser:
         await self._wait_stored(work.height if run.ends_epoch else work.height - UNSTORED_MAX_COUNT)
 
     async def _wait_stored(self, height: int) -> None:
-        """Wait until a height is stored and everybody heard of it. Raises STORAGE_UNWRITABLE after a while."""
+        """Raises STORAGE_UNWRITABLE."""
         if self._feed.height < height and not await self._feed.wait_above(height - 1, INSTALL_TIMEOUT_MS):
             raise BlockRobotError("STORAGE_UNWRITABLE", "The ledger did not take the blocks in time.")
 
 
 async def _work(thread: ThreadPoolExecutor, action: Callable[[], T], weight: int) -> T:
-    """Do a small piece of work at once and a large one in a thread, so that the event loop goes on."""
     if weight <= INLINE_WEIGHT_MAX:
         return action()
     return await asyncio.get_running_loop().run_in_executor(thread, action)

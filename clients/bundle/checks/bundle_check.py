@@ -1,7 +1,4 @@
-"""Checks a bundle offline, without node, wallet or network.
-
-What comes out says in plain words what was proved, against which chain, up to which block, and what could not be.
-"""
+"""Check a bundle offline, without node, wallet or network."""
 
 from __future__ import annotations
 
@@ -49,11 +46,7 @@ _FORM_ERRORS = (KeyError, TypeError, AttributeError, ValueError, IndexError, Ove
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What was proved of a sound bundle. `is_anchored`: against a genesis that the reader named, not the bundle's own.
-
-    Everything is told as of `as_of_height` at least: the oldest block that any of it is proved of. What happened later
-    may be in the bundle or not, whatever `newest_height` is.
-    """
+    """A sound bundle's proofs, as of `as_of_height` at least; `is_anchored`: against the reader's genesis."""
 
     manifest: doc.Manifest
     is_anchored: bool
@@ -71,25 +64,21 @@ class Verdict:
 
     @property
     def records(self) -> list[doc.RecordDocument]:
-        """All records."""
         return [record for visit in self.visits for record in visit.records]
 
     @property
     def frames(self) -> list[doc.FrameDocument]:
-        """All frames of records whose frames are told."""
         return [frame for record in self.records for frame in record.frames]
 
     @property
     def visits_of_member(self) -> tuple[int, ...]:
-        """Numbers of the visits of which a record is shown to be sealed to the member. Signatures alone show nothing."""
+        """Numbers of visits with a record shown to be sealed to the member."""
         return tuple(visit.number for visit in self.visits if any(record.metadata_proved for record in visit.records))
 
 
 def verify_bundle(path: Path, expected: Genesis | bytes | None = None, heard: Heard = never_heard) -> Verdict:
-    """Check a bundle. `expected` is the genesis file or the genesis block's id that it has to lead back to.
-
-    Raises BUNDLE_INVALID for a file that is none, BUNDLE_UNPROVEN for anything in it that does not follow from its
-    proofs, BUNDLE_OTHER_CHAIN, FileNotFoundError and other OSErrors.
+    """Check a bundle against genesis file or block id. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN, BUNDLE_OTHER_CHAIN,
+    OSErrors.
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise BlockRobotError("BUNDLE_INVALID", f"{path} is no file.")
@@ -105,12 +94,12 @@ def verify_bundle(path: Path, expected: Genesis | bytes | None = None, heard: He
 
 
 def printable(text: str) -> str:
-    """Return a text of a stranger's file as a terminal may show it: no control characters, and not without end."""
+    """Return untrusted text without control characters, bounded."""
     return escape_controls(text[:TEXT_MAX_CHARS], "")[:TEXT_MAX_CHARS]
 
 
 def name_visits(numbers: Sequence[int]) -> str:
-    """Return the numbers of visits as the subject of a sentence: `visit 1 is`, `visits 1-3, 7 are`."""
+    """Return `visit 1 is` or `visits 1-3, 7 are`."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and runs[-1][-1] == number - 1:
@@ -122,18 +111,14 @@ def name_visits(numbers: Sequence[int]) -> str:
 
 
 class _Stored:
-    """The frames of a bundle's file, as the walk asks for them."""
-
     def __init__(self, reader: BundleReader) -> None:
         self._reader = reader
         self._last: tuple[bytes, bytes | None] = (b"", None)
 
     def committed(self, name: str, record_id: bytes, index: int) -> bytes:  # noqa: ARG002
-        """Return the committed bytes under this name."""
         return self._reader.read(name, layout.RENDITION_MAX_BYTES)
 
     def background(self, digest: bytes) -> bytes | None:
-        """Return the recorded empty frame of this hash, or None if it is not in the bundle."""
         name = layout.background_name(digest)
         if self._last[0] != digest:
             found = self._reader.read(name, layout.BACKGROUND_MAX_BYTES) if name in self._reader else None
@@ -142,8 +127,6 @@ class _Stored:
 
 
 class _Check:
-    """One check of one file."""
-
     def __init__(self, file: BinaryIO, size: int, expected: Genesis | bytes | None, heard: Heard) -> None:
         self._heard = heard
         self._expected = expected
@@ -151,7 +134,6 @@ class _Check:
         self._order: list[str] = []
 
     def run(self) -> Verdict:
-        """Check everything; raise at the first thing that is wrong."""
         manifest_bytes = self._reader.read(layout.MANIFEST, layout.DOCUMENT_MAX_BYTES)
         manifest = doc.read_document(layout.MANIFEST, manifest_bytes, doc.Manifest)
         self._check_manifest(manifest)
@@ -232,7 +214,6 @@ class _Check:
         return proofs
 
     def _read_extra(self, version: int, name: str, kind: type[doc.D], limit_bytes: int) -> doc.D | None:
-        """Return a document that only version 2 has, and not always."""
         if version != doc.FORMAT_VERSION_EXTENDED or name not in self._reader:
             return None
         return self._read(name, kind, limit_bytes)
@@ -253,7 +234,6 @@ class _Check:
             raise BlockRobotError("BUNDLE_UNPROVEN", "The bundle is not signed by the keys of all its visits.")
 
     def _expect(self, files: Sequence[tuple[str, bytes]]) -> None:
-        """Files that follow from the proofs, or are the same in every bundle: they must be there to the byte."""
         for name, content in files:
             if self._reader.read(name, layout.DOCUMENT_MAX_BYTES) != content:
                 raise BlockRobotError("BUNDLE_UNPROVEN", f"{name} is not what follows from the proofs.")
@@ -273,7 +253,6 @@ class _Check:
             self._order.append(piece.name)
 
     def _check_selection(self, selection: doc.Selection, proofs: Proofs) -> None:
-        """What was asked for must not contradict what is there."""
         has_pictures = any(row.commitment_leaves for row in proofs.openings.records)
         if selection.identity != (proofs.person is not None) or (has_pictures and not selection.pictures):
             raise BlockRobotError("BUNDLE_UNPROVEN", "The manifest says that something was left out, and it is there.")
@@ -316,7 +295,7 @@ _GONE = (
 
 
 def unproved(verdict: Verdict) -> list[str]:
-    """Return, in plain sentences, what a sound bundle leaves open."""
+    """Return sentences on what a sound bundle leaves open."""
     lines = []
     if not verdict.is_anchored:
         lines.append("that this is the network it says it is: the genesis file in the bundle is the bundle's own word")
@@ -372,7 +351,6 @@ def unproved(verdict: Verdict) -> list[str]:
 
 
 def _unsigned(verdict: Verdict) -> list[str]:
-    """Return what consent receipts leave open."""
     if not verdict.signed:
         return []
     lines = ["that she read the notices that her consent receipts name, or that she said nothing else"]

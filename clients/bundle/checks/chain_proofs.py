@@ -1,4 +1,4 @@
-"""What the ledger says, from proofs alone: a genesis file, the epochs, final headers, state, receipts. No node is asked."""
+"""Ledger state from proofs alone: genesis, epochs, headers, state, receipts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HEADERS_MAX_COUNT = 256
 
 @dataclass(frozen=True, slots=True)
 class ProvedValue:
-    """A value of the state, decoded (None: proved absent), and the final block whose state it is of."""
+    """A decoded state value (None: proved absent) and its final block."""
 
     value: Any
     height: int
@@ -33,7 +33,7 @@ class ProvedValue:
 
 @dataclass(frozen=True, slots=True)
 class ProvedReceipt:
-    """A transaction's receipt and where it stands."""
+    """A transaction's receipt and its position."""
 
     receipt: Receipt
     height: int
@@ -42,13 +42,10 @@ class ProvedReceipt:
 
 
 class ProvedChain:
-    """One chain, followed through its epochs from genesis. Remembers every final header, so that none contradict.
-
-    `times_ms` holds the times of the blocks that proofs are of, by height.
-    """
+    """One chain from genesis; refuses contradicting final headers."""
 
     def __init__(self, genesis: Genesis, epochs: Sequence[str]) -> None:
-        """Raises PROOF_INVALID, PROOF_OTHER_EPOCH, CERTIFICATE_INVALID, ENCODING_*, BUNDLE_INVALID."""
+        """Raises BUNDLE_INVALID, CERTIFICATE_INVALID, PROOF_INVALID, PROOF_OTHER_EPOCH."""
         if len(epochs) > EPOCHS_MAX_COUNT:
             raise BlockRobotError("BUNDLE_INVALID", "The bundle names more epochs than any chain has.")
         client = LightClient(genesis)
@@ -68,7 +65,6 @@ class ProvedChain:
 
     @property
     def epoch_count(self) -> int:
-        """How many epochs were followed, the first included."""
         return len(self._steps)
 
     def _note(self, header: Header, header_bytes: bytes) -> None:
@@ -77,7 +73,7 @@ class ProvedChain:
             raise BlockRobotError("PROOF_INVALID", f"Two different blocks of height {header.height} are called final.")
 
     def final(self, raw: bytes) -> Header:
-        """Return the header that an encoded `FinalityProof` shows to be final. Raises as the constructor."""
+        """Return the final header of an encoded `FinalityProof`."""
         known = self._final.get(raw)
         if known is not None:
             return known
@@ -93,7 +89,7 @@ class ProvedChain:
         return header
 
     def state(self, name: str, proofs: StateProofs) -> dict[bytes, ProvedValue]:
-        """Return what a document proves of the state, by flat key. Raises BUNDLE_INVALID for a key that comes twice."""
+        """Return proved state by flat key. Raises BUNDLE_INVALID for duplicates."""
         found: dict[bytes, ProvedValue] = {}
         for snapshot in proofs.snapshots:
             header = self.final(read_bytes(name, snapshot.finality))
@@ -110,7 +106,7 @@ class ProvedChain:
         return found
 
     def receipt(self, name: str, proof: ReceiptProof) -> ProvedReceipt:
-        """Return the receipt that a proof shows to stand in a final block. Raises PROOF_INVALID and the like."""
+        """Return a receipt proved in a final block. Raises PROOF_INVALID."""
         chain = [read_bytes(name, header) for header in proof.headers]
         raw = read_bytes(name, proof.finality)
         if not 1 <= len(chain) <= HEADERS_MAX_COUNT or decode(raw, FinalityProof).header_bytes != chain[-1]:

@@ -1,4 +1,4 @@
-"""Consent receipts in a file, and how anybody checks them without node, wallet or network."""
+"""Consent receipts in a file, and their offline check."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FORM_ERRORS = (KeyError, TypeError, AttributeError, ValueError, IndexError, Ove
 
 
 class ReceiptFile(doc.Document, frozen=True):
-    """A file of receipts of one person on one chain. `genesis` is the genesis file's text, `epochs` as in a bundle."""
+    """One person's consent receipts on one chain."""
 
     format: str
     version: int
@@ -47,11 +47,7 @@ class ReceiptFile(doc.Document, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class CheckedReceipt:
-    """What a receipt says, now that it is known to be true.
-
-    `is_registrars`: the organisation that signed is proved to be the one that registered her. Receipts of before do not
-    have the proof of it.
-    """
+    """A checked receipt; `is_registrars`: signed by the proved registrar."""
 
     word: ConsentWord
     organisation: str
@@ -62,19 +58,14 @@ class CheckedReceipt:
 
 
 def state_keys(controller_key: bytes, member: bytes, organisation: str, notice_version: int) -> list[bytes]:
-    """Return the keys whose proofs go with a receipt: the node, the person, the version of the notice that was in force
-    (0: none), and the next one.
-    """
+    """Return a receipt's proof keys: node, person, notice versions."""
     versions = [notice_version, notice_version + 1] if notice_version else [1]
     keys = [CUSTODIAN.key(controller_key), MEMBER.key(member)]
     return [*keys, *(NOTICE_TEXT.key(version, organisation) for version in versions)]
 
 
 def read_reference(document: bytes) -> tuple[str, int]:
-    """Return the organisation and the version of the notice (0: none) that a document claims.
-
-    Raises CONSENT_RECEIPT_INVALID.
-    """
+    """Return organisation and notice version (0: none). Raises CONSENT_RECEIPT_INVALID."""
     try:
         fields = read_json_text(document)
         notice = fields["privacy_notice"]
@@ -90,10 +81,7 @@ def read_reference(document: bytes) -> tuple[str, int]:
 def check_entry(
     chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, signed: bool = True
 ) -> CheckedReceipt:
-    """Check one receipt against the chain. `signed` False: the person has not signed it yet.
-
-    Raises CONSENT_RECEIPT_INVALID for whatever does not follow from its proofs.
-    """
+    """Check a receipt; `signed` False: person's signature pending. Raises CONSENT_RECEIPT_INVALID."""
     try:
         return _check(chain, genesis, entry, signed=signed)
     except BlockRobotError as error:
@@ -135,7 +123,7 @@ def _check(chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, sig
 
 
 def _is_registrars(state: dict[bytes, ProvedValue], organisation: str, word: ConsentWord) -> bool:
-    """Tell whether it is proved that an organisation registered her. Raises CONSENT_RECEIPT_INVALID if another did."""
+    """Raises CONSENT_RECEIPT_INVALID."""
     proved = state.get(MEMBER.key(word.member))
     if proved is None:
         return False
@@ -148,7 +136,6 @@ def _is_registrars(state: dict[bytes, ProvedValue], organisation: str, word: Con
 def _notice(
     state: dict[bytes, ProvedValue], organisation: str, version: int, word: ConsentWord
 ) -> PublishedNotice | None:
-    """Return the version that a receipt names, having checked that it was the one in force when she spoke."""
     following = state[NOTICE_TEXT.key(version + 1, organisation)]
     if following.height < word.height:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "What proves its notice is older than the word itself.")
@@ -163,20 +150,18 @@ def _notice(
 
 
 def encode_file(genesis: Genesis, epochs: Sequence[str], entries: Sequence[doc.ReceiptEntry]) -> bytes:
-    """Return a file of receipts."""
     content = ReceiptFile(FORMAT, FORMAT_VERSION, genesis_to_json(genesis), list(epochs), list(entries))
     return msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n"
 
 
 def is_receipt_file(path: Path) -> bool:
-    """Tell whether a file could hold consent receipts: JSON where an export bundle is a ZIP."""
     with path.open("rb") as file:
         return file.read(64).lstrip().startswith(b"{")
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedFile:
-    """All receipts of a sound file. `is_anchored`: against a genesis that the reader named, not the file's own."""
+    """A sound file's receipts; `is_anchored`: against the reader's genesis."""
 
     genesis: Genesis
     is_anchored: bool
@@ -184,11 +169,7 @@ class CheckedFile:
 
 
 def check_file(path: Path, expected: Genesis | bytes | None = None) -> CheckedFile:
-    """Check a file of receipts.
-
-    Raises RECEIPT_FILE_DAMAGED for a file that is none, CONSENT_RECEIPT_INVALID for a receipt that is not true,
-    BUNDLE_OTHER_CHAIN, OSError.
-    """
+    """Check a file. Raises RECEIPT_FILE_DAMAGED, CONSENT_RECEIPT_INVALID, BUNDLE_OTHER_CHAIN."""
     if path.stat().st_size > FILE_MAX_BYTES:
         raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} is too large.")
     try:

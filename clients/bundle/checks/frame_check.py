@@ -1,8 +1,4 @@
-"""The frames of one record: what the robot committed to, and what is made of it to look at or hear.
-
-The exporter writes what comes out of here and the verifier compares it, so a picture in a bundle is always the one that
-follows from the committed bytes.
-"""
+"""A record's frames: committed bytes and their rendered pictures."""
 
 from __future__ import annotations
 
@@ -43,15 +39,13 @@ _CHUNKS = frozenset((b"IHDR", b"IDAT", b"IEND"))
 
 
 class FrameSource(Protocol):
-    """Where committed frames and empty frames come from: an exporter's memory, or a bundle's file."""
+    """Committed and empty frames, from memory or bundle."""
 
     def committed(self, name: str, record_id: bytes, index: int) -> bytes:
-        """Return the committed bytes of a record's frame, which stand under this name. Raises BUNDLE_INVALID."""
+        """Raises BUNDLE_INVALID."""
         ...
 
-    def background(self, digest: bytes) -> bytes | None:
-        """Return the recorded empty frame of this hash, or None if there is none."""
-        ...
+    def background(self, digest: bytes) -> bytes | None: ...
 
 
 Pixels = npt.NDArray[np.uint8] | Depth
@@ -59,7 +53,7 @@ Pixels = npt.NDArray[np.uint8] | Depth
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One file of the bundle: its bytes, or pixels. What is drawn may be packed otherwise, with the same pixels."""
+    """One bundle file: bytes, or pixels packed as PNG."""
 
     name: str
     made: bytes | Pixels
@@ -67,7 +61,6 @@ class Piece:
 
     @property
     def content(self) -> bytes:
-        """The bytes to write; pixels are packed as PNG."""
         if isinstance(self.made, bytes):
             return self.made
         if self.made.ndim == 2:
@@ -77,12 +70,11 @@ class Piece:
 
 @lru_cache(maxsize=4)
 def _decode_room(png: bytes) -> Depth:
-    """Return an empty frame's image: many frames in a row stand on the same."""
     return decode_depth_png(png)
 
 
 def draw(rendition: Rendition, background: bytes | None) -> list[tuple[str, bytes | Pixels]]:
-    """Return what can be made of a rendition: files by suffix. Raises RENDITION_CORRUPTED if it is damaged."""
+    """Return a rendition's files by suffix. Raises RENDITION_CORRUPTED."""
     if rendition.encoding != ENCODING_PNG16:
         return [sense_file(rendition)]
     files: list[tuple[str, bytes | Pixels]] = [("depth.png", own_depth(rendition))]
@@ -108,11 +100,8 @@ def _read_leaves(opening: RecordOpening, state: RecordRow) -> list[bytes]:
 def walk_frames(
     visit: int, record: int, opening: RecordOpening, state: RecordRow, source: FrameSource, seen: set[bytes]
 ) -> Generator[Piece, None, list[FrameDocument]]:
-    """Yield the files of a record's frames, in order, and return what is told of them.
-
-    `state` is the record's, proved; `seen` are the empty frames that were yielded before. Raises BUNDLE_INVALID,
-    BUNDLE_UNPROVEN for a frame that the ledger does not commit to or calls erased, RENDITION_CORRUPTED for one that is
-    no rendition.
+    """Yield a record's frame files in order; return documents. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN,
+    RENDITION_CORRUPTED.
     """
     told = []
     for index, leaf in enumerate(_read_leaves(opening, state)):
@@ -154,7 +143,7 @@ def _draw_all(rendition: Rendition, background: bytes | None) -> tuple[str, list
 
 
 def is_same_file(piece: Piece, stored: bytes) -> bool:
-    """Tell whether what is stored shows the same as what was drawn: equal bytes, or a PNG with equal pixels."""
+    """Return whether bytes are equal, or both are PNGs with equal pixels."""
     made = piece.made
     if not piece.is_drawn or not piece.name.endswith(".png") or not _has_only_pixels(stored):
         return stored == piece.content
@@ -166,7 +155,6 @@ def is_same_file(piece: Piece, stored: bytes) -> bool:
 
 
 def _has_only_pixels(png: bytes) -> bool:
-    """Tell whether a PNG has no part but header, pixels and end: nothing is written between the lines."""
     place, found = len(PNG_SIGNATURE), 0
     while place + 12 <= len(png):
         (length,) = struct.unpack_from(">I", png, place)
@@ -177,5 +165,4 @@ def _has_only_pixels(png: bytes) -> bool:
 
 
 def count_pictures(frames: Sequence[FrameDocument]) -> int:
-    """Return how many frames have something to look at or hear."""
     return sum(bool(frame.files) for frame in frames)

@@ -1,7 +1,4 @@
-"""Which keys a person ever had, proved by the transactions that put them in place: her registration and each rotation.
-
-What was sealed to a key that was replaced since is hers all the same; the ledger's state names her present one only.
-"""
+"""A person's past and present keys, proved by transactions."""
 
 from __future__ import annotations
 
@@ -27,7 +24,7 @@ STEPS_MAX_COUNT = 1_000
 
 @dataclass(frozen=True, slots=True)
 class KeyStep:
-    """One transaction by which a person came to keys: of which member she was `before` (empty: none), and is then."""
+    """A key change; `before` is empty at registration."""
 
     handle: bytes
     before: bytes
@@ -40,7 +37,7 @@ def _unproven(detail: str) -> BlockRobotError:
 
 
 def read_step(transaction: Transaction) -> KeyStep:
-    """Return what a registration or a rotation says. Raises BUNDLE_UNPROVEN for another transaction."""
+    """Return a registration's or rotation's step. Raises BUNDLE_UNPROVEN."""
     body = transaction.body
     if body.contract != CONTRACT or body.entry not in _ENTRIES:
         raise _unproven("What should prove former keys is no registration and no rotation.")
@@ -53,11 +50,7 @@ def read_step(transaction: Transaction) -> KeyStep:
 def prove_sealing_keys(
     chain: ProvedChain, genesis: Genesis, history: doc.KeyHistory, member: bytes, row: MemberRow
 ) -> tuple[bytes, ...]:
-    """Return all sealing keys that the person is proved to have had, the oldest first; the last is her present one.
-
-    `member` and `row` are of the person whom the bundle's proofs name. The history may begin with a rotation, where
-    what came before could not be had. Raises BUNDLE_UNPROVEN unless each step leads to the next and the last one to her.
-    """
+    """Return the person's proved sealing keys, oldest first. Raises BUNDLE_UNPROVEN unless linked to `member`."""
     if not 1 <= len(history.steps) <= STEPS_MAX_COUNT:
         raise BlockRobotError("BUNDLE_INVALID", f"{KEY_HISTORY} has no steps, or too many.")
     steps = [_prove_step(chain, genesis, step) for step in history.steps]
@@ -84,7 +77,7 @@ def _prove_step(chain: ProvedChain, genesis: Genesis, step: doc.KeyChange) -> tu
 
 
 def own_steps(events: Sequence[tuple[bytes, str, dict[str, Any]]], member: bytes) -> list[bytes]:
-    """Return the transactions by which a member came to her keys, oldest first, from (txid, name, data) of events."""
+    """Return a member's key-changing transaction ids, oldest first."""
     before = {data["new_member"]: (txid, data["member"]) for txid, name, data in events if name == ROTATED}
     registered = {data["member"]: txid for txid, name, data in events if name == REGISTERED}
     found: list[bytes] = []

@@ -1,4 +1,4 @@
-"""The consent receipts in a bundle: signed by both sides, and about the consents that the same bundle proves."""
+"""A bundle's consent receipts, signed twice, matching proved consents."""
 
 from __future__ import annotations
 
@@ -17,10 +17,8 @@ _REGISTERING = "identity"
 
 
 def require_hers(checked: CheckedReceipt, row: MemberRow) -> None:
-    """Raise CONSENT_RECEIPT_INVALID unless a receipt is of the person with this proved row, by who registered her.
-
-    A handle is registered once, and the chain takes words under it from its member alone: so it names the person, also
-    where she has other keys now.
+    """Raise CONSENT_RECEIPT_INVALID unless the receipt is this person's, by their registrar; handles outlive key
+    rotation.
     """
     if checked.word.handle != row.handle:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another person.")
@@ -31,11 +29,7 @@ def require_hers(checked: CheckedReceipt, row: MemberRow) -> None:
 def prove_signed(
     chain: ProvedChain, genesis: Genesis, signed: doc.SignedReceipts, row: MemberRow
 ) -> tuple[CheckedReceipt, ...]:
-    """Return what all receipts say, having checked each; `row` is the proved one of the person.
-
-    Raises BUNDLE_INVALID for too many, none, or another order than the chain's, BUNDLE_UNPROVEN for one that is not
-    true, named by its number.
-    """
+    """Check receipts against the proved `row`. Raises BUNDLE_INVALID (number, order), BUNDLE_UNPROVEN."""
     if not 1 <= len(signed.receipts) <= RECEIPTS_MAX_COUNT:
         raise BlockRobotError("BUNDLE_INVALID", f"{SIGNED_RECEIPTS} has no receipts, or too many.")
     found = []
@@ -53,10 +47,7 @@ def prove_signed(
 
 
 def require_told(signed: doc.SignedReceipts, found: Sequence[CheckedReceipt], consents: doc.ConsentsDocument) -> None:
-    """Raise BUNDLE_UNPROVEN unless each receipt is of a consent that the bundle proves.
-
-    What was said by registering stands in no history: there the receipt's own proof is of that very transaction.
-    """
+    """Raise BUNDLE_UNPROVEN unless receipts match proved consents or registrations."""
     proved = {(word.transaction, word.kind, word.height) for word in consents.history}
     for number, (entry, checked) in enumerate(zip(signed.receipts, found, strict=True), 1):
         word = checked.word
@@ -67,13 +58,11 @@ def require_told(signed: doc.SignedReceipts, found: Sequence[CheckedReceipt], co
 
 
 def is_registering(entry: doc.ReceiptEntry) -> bool:
-    """Tell whether a checked receipt is of what was said by registering."""
     transaction = decode_transaction(doc.read_bytes(SIGNED_RECEIPTS, entry.transaction))
     return transaction.body.contract == _REGISTERING
 
 
 def tell_signed(signed: doc.SignedReceipts, found: Sequence[CheckedReceipt]) -> doc.SignedReceiptsDocument:
-    """Return the receipts as people and other programs can use them."""
     return doc.SignedReceiptsDocument(
         [_tell(entry, checked) for entry, checked in zip(signed.receipts, found, strict=True)]
     )

@@ -1,7 +1,4 @@
-"""What the proved state says of one visit, put together.
-
-Every key that is proved must be one that the visit's own trail leads to, and every key that it leads to must be there.
-"""
+"""A visit from proved state: no key missing or extra."""
 
 from __future__ import annotations
 
@@ -44,7 +41,7 @@ R = TypeVar("R", AccessRow, ErasureRow)
 
 @dataclass(frozen=True, slots=True)
 class RecordFacts:
-    """One record: its state, and its metadata if it was opened."""
+    """One record: its state, and its metadata if opened."""
 
     record_id: bytes
     state: RecordRow
@@ -56,7 +53,7 @@ class RecordFacts:
 
 @dataclass(frozen=True, slots=True)
 class VisitFacts:
-    """One visit as the ledger proves it. `entries` are pairs of index and value; ids of accesses and erasures are keys."""
+    """A proved visit; `entries` are (index, value)."""
 
     owner: bytes
     state: VisitRow
@@ -75,18 +72,16 @@ class VisitFacts:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the whole trail is there, and with it every record."""
         return len(self.entries) == self.trail_count
 
 
 def trail_keys(owner: bytes) -> list[bytes]:
-    """Return the keys by which reading a visit begins; those of rights may be absent, and are proved to be."""
+    """Return a visit's initial keys; rights may be proved absent."""
     kinds: tuple[Prefix[Any], ...] = (VISIT, CURRENT, COUNT, RESTRICTION, OBJECTION, QUARANTINE, CORRECTION_COUNT)
     return [kind.key(owner) for kind in kinds]
 
 
 def keys_of_entry(entry: EntryRow) -> list[bytes]:
-    """Return the keys that an entry of the trail leads to."""
     keys: list[bytes] = []
     if entry.kind == RECORDED:
         keys += [RECORD.key(entry.record_id), VERDICT.key(entry.record_id)]
@@ -101,7 +96,6 @@ def _unproven(detail: str) -> BlockRobotError:
 
 
 def _row(proved: Proved, rows: Prefix[T], *parts: bytes | int) -> T | None:
-    """Return a row whose key is proved, None where that is proved absent."""
     value = proved[rows.key(*parts)].value
     return None if value is None else rows.convert(value)
 
@@ -114,7 +108,6 @@ def _present(proved: Proved, rows: Prefix[T], *parts: bytes | int) -> T:
 
 
 def _present_count(proved: Proved, rows: Prefix[int], owner: bytes) -> int:
-    """Return a proved count, 0 where the key is proved absent. No visit has as many as would take long to count."""
     count = (_row(proved, rows, owner) or 0) if rows.key(owner) in proved else -1
     if not 0 <= count < 1 << 20:
         raise _unproven("The bundle does not prove how much there is of a visit.")
@@ -122,17 +115,11 @@ def _present_count(proved: Proved, rows: Prefix[int], owner: bytes) -> int:
 
 
 def _keys(proved: Proved, rows: Prefix[T]) -> list[tuple[bytes, ...]]:
-    """Return the parts of all proved keys of one kind."""
     return [rows.split(key) for key in sorted(proved) if key.startswith(rows.flat)]
 
 
 def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing: Sequence[bytes]) -> VisitFacts:
-    """Return one visit from what is proved of it, with the records opened.
-
-    `sealing` are the person's proved sealing keys, former ones too; none where the bundle does not say who she is:
-    metadata is the exporter's word then. Raises BUNDLE_UNPROVEN for keys that are missing or lead nowhere, for metadata
-    that is not what was sealed, and for a quarantined visit of which a record is opened.
-    """
+    """Return a visit from proved state; without `sealing` keys metadata is unproved. Raises BUNDLE_UNPROVEN."""
     owners = _keys(proved, VISIT)
     if len(owners) != 1:
         raise _unproven("A document of proofs is about no visit, or about several.")
@@ -175,10 +162,7 @@ def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing:
 
 
 def _deciding_key(proved: Proved, owner: bytes, trail: tuple[tuple[int, EntryRow], ...], trail_count: int) -> bytes:
-    """Return the key that has to sign, which no proof that is left out, nor an older one, may turn back to a former key.
-
-    Raises BUNDLE_UNPROVEN.
-    """
+    """Return the signing key; omitted or old proofs cannot revert it. Raises BUNDLE_UNPROVEN."""
     transfers = max((entry.data["transfers"] for _, entry in trail if entry.kind == TRANSFERRED), default=0)
     found = proved.get(CURRENT.key(owner))
     if found is None:
@@ -200,7 +184,6 @@ def _of_owner(proved: Proved, rows: Prefix[R], owner: bytes) -> dict[bytes, R]:
 
 
 def _place(record: RecordFacts) -> tuple[int, bytes]:
-    """Records follow each other as the robot numbered them; those that nobody can open any more come last."""
     place = RECORDS_MAX_COUNT if record.metadata is None else record.metadata.index_in_visit
     return place, record.record_id
 

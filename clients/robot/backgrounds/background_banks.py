@@ -1,7 +1,6 @@
-"""Banks of empty frames, one for each viewpoint of a robot: recorded, looked at and approved by a person, expiring.
+"""Approved, expiring banks of recorded empty frames per viewpoint.
 
-What is published of a bank can stand behind every rendition, so nobody may be in it. A bank must never be used
-unapproved, changed after its approval, or after its time; and frames in which something moves must never be used at all.
+Published frames show nobody; unapproved, changed or expired banks and frames with motion are refused.
 """
 
 from __future__ import annotations
@@ -46,8 +45,6 @@ Mask = npt.NDArray[np.uint8]
 
 
 class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The bank's file: what was recorded, and who approved exactly that."""
-
     viewpoint: str
     recorded_at_ms: int
     frames: list[str]  # SHA-256 of each PNG, in order
@@ -59,7 +56,7 @@ class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class EmptyScene:
-    """A viewpoint's bank as it stands. Times in milliseconds since 1970; empty or 0 where not approved yet."""
+    """A viewpoint's bank; Unix ms; 0 or empty until approved."""
 
     viewpoint: str
     folder: Path
@@ -73,11 +70,11 @@ class EmptyScene:
 
     @property
     def preview(self) -> Path:
-        """The picture that a person looks at before approving: all frames that are published, and what changed most."""
+        """Picture for approval: published frames, largest change."""
         return self.folder / _PREVIEW
 
     def state(self, now_ms: int) -> str:
-        """Return `recorded`, `changed` (since it was approved), `expired` or `approved`."""
+        """Return `recorded`, `changed` (since approval), `expired` or `approved`."""
         if not self.approved_by:
             return "recorded"
         if self.approved_digest != self.digest:
@@ -86,10 +83,7 @@ class EmptyScene:
 
 
 def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: int) -> EmptyScene:
-    """Store empty frames as a viewpoint's bank, in place of an older one, unapproved.
-
-    Raises BACKGROUND_INVALID for a bad name, too few frames, or frames in which something moves.
-    """
+    """Store an unapproved bank. Raises BACKGROUND_INVALID (name, number, motion)."""
     folder = _folder(robot, viewpoint)
     if len(frames) < FRAMES_MIN_COUNT:
         raise BlockRobotError("BACKGROUND_INVALID", f"There are {len(frames)} frames; {FRAMES_MIN_COUNT} are needed.")
@@ -108,13 +102,12 @@ def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: i
 
 
 def list_scenes(robot: Path) -> list[EmptyScene]:
-    """Return all banks of a robot by name."""
     found = sorted((robot / FOLDER).glob(f"*/{_SCENE}"))
     return [find_scene(robot, path.parent.name) for path in found]
 
 
 def find_scene(robot: Path, viewpoint: str) -> EmptyScene:
-    """Return a viewpoint's bank. Raises BACKGROUND_NOT_FOUND, BACKGROUND_INVALID."""
+    """Raises BACKGROUND_NOT_FOUND, BACKGROUND_INVALID."""
     folder = _folder(robot, viewpoint)
     stored = _read(folder)
     return EmptyScene(
@@ -131,7 +124,7 @@ def find_scene(robot: Path, viewpoint: str) -> EmptyScene:
 
 
 def approve_scene(robot: Path, viewpoint: str, *, by: str, days: int, now_ms: int) -> EmptyScene:
-    """Note that a person has looked at the bank and saw nobody; good for `days`. Raises BACKGROUND_*."""
+    """Record a person's approval for `days`. Raises BACKGROUND_*."""
     if not by.strip() or not 1 <= days <= VALID_MAX_DAYS:
         raise BlockRobotError("BACKGROUND_INVALID", f"An approval names a person and 1 to {VALID_MAX_DAYS} days.")
     scene = find_scene(robot, viewpoint)
@@ -153,7 +146,7 @@ def approve_scene(robot: Path, viewpoint: str, *, by: str, days: int, now_ms: in
 
 
 def approved_scene(robot: Path, viewpoint: str, now_ms: int) -> EmptyScene:
-    """Return an approved bank. Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
+    """Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
     scene = find_scene(robot, viewpoint)
     state = scene.state(now_ms)
     if state == "expired":
@@ -167,20 +160,20 @@ def approved_scene(robot: Path, viewpoint: str, now_ms: int) -> EmptyScene:
 
 
 def approved_frames(robot: Path, viewpoint: str, now_ms: int) -> list[Depth]:
-    """Return the frames of an approved bank. Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
+    """Raises as `approved_scene`."""
     scene = approved_scene(robot, viewpoint, now_ms)
     pngs = _pngs(scene.folder, _read(scene.folder))
     return [decode_depth_png(png) for png in pngs]
 
 
 def published_frames(frames: Sequence[Depth]) -> list[Depth]:
-    """Return the empty frames that become public, spread over all: those that the preview shows."""
+    """Return the evenly spread frames to publish, as in the preview."""
     count = min(PUBLISHED_MAX_COUNT, len(frames))
     return [frames[number * len(frames) // count] for number in range(count)]
 
 
 def check_empty(frames: Sequence[Depth]) -> None:
-    """Raise BACKGROUND_INVALID for frames in which something moves; who stands still in all is for a person to see."""
+    """Raise BACKGROUND_INVALID on motion; still people go undetected."""
     changed = _most_changed(frames)[1]
     if _largest_px(changed) > MOVED_MAX_SHARE * changed.size:
         told = f"Something moved in {4 * _largest_px(changed)} pixels: the scene was not empty."
@@ -188,15 +181,12 @@ def check_empty(frames: Sequence[Depth]) -> None:
 
 
 def moved_px(frames: Sequence[Depth]) -> int:
-    """Return how many half-resolution pixels of one piece differ most, in any frame, from the median of all."""
+    """Return the largest half-resolution blob (px) that differs from the median."""
     return _largest_px(_most_changed(frames)[1])
 
 
 def _most_changed(frames: Sequence[Depth]) -> tuple[int, Mask]:
-    """Return which frame differs from the median of all in the largest piece, and where, at half resolution.
-
-    A pixel differs too where only few frames measure anything: somebody in front of what is out of range.
-    """
+    """Return the most-changed frame and half-resolution mask; rarely measured pixels count."""
     halves = np.stack([frame[::2, ::2] for frame in frames])
     measured = np.count_nonzero(halves, axis=0)
     usual = np.take_along_axis(np.sort(halves, axis=0), (len(frames) - 1 - measured // 2)[None], axis=0)[0]
@@ -222,7 +212,6 @@ def _largest_px(changed: Mask) -> int:
 
 
 def _preview(frames: Sequence[Depth]) -> bytes:
-    """Return one picture: every published frame, then the frame that changed most, and only what changed in it."""
     number, changed = _most_changed(frames)
     height, width = frames[0].shape
     where = np.asarray(cv2.resize(changed, (width, height), interpolation=cv2.INTER_NEAREST)) > 0
@@ -262,6 +251,6 @@ def _pngs(folder: Path, stored: _Stored) -> list[bytes]:
 
 
 def _digest(stored: _Stored, pngs: Sequence[bytes]) -> str:
-    """Return what an approval is of: the viewpoint and every frame as it is now."""
+    """Return the approval's digest: viewpoint and all present frames."""
     parts = [stored.viewpoint.encode(), *(hashlib.sha256(png).digest() for png in pngs)]
     return hashlib.sha256(b"\n".join(parts)).hexdigest()

@@ -1,4 +1,4 @@
-"""Publishes a run's empty frames once they are approved on the chain; else leaves them for a person to look at."""
+"""Publishes empty frames approved on chain; leaves others for a person."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PublishingNetwork(Protocol):
 async def publish_frames(
     network: PublishingNetwork, frames: tuple[EmptyFrame, ...], robot: Path, member: bytes, approver: PrivateKey | None
 ) -> None:
-    """Bring empty frames to the custodians. Raises EMPTY_FRAME_NOT_APPROVED; they lie in the robot's folder then."""
+    """Send to custodians. Raises EMPTY_FRAME_NOT_APPROVED, leaving frames in the robot's folder."""
     if approver is not None:
         await network.approve_empty_frames(frames, approver)
     waiting = await network.find_unapproved(frames)
@@ -47,7 +47,7 @@ async def publish_frames(
 
 
 def write_for_approval(robot: Path, member: bytes, frames: list[EmptyFrame]) -> Path:
-    """Write frames, whose robot they are, and one picture of all into the robot's folder; return where they lie."""
+    """Write frames and preview for approval; return their folder."""
     place = robot / FOLDER
     place.mkdir(parents=True, exist_ok=True, mode=0o700)
     for old in place.glob("*.png"):

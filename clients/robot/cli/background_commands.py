@@ -75,7 +75,6 @@ def _recorded_frames(recording: Path, options: dict[str, Any]) -> list[Depth]:
 
 
 def _live_frames(options: dict[str, Any], *, as_json: bool) -> list[Depth]:
-    """Return what the robot's camera sees now. Only its depth topic is listened to."""
     if not options["source"]:
         raise click.UsageError("Name a RECORDING, or with --source the robot's middleware to take the frames from.")
     if any(options[name] is not None for name in ("empty_topic", "empty_seconds", "empty_recording")):

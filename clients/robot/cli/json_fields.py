@@ -1,4 +1,4 @@
-"""Which fields `blockrobot robot` answers with `--json`."""
+"""JSON fields of `blockrobot robot --json`."""
 
 from __future__ import annotations
 

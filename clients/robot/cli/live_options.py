@@ -1,4 +1,4 @@
-"""The options by which a user says to which live source a robot listens, and the source that they describe."""
+"""Options of a robot's live source."""
 
 from __future__ import annotations
 
@@ -28,12 +28,10 @@ LOOK_DEFAULT_S = 3.0
 
 
 def camera_options(command: Any) -> Any:
-    """Add the options of what `--source` can name."""
     return _with_options(command, CAMERAS)
 
 
 def live_options(command: Any) -> Any:
-    """Add the options of every feed, also of the readers beside a camera."""
     return _with_options(camera_options(command), BESIDE)
 
 
@@ -45,13 +43,10 @@ def _with_options(command: Any, kinds: Mapping[str, FeedKind]) -> Any:
 
 
 def source_option(*others: str, **settings: Any) -> Callable[[Any], Any]:
-    """Return the option that names the live source, one of `others` or a robot's middleware."""
     return click.option("--source", type=click.Choice([*others, *CAMERAS]), **settings)
 
 
 def look_options(*, source_help: str, seconds_help: str) -> Callable[[Any], Any]:
-    """Return the options of a command that looks at a running robot for some seconds instead of at a recording."""
-
     def with_options(command: Any) -> Any:
         seconds = click.option(
             "--seconds", default=LOOK_DEFAULT_S, show_default=True, type=click.FloatRange(0.5, 60), help=seconds_help
@@ -62,13 +57,13 @@ def look_options(*, source_help: str, seconds_help: str) -> Callable[[Any], Any]
 
 
 def live_topics(options: Mapping[str, Any]) -> Topics:
-    """Return what to listen to, by a topics file and --depth. Raises TOPICS_INVALID."""
+    """Raises TOPICS_INVALID."""
     chosen = load_topics(options["topics_file"]) if options["topics_file"] else Topics()
     return with_rooted_names(with_topic(chosen, depth=options["depth"]))
 
 
 def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
-    """Return the source that the options describe. Raises TOPICS_INVALID, FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
+    """Raises TOPICS_INVALID, FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
     feeds = make_feeds(options["source"], options)
     tags: tuple[TagTopic, ...] | None = None
     if options["tags"]:
@@ -86,14 +81,12 @@ def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
 
 
 def open_camera(options: Mapping[str, Any], tell: Tell) -> LiveSource:
-    """Return the camera alone of the source that the options describe. Raises the same."""
+    """Return the camera alone. Raises as `open_live`."""
     alone = replace(live_topics(options), tags=(), rgb="", labels=None, audio=None)
     return LiveSource(make_feeds(options["source"], options)[:1], alone, tell)
 
 
 def notice_teller(*, as_json: bool) -> Tell:
-    """Return what says a sentence to the user while a run goes on: on standard error, as JSON for a program."""
-
     def tell(sentence: str) -> None:
         if not as_json:
             clear_line()

@@ -160,7 +160,7 @@ def register(place: RobotPlace, code: str, as_json: bool) -> None:
 
 
 class _Progress:
-    """Lines of JSON on standard error for a program, one moving line for a person. `figures` are the newest."""
+    """Progress: JSON lines on standard error, or one updating line; `figures` are newest."""
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
@@ -213,7 +213,6 @@ def _common(command: Any) -> Any:
 async def _record(
     folder: Path, source: Source, genesis: Genesis, options: ReplayOptions, progress: _Progress
 ) -> tuple[dict[str, Any], bool]:
-    """Record until the source ends, or the user ends it; return the summary, and whether it was the user."""
     stop, was_told = asyncio.Event(), False
 
     def tell() -> None:
@@ -275,7 +274,6 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
 
 
 def _tell_broken(spool: Path, figures: dict[str, Any], *, as_json: bool, is_live: bool) -> None:
-    """Say what a run leaves that its user ended at once."""
     waiting = count_waiting(spool)
     if as_json:
         print_json({"ok": False, "ended": "at-once", "progress": figures, "spooled_clips": waiting})
@@ -284,7 +282,6 @@ def _tell_broken(spool: Path, figures: dict[str, Any], *, as_json: bool, is_live
 
 
 def _lost(summary: dict[str, Any]) -> int:
-    """Return how much was neither recorded nor withheld, all senses together, and how much never came or was not read."""
     kept_from = sum(int(counts["lost"]) for counts in (summary["frames"], *summary["senses"].values()))
     never_read = sum(
         int(count) for what in ("missed", "never_came") for count in summary["intake"].get(what, {}).values()

@@ -1,4 +1,4 @@
-"""Which robot a command speaks of, and where the passphrase of its key file comes from."""
+"""Selects a command's robot and its key file's passphrase source."""
 
 from __future__ import annotations
 
@@ -20,17 +20,14 @@ CREDENTIAL = "blockrobot-robot-passphrase"
 
 @dataclass(frozen=True, slots=True)
 class RobotPlace:
-    """A robot's folder, the network's genesis file, and the file that holds the passphrase, if one was named."""
+    """A robot's folder, genesis file, and passphrase file if named."""
 
     folder: Path
     genesis: Path
     passphrase_file: Path | None = None
 
     def find_passphrase(self) -> str | None:
-        """Return what opens the key file: from the named file, from systemd, or typed at a terminal.
-
-        None for a file that needs none, or if nobody can be asked. Raises ROBOT_NOT_FOUND, REQUEST_INVALID.
-        """
+        """Return the passphrase or None, by file, systemd or terminal. Raises ROBOT_NOT_FOUND, REQUEST_INVALID."""
         if not is_sealed(self.folder):
             return None
         handed = os.environ.get("CREDENTIALS_DIRECTORY")
@@ -40,10 +37,7 @@ class RobotPlace:
         return str(click.prompt("Passphrase of the robot", hide_input=True, err=True)) if sys.stdin.isatty() else None
 
     def find_approver(self, organisation: str | None) -> PrivateKey | None:
-        """Return the key of an organisation's admin that lies beside the genesis file, as on a network for trials.
-
-        None if no organisation is named. Raises ORGANISATION_KEY_NOT_FOUND.
-        """
+        """Return the organisation's admin key beside the genesis file. Raises ORGANISATION_KEY_NOT_FOUND."""
         if organisation is None:
             return None
         file = self.genesis.parent / "organisations" / organisation / "admin.key"
@@ -58,7 +52,7 @@ class RobotPlace:
 
 
 def read_passphrase(file: Path) -> str:
-    """Return the first line of a file. Raises REQUEST_INVALID if it cannot be read, is empty or is too large."""
+    """Return the first line. Raises REQUEST_INVALID."""
     try:
         with file.open("rb") as opened:
             data = opened.read(PASSPHRASE_MAX_BYTES + 1)

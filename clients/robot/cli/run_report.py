@@ -1,4 +1,4 @@
-"""What a run says of itself to a person: its summary, what stood in the way, and what is left when it is broken off."""
+"""A run's report: summary, obstacles, what an interruption leaves."""
 
 from __future__ import annotations
 
@@ -31,13 +31,11 @@ REASON_WORDS = {
 
 
 def clear_line() -> None:
-    """Empty the line on which a run's progress stands, if standard error is a terminal."""
     if sys.stderr.isatty():
         overwrite_line()
 
 
 def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
-    """Yield the lines that tell what became of everything that came."""
     frames = summary["frames"]
     yield (
         f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
@@ -77,7 +75,6 @@ def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
 
 
 def _antenna_lines(unnamed: dict[str, dict[str, int]]) -> Iterator[str]:
-    """Yield which antennas were heard that the topics file does not name, though it names others."""
     for topic, counts in unnamed.items():
         heard = ", ".join(f"{name} ({count} times)" for name, count in counts.items())
         yield (
@@ -87,12 +84,10 @@ def _antenna_lines(unnamed: dict[str, dict[str, int]]) -> Iterator[str]:
 
 
 def _guess_words(is_guessed: bool) -> str:
-    """Return that the camera's own measure may be what is wrong, where it is by a guess."""
     return f"; and focal_px: {FOCAL_DEFAULT_PX:g} pixels are a guess" if is_guessed else ""
 
 
 def _ambiguous_lines(rows: list[dict[str, Any]], *, is_guessed: bool) -> Iterator[str]:
-    """Yield for the tags with most ambiguous frames what stood in the way, in numbers."""
     for row in rows[:AMBIGUOUS_LINES_MAX_COUNT]:
         spread = f"they differ from that by {row['spread_m']:.2f} m, one by one"
         delay = (
@@ -112,7 +107,6 @@ def _ambiguous_lines(rows: list[dict[str, Any]], *, is_guessed: bool) -> Iterato
 
 
 def _merged_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield for the tags with most merged frames what the silhouette looked like, in numbers."""
     for row in rows[:AMBIGUOUS_LINES_MAX_COUNT]:
         limit = {
             MergedBy.AREA: f"{row['limit']:g} m² is the limit",
@@ -127,21 +121,18 @@ def _merged_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def refused_lines(refused: dict[str, int]) -> Iterator[str]:
-    """Yield how often custodians took no upload, if they did not."""
     if refused:
         told = ", ".join(f"{count} {code}" for code, count in refused.items())
         yield f"Custodians took no upload {sum(refused.values())} times ({told}); what was refused was tried again."
 
 
 def _withheld(counts: dict[str, Any]) -> str:
-    """Return how many were withheld, and why; the number of each reason only where there are several."""
     reasons = counts.get("withheld_reasons", {})
     told = [f"{count} {reason}" for reason, count in reasons.items()] if len(reasons) > 1 else list(reasons)
     return f"{counts['withheld']} withheld" + (f" ({', '.join(told)})" if told else "")
 
 
 def _live_lines(intake: dict[str, Any]) -> Iterator[str]:
-    """Yield what a live run did not get to, and what was gone for a while."""
     for kind, count in intake.get("missed", {}).items():
         yield f"Not read: {count} {KIND_WORDS[kind]} came while there was no room for them; this machine is too slow."
     for topic, count in intake.get("never_came", {}).items():
@@ -153,7 +144,6 @@ def _live_lines(intake: dict[str, Any]) -> Iterator[str]:
 
 
 def _focal_lines(camera: dict[str, Any]) -> Iterator[str]:
-    """Yield by what guess people were measured, if by one."""
     count = camera.get("frames_before", 0)
     if count and camera["focal_from"] == ASSUMED:
         yield (
@@ -180,7 +170,6 @@ def _unknown_lines(unknown: dict[str, Any]) -> Iterator[str]:
 
 
 def consent_lines(figures: dict[str, Any]) -> Iterator[str]:
-    """Yield where consent stood in the way of recording, if it did."""
     if figures["stale_times"]:
         seconds = round(figures["stale_ms"] / 1000)
         yield f"For {seconds} s nobody's consent could be proved, and nothing was kept. Is the network in reach?"
@@ -197,12 +186,10 @@ def consent_lines(figures: dict[str, Any]) -> Iterator[str]:
 
 
 def broken_off(fault: dict[str, str]) -> BlockRobotError:
-    """Return the error of a recording that broke off."""
     return BlockRobotError(fault["code"], fault["detail"] + " What came before it is recorded.")
 
 
 def ending_line(figures: dict[str, Any]) -> str:
-    """Return what to say when the user ends a run in good order; `figures` are those of its progress so far."""
     return (
         f"\nEnding. So far {_so_far(figures)}. What is in memory is now sealed and recorded too, and visits are closed. "
         "Once more (Ctrl-C) ends it at once."
@@ -210,18 +197,15 @@ def ending_line(figures: dict[str, Any]) -> str:
 
 
 def ended_line() -> str:
-    """Return what to say when a run that its user ended is over."""
     return "Ended as you asked: all that was seen until then is settled, nothing waits in the spool, visits are closed."
 
 
 def waiting_line(waiting_count: int) -> str:
-    """Return what to say at the start of a run that finds clips in the spool."""
     clips = "1 sealed clip waits" if waiting_count == 1 else f"{waiting_count} sealed clips wait"
     return f"{clips} from a run before: recorded first, and counted among this run's records."
 
 
 def broken_line(figures: dict[str, Any], waiting_count: int, spool: str, *, is_live: bool) -> str:
-    """Return what to say when the user ended a run at once: what was kept, what waits, and how to go on."""
     again = "with `blockrobot robot run` as before" if is_live else "with any recording"
     waits = f"{waiting_count} sealed clips wait in {spool}" if waiting_count else "No sealed clip waits"
     return (
@@ -232,7 +216,6 @@ def broken_line(figures: dict[str, Any], waiting_count: int, spool: str, *, is_l
 
 
 def _so_far(figures: dict[str, Any]) -> str:
-    """Return how far a run is. Frames are counted once for each of their owners."""
     kept, records = figures.get("frames_recorded", 0), figures.get("records", 0)
     read = figures.get("frames_read", 0)
     return f"{read} frames were read; {kept}, counted for each owner, are recorded in {records} records"

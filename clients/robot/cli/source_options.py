@@ -1,7 +1,4 @@
-"""The options by which a user says what stands where in a recording.
-
-Only the type of the topic that `--tags` names is looked up.
-"""
+"""Options that describe a recording's topics; only the `--tags` topic's type is looked up."""
 
 from __future__ import annotations
 
@@ -16,7 +13,6 @@ from clients.robot.sources.topics import Topics, load_topics, tags_by_type, with
 
 
 def topic_options(command: Any) -> Any:
-    """Add the options that say what stands on which topic."""
     for option in (
         click.option(
             "--topics",
@@ -34,7 +30,6 @@ def topic_options(command: Any) -> Any:
 
 
 def source_options(command: Any) -> Any:
-    """Add the options that name a recording's topics and the empty scene."""
     for option in (
         click.option("--empty-topic", metavar="TOPIC", help="The topic of frames without people."),
         click.option(
@@ -54,7 +49,7 @@ def source_options(command: Any) -> Any:
 
 
 def open_recording(path: Path, options: dict[str, Any]) -> BagSource:
-    """Return the source that the options describe. Raises UsageError, BAG_*, TOPICS_INVALID."""
+    """Raises UsageError, BAG_*, TOPICS_INVALID."""
     chosen: Topics = load_topics(options["topics_file"]) if options["topics_file"] else Topics()
     tags = None
     if options["tags"]:

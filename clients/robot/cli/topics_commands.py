@@ -1,4 +1,4 @@
-"""`blockrobot robot topics`: what a recording holds, or what a robot says now."""
+"""`blockrobot robot topics`: topics of a recording or a running robot."""
 
 from __future__ import annotations
 

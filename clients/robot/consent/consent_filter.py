@@ -1,7 +1,7 @@
-"""Between hiding and sealing: keeps what its person consents to, by the view of the registry at that moment.
+"""Consent filter between hiding and sealing, by the current registry view.
 
-Consent is asked for where a tag is read, where a picture comes out of hiding, where it is sealed, and (in delivery)
-before it is recorded; whatever waits in between is dropped as soon as a no is seen.
+Checked at tag reading, after hiding, at sealing, and (in delivery) before recording; waiting pictures are dropped once
+a refusal is seen.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class ConsentFilter:
         self._kept: dict[str, int | None] = {}  # since when she consented to what was kept first of her visit
 
     def admits(self, row: RosterRow, read_at_ms: int) -> bool:
-        """Tell whether a tag that was read then (by the camera's clock) counts as known; count it if not."""
+        """Return whether a tag read at this camera time is known."""
         refusal = self._find_refusal(row, read_at_ms + self.offset_ms)
         if refusal is not None:
             coming = refusal is Refusal.NO_CONSENT and self._consents.is_coming(row.handle, self._purpose, self.sensor)
@@ -64,15 +64,13 @@ class ConsentFilter:
 
     @property
     def offset_ms(self) -> int:
-        """The robot's clock minus the camera's, on whose timeline pictures and readings are stamped."""
+        """Robot clock minus camera clock; pictures and readings carry camera time."""
         return self._consents.camera_offset_ms()
 
     def person_of(self, alias: str) -> bytes:
-        """Return what stands for a person in the spool."""
         return self._consents.person_tag(self.people[alias].handle)
 
     def take(self, output: Kept | Withheld) -> list[ReadyClip]:
-        """Take one verdict of the hider; return the clips that it fills."""
         refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms + self.offset_ms)
         if isinstance(output, Kept) and refusal is None:
             if output.evidence is not None:
@@ -83,12 +81,12 @@ class ConsentFilter:
         return []
 
     def withhold(self, output: Kept | Withheld, reason: str) -> None:
-        """Keep something back for another reason than the hider's; its owner is told."""
+        """Withhold for another reason, reported to the owner."""
         refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms + self.offset_ms)
         self._withhold(output, reason, refusal)
 
     def _withhold(self, output: Kept | Withheld, reason: str, refusal: Refusal | None) -> None:
-        """Count it; tell its owner the reason unless she does not consent: that would be a record of her."""
+        """Count; report the reason only to consenting owners: it would record others."""
         may_tell = refusal is None or refusal is Refusal.STALE
         told = reason if may_tell else str(refusal)
         evidence = output.evidence if may_tell and isinstance(output, Withheld) else None
@@ -97,10 +95,7 @@ class ConsentFilter:
             self._batcher.add_withheld(output.alias, told)
 
     def admit(self, clip: ReadyClip) -> ReadyClip | None:
-        """Return what of a clip may be sealed by the view of now, or None if nothing may.
-
-        Of frames that wait while the view is stale the owner is told with her next clip, if there is one.
-        """
+        """Return a clip's sealable part, or None."""
         row = self.people[clip.alias]
         kept, stale_count = [], 0
         for frame in clip.frames:
@@ -120,10 +115,7 @@ class ConsentFilter:
         return None
 
     def drop_refused(self) -> None:
-        """To be called after each reading: forget what waits for a clip of whoever does not consent any more.
-
-        The visit that it belongs to ends here; also that of whoever said no and yes again between two readings.
-        """
+        """After each reading, drop pictures and end visits without consent."""
         for alias, row in self.people.items():
             refusal = self._find_refusal(row, self._now_ms())
             if refusal is Refusal.NO_CONSENT:
@@ -161,10 +153,7 @@ async def note_dropped(
     log: EventLog,
     now_ms: int,
 ) -> None:
-    """Count a sealed clip that was destroyed because its person's consent had ended; its visit has a record less.
-
-    Raises SPOOL_FULL.
-    """
+    """Count a clip destroyed for ended consent. Raises SPOOL_FULL."""
     consents.figures.clips_dropped += 1
     open_visits.lower(clip.owner)
     reason = str(Refusal.NO_CONSENT)

@@ -1,14 +1,9 @@
-"""Whom the robot may record, now: the consents that the chain proves.
+"""Whom the robot may record now, by consents that the chain proves.
 
-The rule. A picture is kept only while the view of the registry is fresh, for a person whom it confirms, whose consent
-to the purpose and the sensor holds, and was taken after that consent began and within its period. A no counts from the
-moment it is seen, and from then on nothing of the person goes to the chain that is not there yet, whenever it was
-taken. A sealed clip is recorded only by a view of a block that is later than its last picture; or, since an idle chain
-makes none, by one that was looked up `SETTLED_AFTER_MS` after it, when a no of that time is long final, and after more
-than two thirds of the producers have shown that they know of nothing newer: one node may be cut off.
-
-The view is fresh while the header that proves it is at most `STALE_AFTER_MS` old by the robot's clock (or twice the
-chain's heartbeat, if that is longer), and not more than `CLOCK_AHEAD_MAX_MS` ahead of it: then a clock is wrong.
+Rule: keep a picture only under a fresh view, for a confirmed person whose consent to purpose and sensor holds and
+covers the time taken. A refusal counts once seen, for everything not yet on chain. A sealed clip is recorded only by a
+view of a block later than its last picture, or looked up `SETTLED_AFTER_MS` after it and confirmed by over two thirds
+of producers. Fresh: header at most `STALE_AFTER_MS` (or two heartbeats) old, at most `CLOCK_AHEAD_MAX_MS` ahead.
 """
 
 from __future__ import annotations
@@ -54,18 +49,18 @@ class Refusal(StrEnum):
 
 
 def compute_stale_after_ms(heartbeat_ms: int) -> int:
-    """Return how old the proving header may be: an idle chain makes a block at each heartbeat only."""
+    """Return the maximum header age in ms, for idle chains' heartbeat blocks."""
     return max(STALE_AFTER_MS, 2 * heartbeat_ms)
 
 
 def compute_person_tag(spool_key: bytes, handle: bytes) -> bytes:
-    """Return 32 bytes by which this robot alone knows whose a spooled clip is: HMAC under the spool's key."""
+    """Return a person's 32-byte spool tag: HMAC under the spool's key."""
     return hmac.new(spool_key, _PERSON_TAG + handle, hashlib.sha256).digest()
 
 
 @dataclass(slots=True)
 class ConsentFigures:
-    """What the summary of a run says of consents. Times in ms."""
+    """Consent figures of a run's summary; times in ms."""
 
     readings: int = 0
     failures: int = 0
@@ -75,7 +70,6 @@ class ConsentFigures:
     clips_dropped: int = 0
 
     def as_json(self) -> dict[str, Any]:
-        """Return the figures by name."""
         return {
             "readings": self.readings,
             "failed_readings": self.failures,
@@ -87,10 +81,7 @@ class ConsentFigures:
 
 
 class Consents:
-    """The robot's view of the registry. `now_ms` is the wall clock; `on_change` is called after each reading.
-
-    The chain's time is compared with the robot's own: `camera_offset_ms` is its clock minus the camera's, as measured.
-    """
+    """Registry view; `camera_offset_ms`: robot clock minus camera clock."""
 
     def __init__(
         self,
@@ -122,13 +113,12 @@ class Consents:
         self.camera_offset_ms: Callable[[], int] = lambda: 0
 
     def __len__(self) -> int:
-        """How many people of the roster the chain confirms."""
         return len(self._view.people) if self._view is not None else 0
 
     # The view
 
     async def refresh(self) -> None:
-        """Read the registry anew. Raises what the network refuses; the view stays what it was then."""
+        """Read anew; on errors, raise and keep the view."""
         looked_at_ms = self._now_ms()
         known = self._view
         if looked_at_ms - self._read_whole_at_ms >= READ_WHOLE_EVERY_MS:
@@ -149,7 +139,6 @@ class Consents:
         self.on_change()
 
     def _is_quorum_wanted(self, now_ms: int) -> bool:
-        """Tell whether something waits that no block has come for in all the time in which a no would be final."""
         settled_ms = now_ms - SETTLED_AFTER_MS
         return any(at_ms <= settled_ms and not self._knows_of(at_ms) for at_ms in self._waited_for)
 
@@ -161,9 +150,9 @@ class Consents:
             return False
 
     def _note_beginnings(self, view: Reading) -> None:
-        """A consent that was seen before its height begins with the first block seen at or after it.
+        """Start a consent seen before its height at the first block from there.
 
-        One that prolongs another without a break begins with that one.
+        An unbroken prolongation keeps that block's start.
         """
         places = dict(_places(view))
         self._begun_ms = {place: began for place, began in self._begun_ms.items() if place in places}
@@ -180,7 +169,7 @@ class Consents:
                 self._begun_ms[place] = view.timestamp_ms
 
     async def watch(self) -> None:
-        """Read the registry again and again until cancelled; a registry that is away makes the view stale, no more."""
+        """Read until cancelled; an unreachable registry makes the view stale."""
         while True:
             await asyncio.sleep(REFRESH_EVERY_MS / 1000)
             try:
@@ -202,12 +191,12 @@ class Consents:
                 self._failure, self._view = error, None
 
     def raise_failure(self) -> None:
-        """Raise why the registry will not be read again, if that is so: SESSION_REFUSED and the like, INTERNAL."""
+        """Raise why reading ended for good: SESSION_REFUSED, INTERNAL."""
         if self._failure is not None:
             raise self._failure
 
     async def wait_fresh(self, timeout_ms: int) -> None:
-        """Wait until `watch`, which must run beside, has seen a recent block. Raises REGISTRY_STALE if none comes."""
+        """Wait for a recent block; needs `watch`. Raises REGISTRY_STALE."""
         try:
             async with asyncio.timeout(timeout_ms / 1000):
                 while not self.is_fresh():
@@ -217,7 +206,6 @@ class Consents:
             raise BlockRobotError("REGISTRY_STALE") from None
 
     def note_freshness(self) -> None:
-        """Count and log when the view becomes stale or fresh; wake what waits for a newer one."""
         now_ms = self._now_ms()
         if self.is_fresh():
             if self._stale_since_ms is not None:
@@ -232,13 +220,11 @@ class Consents:
         news.set()
 
     def is_fresh(self) -> bool:
-        """Tell whether the view may be acted on."""
         if self._view is None:
             return False
         return -CLOCK_AHEAD_MAX_MS <= self._now_ms() - self._view.timestamp_ms <= self._stale_after_ms()
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures of the run so far."""
         self.note_freshness()
         figures = self.figures.as_json()
         if self._stale_since_ms is not None:
@@ -248,7 +234,7 @@ class Consents:
     # Answers
 
     def find_refusal(self, handle: bytes, purpose: str, sensor: str, taken_at_ms: int) -> Refusal | None:
-        """Return why a picture of this person, taken then, may not be kept, or None if it may."""
+        """Return why a picture taken then may not be kept, or None."""
         if self._view is None or not self.is_fresh():
             return Refusal.STALE
         consent = self._consent(self._view, handle, purpose, sensor)
@@ -259,11 +245,11 @@ class Consents:
         return Refusal.OUTSIDE if taken_at_ms < began_ms or ended else None
 
     def is_coming(self, handle: bytes, purpose: str, sensor: str) -> bool:
-        """Tell whether a consent is on the chain whose height no block that was seen has reached."""
+        """Return whether a consent awaits its height."""
         return any(place[:3] == (handle, purpose, sensor) for place in self._coming)
 
     def find_beginning(self, handle: bytes, purpose: str, sensor: str) -> int | None:
-        """Return since when the consent that holds by the last view holds without a break, None if none does."""
+        """Return when the present unbroken consent began, or None."""
         consent = None if self._view is None else self._consent(self._view, handle, purpose, sensor)
         return None if consent is None else self._began_ms(handle, purpose, sensor, consent)
 
@@ -277,14 +263,12 @@ class Consents:
         return None if choices is None else find_consent(choices.get((purpose, sensor), ()), view.height)
 
     def person_tag(self, handle: bytes) -> bytes:
-        """Return what stands for a person in the spool."""
         return compute_person_tag(self._person_key, handle)
 
     async def may_record(self, clip: SpooledClip) -> bool:
-        """Wait for a fresh view that is later than the clip's last picture; tell whether it may be recorded.
+        """Wait for a fresh view later than the clip's last picture; return whether it may be recorded.
 
-        A recording that is played faster than time has pictures of the future: there the sealing counts. Raises
-        SESSION_REFUSED once the robot is no member any more, INTERNAL if reading failed for good.
+        In replays faster than real time, the sealing time counts. Raises SESSION_REFUSED, INTERNAL.
         """
         handle = self._persons.get(clip.person)
         ends = (clip.captured_from_ms, clip.captured_until_ms)
@@ -308,14 +292,13 @@ class Consents:
             self._waited_for.remove(at_ms)
 
     def _knows_of(self, at_ms: int) -> bool:
-        """Tell whether the view is fresh and shows every no that was said until then."""
+        """Whether the view is fresh and includes every refusal until then."""
         if self._view is None or not self.is_fresh():
             return False
         return self._view.timestamp_ms >= at_ms or self._settled_at_ms >= at_ms + SETTLED_AFTER_MS
 
 
 def _places(view: Reading) -> Iterator[tuple[_Place, _Place | None]]:
-    """Yield where each consent stands, the earlier first, and where the one stands that it prolongs, if any."""
     for handle, choices in view.people.items():
         for (purpose, sensor), steps in choices.items():
             for before, step in zip((None, *steps), steps, strict=False):
@@ -326,6 +309,5 @@ def _places(view: Reading) -> Iterator[tuple[_Place, _Place | None]]:
 
 
 def _is_prolonged(before: Step, step: Step, now_ms: int) -> bool:
-    """Tell whether a consent goes on from the one before it without a break, as far as the chain's time has come."""
     same = before.status == GIVEN and step.since_ms == max(before.since_ms, before.from_ms)
     return same and (before.until_ms == 0 or now_ms < before.until_ms)

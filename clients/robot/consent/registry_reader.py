@@ -1,7 +1,7 @@
-"""Reads what the chain proves of everybody on a roster: keys, status, consents.
+"""Reads proved keys, status and consents of everybody on a roster.
 
-The registry is asked for whole, always the same keys in the same order, so that a node learns nothing of who is near.
-Two numbers on the chain tell whether anything changed; while they stay, one small proof makes an old reading new.
+The whole registry is read in fixed order, so a node learns nothing of who is near. Two on-chain numbers show changes;
+while equal, a small proof renews a reading.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ _COUNTS = (identity.CHANGES.flat, consent.CHANGES.flat)
 
 
 class RegistryClient(ProvingClient, Protocol):
-    """What the registry is read with: `clients.sdk.network_client.NetworkClient`."""
+    """What reads the registry: `clients.sdk.network_client.NetworkClient`."""
 
     async def catch_up(self, key: PrivateKey) -> object:
-        """Ask every node for the newest final header, and go on with the node that has it."""
+        """Use the node with the newest final header."""
 
 
 class Majority(Protocol):
-    """What several nodes say that one of them cannot vouch for."""
+    """What needs several nodes' confirmation."""
 
     async def confirm_with_quorum(self) -> bool:
-        """Tell whether a quorum of producers has answered, and nothing is read any more that is older than they say."""
+        """Return whether a quorum of producers answered; then refuse older reads."""
 
     async def is_rejected_by_network(self) -> bool:
         """Tell whether no node takes the robot for a member any more."""
@@ -46,17 +46,15 @@ class NetworkMajority:
         self._key = key
 
     async def confirm_with_quorum(self) -> bool:
-        """See `Majority`. Raises what reading raises."""
         return await confirm_with_quorum(self._client, self._key)
 
     async def is_rejected_by_network(self) -> bool:
-        """See `Majority`."""
         return await is_rejected_by_network(self._client, self._key)
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What one block proves: its height and time, the two numbers, and the choices of whom it confirms, by handle."""
+    """One block's proof; choices by handle."""
 
     height: int
     timestamp_ms: int
@@ -65,7 +63,7 @@ class Reading:
 
 
 class RegistryReader:
-    """Reads the registry for the people of one roster, in the robot's own session."""
+    """Reads the registry for one roster, in the robot's session."""
 
     def __init__(self, client: RegistryClient, key: PrivateKey, rows: tuple[RosterRow, ...]) -> None:
         self._client = client
@@ -73,14 +71,14 @@ class RegistryReader:
         self._rows = rows
 
     async def catch_up(self) -> None:
-        """Look at all nodes for the newest header. Raises NODE_UNREACHABLE and the like."""
+        """Raises NODE_UNREACHABLE and others."""
         await self._client.catch_up(self._key)
 
     async def read(self, known: Reading | None) -> Reading:
-        """Return a new reading; `known` is the last one if it may be carried on while nothing changed.
+        """Return a new reading; `known` is carried on while nothing changed.
 
-        Raises what the network refuses, PROOF_INVALID, PROOF_STALE. The reading counts as of the numbers, which are
-        asked for first: whatever changes meanwhile shows in the next one.
+        Valid as of the change numbers, which are read first: later changes show next time. Raises PROOF_INVALID,
+        PROOF_STALE, network errors.
         """
         state = await self._client.state_values(_COUNTS, self._key)
         counts = tuple(state.values[key] for key in _COUNTS)

@@ -1,9 +1,7 @@
-"""Brings spooled clips to custodians and chain: upload, record, confirm.
+"""Delivers spooled clips to custodians and chain: upload, record, confirm.
 
-Each clip is its own transaction, sent after a random delay of up to half a second, so that the owners of one scene do
-not stand side by side on the chain. A visit is announced before its first record. Every step is idempotent: after a
-crash or a cut the spool's clips are delivered again, and the chain refuses a second record of the same id. What must be
-on the medium is brought there in a thread, one thing after another: camera and uploads go on meanwhile.
+One transaction per clip, after up to 0.5 s random delay, so a scene's owners are not adjacent on chain. Visits are
+announced first. Steps are idempotent; after a crash, spooled clips are delivered again.
 """
 
 from __future__ import annotations
@@ -44,7 +42,7 @@ _log = structlog.get_logger("delivery")
 
 
 class ConsentEnded(Exception):  # noqa: N818 - no error: the person's word
-    """The clip's person does not consent any more."""
+    """The clip's person no longer consents."""
 
 
 async def _nothing(_: SpooledClip) -> None:
@@ -58,16 +56,16 @@ class DeliveryNetwork(Protocol):
         """Sign a call as the robot."""
 
     async def submit_and_wait(self, transaction: Transaction) -> Confirmation:
-        """Submit and wait until the transaction is final. Raises what the network refuses."""
+        """Raises network errors."""
 
     async def upload(self, upload: ClipUpload) -> None:
-        """Bring a clip to the custodians. Raises when fewer than required took it."""
+        """Raises when too few acknowledged."""
 
     async def knows_visit(self, owner: bytes) -> bool:
-        """Whether the chain proves a visit of that owner key. Raises what the network refuses."""
+        """Raises network errors."""
 
     def now_ms(self) -> int:
-        """The wall clock."""
+        """Wall clock in ms."""
 
 
 class Confirmation(Protocol):
@@ -84,7 +82,7 @@ class Confirmation(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Delivered:
-    """One clip whose record is final. Times are the robot's wall clock."""
+    """A clip whose record is final; times by the robot's wall clock."""
 
     clip: SpooledClip
     txid: bytes
@@ -105,8 +103,9 @@ class Delivery:
         on_dropped: Callable[[SpooledClip], Awaitable[None]] = _nothing,
         at_once: bool = False,
     ) -> None:
-        """`may_record` is asked before each attempt to announce or record a clip, and again between a clip's upload and its
-        record; what it says no to is destroyed, and `on_dropped` is told once that is on the medium.
+        """`may_record` is checked before each announcement or record, and again after upload.
+
+        Refused clips are destroyed; `on_dropped` is called once that is durable.
         """
         self._spool = spool
         self._network = network
@@ -127,7 +126,6 @@ class Delivery:
         self.let_go_count = 0
 
     def start(self, name: str) -> None:
-        """Begin to deliver a clip of the spool."""
         task = asyncio.create_task(self._deliver(name))
         self._tasks[name] = task
         task.add_done_callback(lambda done: self._finished(name, done))
@@ -138,18 +136,15 @@ class Delivery:
             self.failure = task.exception()
 
     def announce(self, clip_or_visit: SpooledClip) -> asyncio.Task[None]:
-        """Open the visit on the chain, once."""
         owner = clip_or_visit.owner
         if owner not in self._announcements:
             self._announcements[owner] = asyncio.create_task(self._open_visit(clip_or_visit))
         return self._announcements[owner]
 
     def has_announced(self, owner: bytes) -> bool:
-        """Tell whether this run has seen the visit's announcement final."""
         return owner in self._known_visits
 
     async def _announced(self, clip: SpooledClip) -> None:
-        """Wait until the clip's visit is announced. Raises ConsentEnded, if this clip's has ended."""
         while True:
             task = self.announce(clip)
             try:
@@ -167,19 +162,17 @@ class Delivery:
         self._known_visits.add(clip.owner)
 
     async def close_visits(self, visits: OpenVisits) -> None:
-        """Close every visit that the chain knows, and forget all; to be called once every clip is delivered.
+        """Close all visits known to the chain and forget all, after delivery of every clip.
 
-        Of a visit that was destroyed whole before anybody heard of it the chain must not hear by its closing. A robot
-        that was killed cannot know what it announced, nor can one that never heard the answer: then a node is asked.
+        Closing does not reveal visits destroyed before announcement. If a restart leaves this unknown, a node is asked.
         """
         for owner, record_count in visits.counts.items():
             await self._close(visits, owner, record_count)
 
     async def close_over(self, visits: OpenVisits, goes_on: Callable[[bytes], bool]) -> None:
-        """Close those visits of this run that do not go on and whose every record is final; for a run that lasts long.
+        """Close this run's ended visits whose records are all final; retry others next time.
 
-        One that did not go on before its count is read has all its records in it: what came to it while others were
-        closed counts. What cannot be closed now is left to the next time.
+        `goes_on` is checked before the record count is read, so the count is complete.
         """
         for owner in visits.counts:
             if owner in visits.inherited or goes_on(owner) or self._done_counts[owner] != visits.counts[owner]:
@@ -214,18 +207,18 @@ class Delivery:
                 wait_ms = min(2 * wait_ms, RETRY_MAX_MS)
 
     async def close_visit(self, owner: bytes, record_count: int) -> None:
-        """Say on the chain how many records the visit has, so that a missing tail is noticed."""
+        """Record a visit's record count, exposing a missing tail."""
         await self._final("records", "close_visit", [owner, record_count], accepted=("OK", "VISIT_CLOSED", _NOT_OURS))
 
     async def drain(self) -> None:
-        """Wait until every started clip is final. Raises what stopped one for good."""
+        """Wait until started clips are final. Raises permanent failures."""
         while self._tasks:
             await asyncio.wait(list(self._tasks.values()))
         if self.failure is not None:
             raise self.failure
 
     async def stop(self) -> None:
-        """Stop without waiting for the network; the clips stay in the spool. What is being destroyed is destroyed."""
+        """Stop without network; clips stay spooled."""
         tasks = [*self._tasks.values(), *self._announcements.values()]
         for task in tasks:
             task.cancel()
@@ -241,10 +234,9 @@ class Delivery:
         clip: SpooledClip | None = None,
         upload: ClipUpload | None = None,
     ) -> tuple[bytes, int]:
-        """Submit until final, over cuts and expiries; what goes with it is uploaded first.
+        """Upload, then submit until final, across disconnections and expiries; return (txid, submission time).
 
-        Returns (txid, when it was submitted). Raises NOT_PERMITTED if the contract refuses, ConsentEnded if it is for
-        a clip that may not be recorded.
+        Raises NOT_PERMITTED if the contract refuses, ConsentEnded.
         """
         wait_ms = RETRY_FIRST_MS
         while True:
@@ -306,20 +298,18 @@ class Delivery:
         )
 
     async def _finish(self, work: Coroutine[Any, Any, None]) -> None:
-        """Bring something to its end, though the run is ended meanwhile; `stop` waits for it."""
         task = asyncio.create_task(work)
         self._finishing.add(task)
         task.add_done_callback(self._finishing.discard)
         await asyncio.shield(task)
 
     async def _destroy(self, name: str, clip: SpooledClip) -> None:
-        """Destroy a clip, and only then say so: killed in between, its owner is told of one that is missing."""
+        """Destroy a clip, then report it: a crash between shows it as missing."""
         async with self._destroying:
             await asyncio.to_thread(self._spool.destroy, name)
             await self._on_dropped(clip)
 
     def _is_overdue(self, clip: SpooledClip, error: BlockRobotError) -> bool:
-        """Tell whether the chain refused a clip because it is too old, and not because the robot's clock is ahead."""
         now_ms = self._network.now_ms()
         is_old = min(clip.bucket_ms, clip.visit_bucket_ms) < now_ms - OVERDUE_AFTER_MS or clip.expires_at_ms <= now_ms
         return is_old and error.context.get("contract_code") in _OVERDUE_CODES
@@ -329,7 +319,6 @@ class Delivery:
             await asyncio.sleep(random.SystemRandom().uniform(0, self._delay_max_ms) / 1000)
 
     async def _record(self, clip: SpooledClip) -> tuple[bytes, int]:
-        """Announce the visit, then upload and record the clip. Returns (txid, when it was submitted)."""
         await self._announced(clip)
         await self._delay()
         arguments = [

@@ -1,7 +1,4 @@
-"""The robot's side of the network: signs, uploads to custodians, submits.
-
-An upload ends with the last custodian's answer, though fewer are required: a copy that is on its way is not broken off.
-"""
+"""Robot's network side: signing, uploads (awaiting every custodian's answer), submission."""
 
 from __future__ import annotations
 
@@ -33,10 +30,7 @@ _log = structlog.get_logger("robot")
 
 
 class RobotNetwork:
-    """What delivery needs, over the client library.
-
-    A clip counts as uploaded once `copies` custodians have acknowledged it, or all where there are fewer.
-    """
+    """Uploads need `copies` acknowledgements, or all custodians if fewer."""
 
     def __init__(self, client: NetworkClient, identity: RobotIdentity, copies: int = COPIES_DEFAULT_COUNT) -> None:
         self._client = client
@@ -46,38 +40,33 @@ class RobotNetwork:
         """How often a custodian took no upload, by the code with which it refused or could not be reached."""
 
     def now_ms(self) -> int:
-        """The wall clock in milliseconds."""
         return self._client.clock.now_ms()
 
     def sign(self, contract: str, entry: str, arguments: list[Any]) -> Transaction:
-        """Sign a call as the robot."""
         return self._client.transactions.build(self._identity.identity, contract, entry, arguments)
 
     async def submit_and_wait(self, transaction: Transaction) -> FinalReceipt:
-        """Submit and wait until the transaction is final."""
         return await self._client.submit_and_wait(transaction)
 
     async def knows_visit(self, owner: bytes) -> bool:
-        """Whether the chain proves a visit of that owner key. The node that is asked hears the key."""
+        """Return whether the chain proves the visit; the node learns the owner key."""
         return await proved_row(in_session(self._client, self._identity.identity), VISIT, owner) is not None
 
     async def upload(self, upload: ClipUpload) -> None:
-        """Bring a clip to all custodians. Raises the last refusal if fewer took it than are to have it."""
+        """Raises the last error if too few acknowledged."""
         await self._to_custodians(lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity))
 
     async def approve_empty_frames(self, frames: tuple[EmptyFrame, ...], approver: PrivateKey) -> None:
-        """Approve frames on the chain with the key of an admin of the robot's organisation."""
+        """Approve on chain with an organisation admin's key."""
         robot = self._identity.identity.public_key
         await approve_frames(self._client, approver, robot, [frame.background_id for frame in frames])
 
     async def find_unapproved(self, frames: tuple[EmptyFrame, ...]) -> list[EmptyFrame]:
-        """Return the frames that the chain proves no approval of."""
         identity = self._identity.identity
         approved = {frame.digest for frame in await read_approved(self._client, identity.public_key, identity)}
         return [frame for frame in frames if frame.background_id not in approved]
 
     async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:
-        """Bring the recorded empty frames, which show nobody, to all custodians."""
         for frame in frames:
             await self._to_custodians(partial(self._put_background, frame.png))
 

@@ -1,1 +1,1 @@
-"""Hides everyone but the owner: segmentation, tracking, matching of tags to silhouettes, and the cut."""
+"""Hides everyone but the owner: segmentation, tracking, tag matching, and cutting."""

@@ -1,7 +1,4 @@
-"""The empty scene: the model that people are told apart from, and the bank of recorded empty frames for renditions.
-
-Must be learned from frames without people; it cannot tell by itself whether someone stood there.
-"""
+"""Empty scene: background model and recorded frames; learning cannot detect people."""
 
 from __future__ import annotations
 
@@ -31,7 +28,7 @@ _BESIDE = np.ones((3, 3), dtype=np.uint8)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Background:
-    """Depth of the empty scene in millimetres and, per pixel, by how much a person must be nearer (both uint16)."""
+    """Depth in mm, and required nearness per pixel (uint16)."""
 
     depth: Depth
     threshold: Depth
@@ -40,12 +37,11 @@ class Background:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(height, width) of the frames that it fits."""
         return (self.depth.shape[0], self.depth.shape[1])
 
 
 def learn_background(frames: Sequence[Depth]) -> Background:
-    """Return the background of empty frames: the median of what was measured. Raises FRAME_INVALID."""
+    """Return the median background. Raises FRAME_INVALID."""
     if not frames:
         raise BlockRobotError("FRAME_INVALID", "A background needs at least one empty frame.")
     shape = (frames[0].shape[0], frames[0].shape[1])
@@ -70,7 +66,7 @@ def learn_background(frames: Sequence[Depth]) -> Background:
 
 
 def fits(background: Background, depth: Depth) -> bool:
-    """Tell whether a frame of the background's shape still shows that scene, from that place. Under half a millisecond."""
+    """Return whether an equally shaped frame still shows that scene and viewpoint."""
     half = depth[::4, ::4]
     empty = np.ascontiguousarray(background.half_depth[::2, ::2])
     if depth.shape[1] < SMALL_WIDTH_PX:
@@ -85,14 +81,14 @@ def fits(background: Background, depth: Depth) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class EmptyFrame:
-    """One recorded empty frame as PNG16; `background_id` is the SHA-256 of `png`."""
+    """Empty frame as PNG16; `background_id`: SHA-256 of `png`."""
 
     background_id: bytes
     png: bytes
 
 
 def empty_bank(frames: Sequence[Depth]) -> list[EmptyFrame]:
-    """Return empty frames as PNGs, at most `BANK_FRAMES_MAX_COUNT`, for the robot to choose from at random."""
+    """Return at most `BANK_FRAMES_MAX_COUNT` PNG frames."""
     bank = []
     for frame in frames[:BANK_FRAMES_MAX_COUNT]:
         done, data = cv2.imencode(".png", check_depth(frame), [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])

@@ -1,7 +1,7 @@
-"""Tells whether a silhouette holds a companion too: cues of its shape and depth, judged by a small learned model.
+"""Detects a companion within a silhouette, by shape and depth cues and decision trees.
 
-The model is a file of decision trees made by `network.lab.hiding.companion_training` on synthetic scenes; it is read once
-and evaluated here with numpy alone. It must never decide who somebody is: only that one blob may be two people.
+Trained by `network.lab.hiding.companion_training` on synthetic scenes. It never decides identity, only that one blob
+may be two people.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trees:
-    """Boosted decision trees as arrays (tree, node): a leaf's children are itself. `thresholds` in log-odds."""
+    """Boosted trees, arrays (tree, node); leaves point to themselves."""
 
     feature: Ints
     threshold: Floats
@@ -72,7 +72,7 @@ class Trees:
     certain: float
 
     def log_odds(self, cues: Floats) -> float:
-        """Return the log-odds that a silhouette with these cues holds more than one person."""
+        """Return the log-odds of more than one person."""
         rows = np.arange(self.feature.shape[0])
         node = np.zeros(self.feature.shape[0], dtype=np.int64)
         for _ in range(self.depth):
@@ -83,13 +83,12 @@ class Trees:
 
 @lru_cache(maxsize=1)
 def shipped_model() -> Trees:
-    """Return the model that ships with the robot."""
     text = (resources.files("clients.robot.hiding") / MODEL_FILE).read_text(encoding="utf-8")
     return trees_of(read_json_text(text))
 
 
 def trees_of(table: dict[str, Any]) -> Trees:
-    """Return the trees of a model file; raises ValueError if it was made for other cues."""
+    """Raises ValueError for other cues."""
     if table["cues"] != list(CUES):
         raise ValueError("The companion model was made for other cues.")
     return Trees(
@@ -106,10 +105,7 @@ def trees_of(table: dict[str, Any]) -> Trees:
 
 
 def measure(inside: Mask, depth: Depth, left: int, top: int, shape: tuple[int, int], focal_px: float) -> Floats:
-    """Return the cues of a silhouette: its mask and depth in its box, the box's place in an image of `shape`.
-
-    `focal_px` is that of this image. About 0.3 ms; the mask must not be empty.
-    """
+    """Return a non-empty silhouette's cues; `focal_px` of the whole image."""
     cut_below, cut_aside = _cut_off(inside, left, top, shape)
     step = 2 if np.count_nonzero(inside) > PIXELS_MAX_COUNT else 1
     inside, depth = inside[::step, ::step], depth[::step, ::step]
@@ -157,14 +153,13 @@ def measure(inside: Mask, depth: Depth, left: int, top: int, shape: tuple[int, i
 
 
 def _cut_off(inside: Mask, left: int, top: int, shape: tuple[int, int]) -> tuple[float, float]:
-    """Return whether the picture's lower edge and its sides cut the silhouette off."""
     below = top + inside.shape[0] >= shape[0] - 1
     aside = left <= 1 or left + inside.shape[1] >= shape[1] - 1
     return float(below), float(aside)
 
 
 def _heads(inside: Mask, pixel: float) -> tuple[float, float, float]:
-    """Return the saddle between the highest point and a second one: its depth, by how much the second is lower, gap."""
+    """Return saddle depth, height drop and gap of two heads."""
     columns = inside.any(axis=0)
     skyline = np.where(columns, inside.shape[0] - inside.argmax(axis=0), 0) * pixel
     if skyline.size >= 3:  # a lone pixel is no head
@@ -187,7 +182,6 @@ def _spread(ordered: Numbers) -> float:
 
 
 def _halves(x: Numbers, z: Numbers) -> float:
-    """Return how much farther one side of the chest is than the other."""
     if x.size < 8:
         return 0.0
     right = x > x.mean()
@@ -195,7 +189,6 @@ def _halves(x: Numbers, z: Numbers) -> float:
 
 
 def _footprint(x: Numbers, z: Numbers, middle: float) -> float:
-    """Return the area seen from above, in cells that hold two pixels or more."""
     if x.size == 0:
         return 0.0
     across = np.clip(((x - x.mean()) / CELL_M + CELLS_COUNT / 2).astype(np.int64), 0, CELLS_COUNT - 1)
@@ -204,7 +197,6 @@ def _footprint(x: Numbers, z: Numbers, middle: float) -> float:
 
 
 def _plan(x: Numbers, z: Numbers) -> tuple[float, float]:
-    """Return the standard deviation along the longer and the shorter axis of the view from above."""
     if x.size < 8:
         return 0.0, 0.0
     dx, dz = x - x.mean(), z - z.mean()

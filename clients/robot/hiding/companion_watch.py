@@ -1,7 +1,4 @@
-"""Pools the suspicion of a companion over what is followed in plan view, so that one odd frame decides nothing.
-
-Between segmentation and tracker. It must never clear a silhouette whose recent past looks like two people.
-"""
+"""Pools companion suspicion over time; recent two-person silhouettes are never cleared."""
 
 from __future__ import annotations
 
@@ -31,10 +28,10 @@ class _Pool:
 
 
 class CompanionWatch:
-    """Follows silhouettes by the nearest place and weighs their log-odds over the last 0.7 s or so.
+    """Follows silhouettes by nearest place and averages their log-odds over about 0.7 s.
 
-    What is pooled to two people is `merged`. A silhouette that only looks like two in this frame, while its pool says
-    one, is `contact`: withheld, but still the same track. Not thread-safe; one for each camera.
+    `merged`: pooled to two; `contact`: two in this frame only, withheld on the same track. Not thread-safe; one per
+    camera.
     """
 
     def __init__(self, model: Trees | None = None) -> None:
@@ -42,7 +39,7 @@ class CompanionWatch:
         self._pools: list[_Pool] = []
 
     def step(self, silhouettes: tuple[Silhouette, ...], at_ms: int) -> tuple[Silhouette, ...]:
-        """Return the silhouettes with their trouble as the pools see it; in time order."""
+        """Call in time order."""
         self._pools = [pool for pool in self._pools if at_ms - pool.seen_ms <= FORGET_AFTER_MS]
         free = list(self._pools)
         return tuple(self._judge(silhouette, free, at_ms) for silhouette in silhouettes)

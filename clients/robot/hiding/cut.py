@@ -1,7 +1,4 @@
-"""Cuts one silhouette out of a frame: a box in which only that person's pixels are left, as PNG16.
-
-The cut is all that remains of a frame: it must never hold a pixel of another silhouette.
-"""
+"""Cuts one silhouette as PNG16, never another's pixel."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ _BESIDE = np.ones((5, 5), np.uint8)  # at half resolution: as far as an edge is 
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """The owner's box in the frame (pixels) and its PNG16, 0 where the pixel is not the owner's."""
+    """The owner's box (pixels) and PNG16, 0 elsewhere."""
 
     x: int
     y: int
@@ -45,7 +42,7 @@ class Cut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CutOut:
-    """One person's pixels before encoding: the box's corner in the frame, and the box, 0 where it is not the owner."""
+    """Unencoded pixels: box corner and box, 0 elsewhere."""
 
     x: int
     y: int
@@ -53,12 +50,11 @@ class CutOut:
 
 
 def cut(depth: Depth, background: Background, segmented: Segmented, silhouette: Silhouette) -> Cut:
-    """Return one silhouette's cut, encoded. About 1-3 ms."""
     return encode_cut(cut_out(depth, background, segmented, silhouette))
 
 
 def encode_cut(out: CutOut) -> Cut:
-    """Return the cut as PNG16; raises FRAME_INVALID where it cannot be written."""
+    """Raises FRAME_INVALID."""
     done, data = cv2.imencode(".png", out.pixels, _PNG)
     if not done:
         raise BlockRobotError("FRAME_INVALID", "A rendition could not be written as PNG.")
@@ -66,9 +62,9 @@ def encode_cut(out: CutOut) -> Cut:
 
 
 def cut_out(depth: Depth, background: Background, segmented: Segmented, silhouette: Silhouette) -> CutOut:
-    """Return one silhouette's pixels, its edge regrown by 3 px into what differs from the background.
+    """Return one silhouette's pixels, edges regrown by 3 px into foreground.
 
-    Of somebody behind her little may be left to see, too little for a label; it is told by the step in depth.
+    A depth step separates somebody behind too small for a label.
     """
     assert segmented.labels is not None
     left, top, width, height = silhouette.box

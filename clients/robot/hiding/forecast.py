@@ -1,7 +1,4 @@
-"""How soon readings of a given quality bind one person alone in view, by playing them to the matcher itself. Pure.
-
-For a warning before a run, and for the table in `docs/how-to/your-robot.md`.
-"""
+"""Forecasts time to bind a lone person, by simulating the matcher."""
 
 from __future__ import annotations
 
@@ -22,11 +19,7 @@ _WALKS_M, _WALKS_EVERY_S = 1.0, 8.0  # to and fro by a metre, a turn every eight
 
 @lru_cache(maxsize=128)
 def time_to_bind_s(sigma_m: float, facing: Facing, every_ms: int, *, walks: bool, seed: int = 1) -> float | None:
-    """Return after how many seconds the person is bound, None if not within `FORECAST_S`.
-
-    The person stands 2.5 m away or walks to and fro along the line of sight; the tag is read each `every_ms` with a
-    normal error of `sigma_m` metres, by antennas that look in direction `facing`.
-    """
+    """Return seconds until binding, None if over `FORECAST_S`; error `sigma_m`."""
     noise = np.random.default_rng(seed)
     matcher, track = Matcher(), Track(1, 0, 0, 0.0, _STANDS_AT_M)
     matcher.add_track(track)

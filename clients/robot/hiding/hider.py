@@ -1,8 +1,7 @@
-"""The streaming hider: frames and sightings in, one verdict out for each frame and owner, nobody else in any picture.
+"""Streaming hider: one verdict per covered frame and owner, nobody else in any picture.
 
-Each silhouette is cut out as the frame arrives and the frame itself is let go: no whole frame is ever held, written
-or sent. Every covered (frame, owner) gets exactly one verdict, `Kept` or `Withheld`, in time order for each owner.
-It must never guess: who cannot be told apart is withheld.
+Silhouettes are cut on arrival and whole frames never held. `Kept` or `Withheld` per owner in time order; ambiguity
+means withheld.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A rendition: this owner's pixels of this frame, ready to be sealed."""
+    """A rendition: the owner's pixels, ready for sealing."""
 
     sequence: int
     captured_at_ms: int
@@ -59,7 +58,7 @@ class Kept:
 
 @dataclass(frozen=True, slots=True)
 class Withheld:
-    """A covered frame that this owner gets no picture of, and why; with numbers for `AMBIGUOUS` and `MERGED`."""
+    """A withheld frame and reason; numbers for `AMBIGUOUS`, `MERGED`."""
 
     sequence: int
     captured_at_ms: int
@@ -73,8 +72,6 @@ Output = Decision | Kept | Withheld
 
 @dataclass(slots=True)
 class _Seen:
-    """What is left of a frame: its cuts by track, its troubled silhouettes by track, and whether anyone was there."""
-
     sequence: int
     captured_at_ms: int
     cuts: dict[int, Cut] = field(default_factory=dict)
@@ -87,15 +84,13 @@ class _Seen:
 
     @property
     def tracks(self) -> tuple[int, ...]:
-        """The tracks in the picture."""
         return (*self.cuts, *self.troubles)
 
 
 class Hider:
-    """Pairs, segments, tracks, matches and cuts one camera's stream. Not thread-safe; about 3-8 ms of CPU a frame.
+    """Pairs, segments, tracks, matches and cuts one camera's stream. Not thread-safe.
 
-    Feed events as they arrive; every call returns the outputs that it settles: each frame's `Decision` (its owners,
-    once), then `Kept` or `Withheld` for each owner. `flush` settles all the rest.
+    Calls return settled outputs: each frame's `Decision` once, then `Kept` or `Withheld` per owner.
     """
 
     def __init__(
@@ -120,35 +115,31 @@ class Hider:
         self._forgot_ms = 0
 
     def use_focal_px(self, focal_px: float) -> None:
-        """Measure frames from now on by this focal length, in pixels."""
         self._focal_px = focal_px
 
     @property
     def held_count(self) -> int:
-        """How many frames' cuts are held in memory: those not yet decided or with an owner still in doubt."""
+        """Number of undecided frames with cuts in memory."""
         waiting = {seen.sequence for queue in self._pending.values() for seen in queue}
         return len(waiting | self._seen.keys())
 
     def push_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
-        """Take a sighting of the tag that this run calls `alias`; `known` says whether the roster holds it.
-
-        It is weighed with the next frame: however many come in between, they cost next to nothing here.
-        """
+        """Add a sighting of tag `alias`, weighed at the next frame; `known`: on the roster."""
         outputs = self.cover(alias, sighting, known=known)
         self.matcher.add_sighting(alias, sighting, known=known)
         return outputs
 
     def cover(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
-        """Take a sighting for pairing alone: one of too many for the matcher."""
+        """Add a sighting for pairing only."""
         received_ms = sighting.received_at_ms
         first_ms, last_ms = sighting.first_seen_ms, sighting.last_seen_ms
         decided = self.pairing.add_sighting(alias, first_ms, last_ms, known=known, received_at_ms=received_ms)
         return self._take(decided) if decided else []
 
     def push_frame(self, frame: Frame) -> list[Output]:
-        """Take a frame; raises FRAME_INVALID for a wrong size or a sequence number that is still held.
+        """Add a frame. Raises FRAME_INVALID for wrong size or a held sequence number.
 
-        Raises FRAME_TIME_WRONG and PAIRING_FULL as `Pairing.add_frame`; a stamp with a time of receipt is vouched for.
+        Also raises FRAME_TIME_WRONG and PAIRING_FULL as `Pairing.add_frame`; a receipt time vouches for the stamp.
         """
         depth = check_depth(frame.depth, shape=self._background.shape)
         if frame.sequence in self._seen:
@@ -191,17 +182,16 @@ class Hider:
         return [*before, *self._take(decided)]
 
     def advance(self, now_ms: int) -> list[Output]:
-        """Let time pass without an event, for a camera that has stopped."""
+        """Advance time, for a stopped camera."""
         self.matcher.advance(now_ms - self.pairing.lateness_ms)
         return self._take(self.pairing.advance(now_ms))
 
     def flush(self) -> list[Output]:
-        """Settle everything: nothing more will arrive."""
         self.matcher.finish()
         return [*self._take(self.pairing.flush()), *self._settle(final=True)]
 
     def _end_timeline(self, decided: list[Decision]) -> list[Output]:
-        """Settle all that was before the camera's clock was set back, and follow nobody across that."""
+        """Settle everything before a camera clock reset; no track continues across."""
         outputs = [*self._take(decided), *self._settle(final=True)]
         self.matcher, self._tracker, self._companions = Matcher(), Tracker(), CompanionWatch()
         self._newest_ms, self._forgot_ms = None, 0
@@ -215,7 +205,6 @@ class Hider:
         return [*decided, *self._settle()]
 
     def _settle(self, *, final: bool = False) -> list[Output]:
-        """Return the verdicts that can be given now, for each owner in time order."""
         outputs: list[Output] = []
         now_ms = self.pairing.now_ms or 0
         for alias, queue in list(self._pending.items()):
@@ -234,7 +223,7 @@ class Hider:
         return outputs
 
     def _verdict(self, alias: str, seen: _Seen, *, due: bool) -> Kept | Withheld | None:
-        """Return the verdict for one owner of one frame, or None while more readings may still settle it."""
+        """Return one verdict, or None while readings may still change it."""
         number = self.matcher.bound_track(alias, seen.tracks)
         if number is not None and number in seen.cuts:
             alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
@@ -270,7 +259,7 @@ class Hider:
 
 
 def _stray_px(segmented: Segmented) -> int:
-    """Return how many half-resolution foreground pixels are in no silhouette: somebody cut off by the picture's edge."""
+    """Return half-resolution foreground px outside silhouettes."""
     if segmented.labels is None:
         return 0
     counts = np.bincount(segmented.labels.ravel() + 1, minlength=2)  # labels begin with -1

@@ -1,11 +1,7 @@
-"""How likely a tag's readings are if a followed person wears it, or if its bearer is not in the picture. Pure.
+"""Likelihood of a tag's readings, worn by a followed person or by an absent bearer.
 
-Both are mixtures of small Kalman filters that take one reading at a time, so that a new reading costs the same
-whether it is the fifth or the five hundredth. All values are natural logarithms of densities; distances in metres,
-times in milliseconds. It must never prefer anybody: a reading that says nothing changes nothing.
-
-A filter's state is (position in m, speed in m/s, the reader's drifting error in its standard deviations). For a
-person in view the position is the constant bias of the range; for an absent bearer it is where the bearer is.
+Mixtures of Kalman filters, one reading at a time; natural log densities, metres, ms. State: position (m; bias if in
+view), speed (m/s), reader drift (standard deviations). Uninformative readings change nothing.
 """
 
 from __future__ import annotations
@@ -38,14 +34,14 @@ _TRANSITIONS_KEPT_COUNT = 1024
 
 
 class Spread(NamedTuple):
-    """How sure the filters are: when they were last asked, and the covariance of each component, (components, 3, 3)."""
+    """Last time and covariances (components, 3, 3)."""
 
     at_ms: int | None
     covariance: Array
 
 
 class Step(NamedTuple):
-    """What one reading does to every belief of the same spread, whatever was measured."""
+    """A reading's effect on beliefs of equal spread."""
 
     after: Spread
     motion: Array
@@ -56,7 +52,7 @@ class Step(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """The filters after some readings: means (components, 3), log density of the readings by component, the spread."""
+    """Means (components, 3), log densities, spread."""
 
     mean: Array
     log_density: Array
@@ -64,7 +60,7 @@ class Belief(NamedTuple):
 
 
 class Filters:
-    """The filters of both hypotheses, side by side in arrays: first those of a person in view. Holds no readings."""
+    """Filters of both hypotheses, in-view first; holds no readings."""
 
     def __init__(self) -> None:
         in_view = [(0.0, BIAS_SIGMA_M, 0.0, 0.0, 1.0)]
@@ -91,7 +87,6 @@ class Filters:
         self._transition = lru_cache(_TRANSITIONS_KEPT_COUNT)(self._make_transition)
 
     def step(self, spread: Spread, at_ms: int, sigma_m: float) -> Step:
-        """Return what a reading at that time with that sigma does; time never goes back here."""
         motion, noise = self._transition(max(0, at_ms - (at_ms if spread.at_ms is None else spread.at_ms)))
         covariance = motion @ spread.covariance @ motion.transpose(0, 2, 1) + noise
         # What is measured is the position plus the drifting error: (1, 0, drifting) of the state, and fresh noise.
@@ -104,7 +99,7 @@ class Filters:
         return Step(Spread(at_ms, after), motion, drifting, gain, 1 / variance, constant)
 
     def _make_transition(self, elapsed_ms: int) -> tuple[Array, Array]:
-        """Return how the state moves in that time, and the noise that this adds; both (components, 3, 3)."""
+        """Return transition and process noise, both (components, 3, 3)."""
         dt = elapsed_ms / 1000
         kept = np.exp(-dt / np.maximum(self._drift_s, 1e-9))
         motion = np.zeros((self._count, 3, 3))
@@ -122,7 +117,7 @@ FILTERS = Filters()
 
 
 def take(belief: Belief, step: Step, distance_m: float, person_m: float) -> Belief:
-    """Return the belief about one person after a reading, taken when this person's range was `person_m`."""
+    """`person_m`: the person's range at the reading."""
     predicted = (step.motion @ belief.mean[:, :, None])[:, :, 0]
     error = distance_m - person_m * FILTERS.in_view - predicted[:, 0] - step.drifting * predicted[:, 2]
     log_density = belief.log_density + step.constant - 0.5 * error * error * step.precision
@@ -130,7 +125,7 @@ def take(belief: Belief, step: Step, distance_m: float, person_m: float) -> Beli
 
 
 def log_evidence(belief: Belief) -> tuple[float, float]:
-    """Return the log densities of all readings so far: if this person wears the tag, and if its bearer is absent."""
+    """Return log densities: worn by this person; absent."""
     top = belief.log_density.max()
     shares = np.exp(belief.log_density - top)
     visible = float(shares[: FILTERS.visible_count].sum())
@@ -146,7 +141,7 @@ def log_sum(values: list[float]) -> float:
 
 @lru_cache(maxsize=4096)
 def log_antenna(front: int, back: int) -> float:
-    """Return how much the antennas speak for the bearer being in view: log ratio visible to absent."""
+    """Return antennas' log likelihood ratio, visible to absent."""
     visible = log_sum([math.log(w) + _beta_binomial(front, back, a, b) for a, b, w in VISIBLE_FRONT])
     absent = log_sum([math.log(w) + _beta_binomial(front, back, a, b) for a, b, w in ABSENT_FRONT])
     return visible - absent

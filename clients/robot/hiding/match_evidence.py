@@ -1,8 +1,4 @@
-"""Why a tag was not bound to anybody in view, in numbers, and what would help. Pure.
-
-Distances in metres, log-odds natural. A tag is bound at log-odds of `BIND_LOG_ODDS`, never with fewer than
-`READINGS_MIN_COUNT` distances, nor unless these alone speak for it by `DISTANCE_LOG_ODDS_MIN`.
-"""
+"""Numerical reasons why a tag stayed unbound; metres, natural log-odds."""
 
 from __future__ import annotations
 
@@ -23,7 +19,7 @@ _OFF_MIN_M = 0.3  # what the matcher takes for the reader's constant error witho
 
 
 class Obstacle(StrEnum):
-    """What stood in the way of binding a tag to somebody in view."""
+    """What prevented binding a tag to somebody in view."""
 
     FEW_DISTANCES = "few-distances"
     BEHIND = "behind"
@@ -60,13 +56,11 @@ HELP = {
 
 @dataclass(frozen=True, slots=True)
 class MatchEvidence:
-    """How one tag stood with the person in view whom it fitted best.
+    """A tag against its best-fitting person in view.
 
-    `distances` is how many distances were compared, `gap_m` the mean of distance minus camera range, `sigma_m` the
-    mean stated standard deviation, `distance_log_odds` what distances alone say against a bearer who is absent;
-    `front` and `back` count readings by the way their antenna looks, `people` those in view. `spread_m` is the
-    standard deviation of distance minus camera range, `range_m` the mean camera range, `delay_ms` how much later than
-    the person the distances are, if a shift in time makes them fit.
+    `distances`: number compared; `gap_m`, `spread_m`: mean and standard deviation of distance minus camera range;
+    `sigma_m`: mean stated; `delay_ms`: fitting time shift; `distance_log_odds`: against absence; `front`, `back`:
+    readings by antenna direction.
     """
 
     log_odds: float
@@ -84,25 +78,24 @@ class MatchEvidence:
 
     @property
     def nearness(self) -> tuple[int, float, int]:
-        """How near the tag was to being bound, to be compared: distances count up to as many as are needed."""
+        """Closeness to binding; distances capped at the required number."""
         return min(self.distances, READINGS_MIN_COUNT), self.log_odds, self.distances
 
     @property
     def is_wrong_unit(self) -> bool:
-        """Whether the distances are, on average, the camera's in another unit: ten times as large or small, or more."""
+        """Whether distances are off tenfold or more."""
         mean_m = self.gap_m + self.range_m
         return self.range_m > 0 and mean_m > 0 and abs(math.log10(mean_m / self.range_m)) > _UNIT_MIN_DECADES
 
     @property
     def is_off(self) -> bool:
-        """Whether the distances disagree with the camera's, on average or one by one, by more than their error allows."""
+        """Whether distances exceed their stated error."""
         return abs(self.gap_m) > max(_OFF_MIN_M, self.sigma_m) or self.spread_m > _SPREAD_SIGMAS * max(
             _OFF_MIN_M / _SPREAD_SIGMAS, self.sigma_m
         )
 
     @property
     def obstacle(self) -> Obstacle:
-        """What mainly stood in the way: the first of these that holds."""
         rival = self.rival_log_odds
         found = (
             (self.distances < READINGS_MIN_COUNT, Obstacle.FEW_DISTANCES),
@@ -117,7 +110,6 @@ class MatchEvidence:
         return next((obstacle for holds, obstacle in found if holds), Obstacle.NO_FACING)
 
     def as_json(self) -> dict[str, str | int | float]:
-        """Return the numbers for the event log and `--json`."""
         rival = {} if self.rival_log_odds is None else {"rival_log_odds": round(self.rival_log_odds, 1)}
         return {
             "obstacle": str(self.obstacle),

@@ -1,10 +1,7 @@
-"""Binds tags to tracks by likelihood over the whole track, against every rival and against an absent bearer. Pure.
+"""Binds tags to tracks by likelihood over whole tracks, against rivals and an absent bearer.
 
-A binding needs log-odds of 9.2, of which distances alone must give some, and ends below 0. It must never bind without
-distance, nor by distances that say nothing: from such readings one person in the picture cannot be told from another, nor
-from someone outside it; nor while somebody as far away is in view who
-is not followed, since the bearer may be that one. Readings are weighed in the order in which they were taken, whatever the
-order in which they came.
+Bind at log-odds 9.2, unbind below 0. No binding without informative distances, nor while an unfollowed person at
+similar range may be the bearer. Readings are weighed by time taken.
 """
 
 from __future__ import annotations
@@ -40,8 +37,6 @@ _Order = tuple[int, int, int, str, int, float, float, float]
 
 
 class _Evidence(NamedTuple):
-    """What readings of one tag say for one track."""
-
     belief: Belief = FILTERS.start
     compared: int = 0
     front: int = 0
@@ -53,12 +48,10 @@ class _Evidence(NamedTuple):
     sigma_m_sum: float = 0.0
 
     def ratio(self) -> float:
-        """Return log(likelihood if this track wears the tag / if its bearer is absent)."""
         return self.distance_ratio + log_antenna(self.front, self.back)
 
     @property
     def speaks(self) -> bool:
-        """Whether there are distances enough, and they alone speak for this person."""
         return self.compared >= READINGS_MIN_COUNT and self.distance_ratio >= DISTANCE_LOG_ODDS_MIN
 
 
@@ -66,7 +59,7 @@ _NOTHING = _Evidence()
 
 
 class _Standing(NamedTuple):
-    """How one tag stands with one track: by every reading, and by those taken while all in view were followed."""
+    """A tag's evidence: all readings, and with everybody followed."""
 
     every: _Evidence = _NOTHING
     sure: _Evidence = _NOTHING
@@ -78,7 +71,7 @@ _Standings = dict[int, _Standing]
 
 
 class _Cloud(NamedTuple):
-    """A time (ms, after one and up to the other) at which people at these ranges (m) had no track."""
+    """Interval (ms) with untracked people at ranges (m)."""
 
     after_ms: int
     until_ms: int
@@ -87,8 +80,6 @@ class _Cloud(NamedTuple):
 
 @dataclass(slots=True)
 class _Tag:
-    """What is known of one tag: its readings in time order, how many are weighed, and how it stands with each track."""
-
     readings: list[Sighting] = field(default_factory=list)
     slots: dict[tuple[int, Facing, bool], Sighting] = field(default_factory=dict)
     weighed: int = 0
@@ -99,7 +90,6 @@ class _Tag:
     decided_until_ms: int | None = None
 
     def add(self, sighting: Sighting) -> bool:
-        """Take a reading unless one of its slot stands already; return whether it changes anything."""
         at_ms = sighting.middle_ms
         slot = (at_ms // SLOT_MS, sighting.facing, sighting.distance_m is not None)
         present = self.slots.get(slot)
@@ -121,7 +111,6 @@ class _Tag:
         return True
 
     def _rewind(self, place: int) -> None:
-        """Go back to before the reading at `place`, if it was weighed."""
         if place >= self.weighed:
             return
         while len(self.checkpoints) > 1 and self.checkpoints[-1][0] > place:
@@ -130,7 +119,7 @@ class _Tag:
         self.standings = dict(standings)
 
     def let_go(self, first_ms: int) -> None:
-        """Drop readings before that time; what was bound stays bound until later readings speak against it."""
+        """Drop older readings; bindings stay until contradicted."""
         gone = bisect_left(self.readings, first_ms, key=lambda reading: reading.middle_ms)
         if gone == 0 or self.weighed < gone:
             return
@@ -142,14 +131,13 @@ class _Tag:
         self.checkpoints = [(0, dict(self.standings))]
 
     def forget_tracks(self, numbers: Sequence[int]) -> None:
-        """Drop tracks that are long over."""
         for standings in (self.standings, *(kept for _, kept in self.checkpoints)):
             for number in numbers:
                 standings.pop(number, None)
 
 
 class Matcher:
-    """Holds the readings of each tag (by alias) and decides which track, if any, is its bearer."""
+    """Holds each tag's readings by alias and decides the bearer's track."""
 
     def __init__(self) -> None:
         self._tags: dict[str, _Tag] = {}
@@ -159,25 +147,22 @@ class Matcher:
         self._now_ms: int | None = None
 
     def note_unfollowed(self, at_ms: int, ranges: Sequence[float]) -> None:
-        """Take notice that people at these ranges (m) are not followed in this frame, or may be hidden there.
+        """Record ranges (m) of people not followed, or possibly hidden, in this frame.
 
-        Call in time order, before `advance` to that time. For who is about as far away, readings taken beside such a
-        frame speak against a binding, never for one: whoever stands merged with another, was just parted from him, or
-        is right behind him has no track to stand for him, and the tag would go to the next best one.
+        Call in time order, before `advance` to that time. Readings beside it only count against binding people at
+        similar range: the real bearer may lack a track.
         """
         # From the frame before, so that a reading between the two counts the same whether it comes in time or late.
         after_ms = at_ms - NEAREST_RANGE_MS if self._now_ms is None else min(self._now_ms, at_ms - 1)
         self._clouds.append(_Cloud(after_ms, at_ms + NEAREST_RANGE_MS, tuple(ranges)))
 
     def add_track(self, track: Track) -> None:
-        """Take notice of a track; asking again does nothing."""
         self._tracks[track.number] = track
 
     def add_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> None:
-        """Take a reading, late or early; one that came before counts once. It is weighed by the next `advance`.
+        """Add a reading in any order, duplicates once; the next `advance` weighs it.
 
-        One that is older than all evidence, or a minute ahead of the camera, is let go. `known` says whether the roster
-        holds the tag: where there are too many, strangers' go first.
+        Too old or a minute ahead of the camera: dropped. Not `known` (off the roster): evicted first.
         """
         now_ms = self._now_ms
         if now_ms is not None and not _first_kept_ms(now_ms) <= sighting.middle_ms <= now_ms + AHEAD_MAX_MS:
@@ -192,7 +177,6 @@ class Matcher:
             self._waiting.add(alias)
 
     def advance(self, at_ms: int) -> None:
-        """Weigh the readings up to a time up to which the camera has spoken: bind at 9.2, unbind below 0."""
         self._now_ms = at_ms = at_ms if self._now_ms is None else max(self._now_ms, at_ms)
         for alias in sorted(self._waiting):
             tag = self._tags[alias]
@@ -203,14 +187,13 @@ class Matcher:
                 self._waiting.discard(alias)
 
     def finish(self) -> None:
-        """Weigh all that waits, since the camera will say nothing more."""
         for alias in sorted(self._waiting):
             tag = self._tags[alias]
             self._weigh_until(tag, tag.readings[-1].middle_ms)
         self._waiting.clear()
 
     def bound_track(self, alias: str, present: Sequence[int]) -> int | None:
-        """Return the one track of `present` that the tag is bound to; None if none, several, or another tag's too."""
+        """Return the only present track, None also if shared."""
         mine = [number for number in present if self._is_bound(alias, number)]
         if len(mine) != 1:
             return None
@@ -218,28 +201,25 @@ class Matcher:
         return None if shared else mine[0]
 
     def is_elsewhere(self, alias: str, at_ms: int) -> bool:
-        """Whether the tag's bearer is known but not followed at that time, so that nobody then seen is the bearer."""
+        """Whether the bearer is known but out of view."""
         mine = [track for number, track in self._tracks.items() if self._is_bound(alias, number)]
         return bool(mine) and not any(track.began_ms <= at_ms <= track.seen_ms for track in mine)
 
     def has_distance(self, alias: str) -> bool:
-        """Whether any reading of the tag came with a distance."""
         tag = self._tags.get(alias)
         return tag is not None and any(reading.distance_m is not None for reading in tag.readings)
 
     @property
     def held_count(self) -> int:
-        """How many readings are held, of all tags: bounded, however many come."""
         return sum(len(tag.readings) for tag in self._tags.values())
 
     def log_odds(self, alias: str) -> dict[int, float]:
-        """Return the newest log-odds of each track for a tag, for explanation and tests."""
         tag = self._tags.get(alias)
         standings = tag.standings.items() if tag is not None else ()
         return {number: standing.odds for number, standing in standings if standing.odds is not None}
 
     def explain(self, alias: str, present: Sequence[int]) -> MatchEvidence | None:
-        """Return how the tag stands with the one of `present` whom it fits best; None if it was never compared."""
+        """Return best-fit evidence, None if never compared."""
         tag = self._tags.get(alias)
         if tag is None:
             return None
@@ -269,7 +249,6 @@ class Matcher:
         )
 
     def forget_before(self, at_ms: int) -> None:
-        """Drop ended tracks, and tags that were not heard, that can no longer matter."""
         horizon = at_ms - EVIDENCE_MS
         del self._clouds[: bisect_left(self._clouds, horizon - LET_GO_MS, key=lambda cloud: cloud.until_ms)]
         gone = [n for n, track in self._tracks.items() if track.seen_ms < horizon]
@@ -286,9 +265,9 @@ class Matcher:
         return standing is not None and standing.bound
 
     def _make_room(self, *, known: bool) -> bool:
-        """Drop the stranger's tag heard longest ago; without one, the roster's, but only for another of the roster's.
+        """Evict the longest-silent stranger's tag, or for a roster tag a roster one.
 
-        Return whether there is room. Whose tag is dropped is withheld, never shown.
+        Return whether there is room. An evicted tag's owner is withheld, never shown.
         """
         order = {alias: (tag.known, tag.readings[-1].middle_ms, alias) for alias, tag in self._tags.items()}
         oldest = min(order, key=lambda alias: order[alias])
@@ -309,7 +288,6 @@ class Matcher:
                 tag.checkpoints.append((tag.weighed, dict(tag.standings)))
 
     def _weigh(self, tag: _Tag, reading: Sighting) -> None:
-        """Take one reading into account for every track that was followed when it was taken."""
         at_ms = reading.middle_ms
         clouds = self._ranges_unfollowed(at_ms)
         steps: dict[int, Step] = {}
@@ -327,7 +305,6 @@ class Matcher:
         self._decide(tag, at_ms)
 
     def _ranges_unfollowed(self, at_ms: int) -> list[float]:
-        """Return how far away those were, beside that time, who were not followed."""
         place = bisect_left(self._clouds, at_ms, key=lambda cloud: cloud.until_ms)
         found: list[float] = []
         while place < len(self._clouds) and self._clouds[place].after_ms < at_ms:
@@ -336,7 +313,6 @@ class Matcher:
         return found
 
     def _decide(self, tag: _Tag, at_ms: int) -> None:
-        """Weigh the tracks in view against each other and absence, and bind or unbind."""
         tracks = [track for track in self._tracks.values() if track.began_ms <= at_ms and track.number in tag.standings]
         every = {track.number: tag.standings[track.number].every.ratio() for track in tracks}
         sure = {track.number: tag.standings[track.number].sure.ratio() for track in tracks}
@@ -356,7 +332,6 @@ class Matcher:
 
 
 def _take(evidence: _Evidence, reading: Sighting, at_ms: int, person_m: float, steps: dict[int, Step]) -> _Evidence:
-    """Return the evidence with one more reading, for a person who was so far away when it was taken."""
     if reading.distance_m is not None and reading.sigma_m is not None:
         evidence = _compare(evidence, at_ms, reading.distance_m, reading.sigma_m, person_m, steps)
     front, back = reading.facing is Facing.FRONT, reading.facing is Facing.BACK
@@ -366,7 +341,6 @@ def _take(evidence: _Evidence, reading: Sighting, at_ms: int, person_m: float, s
 def _compare(
     evidence: _Evidence, at_ms: int, distance_m: float, sigma_m: float, person_m: float, steps: dict[int, Step]
 ) -> _Evidence:
-    """Take a distance. What does not depend on the person is worked out once for all tracks with the same past."""
     spread = evidence.belief.spread
     step = steps.get(id(spread))
     if step is None:
@@ -385,18 +359,15 @@ def _compare(
 
 
 def _log_odds(ratio: float, rivals: Sequence[float]) -> float:
-    """Return the posterior log-odds of one track against absence and all rivals."""
     share = math.log((1 - PRIOR_ABSENT) / (1 + len(rivals)))
     return share + ratio - log_sum([math.log(PRIOR_ABSENT), *(share + rival for rival in rivals)])
 
 
 def _first_kept_ms(now_ms: int) -> int:
-    """Return the time from which readings count at that time; it moves on in steps."""
     return (now_ms - EVIDENCE_MS) // LET_GO_MS * LET_GO_MS
 
 
 def _order(reading: Sighting) -> _Order:
-    """Return what readings of a tag are put in order by, the same whatever the order in which they came."""
     distance_m, sigma_m = reading.distance_m or 0.0, reading.sigma_m or 0.0
     facing, rssi = str(reading.facing), reading.rssi_dbm
     return (
@@ -412,7 +383,6 @@ def _order(reading: Sighting) -> _Order:
 
 
 def _without_nonsense(sighting: Sighting) -> Sighting:
-    """Return the reading with a sigma that no reader falls below, or without a distance that is none or says nothing."""
     distance_m, sigma_m = sighting.distance_m, sighting.sigma_m
     if distance_m is None or sigma_m is None:
         return sighting if distance_m is None and sigma_m is None else replace(sighting, distance_m=None, sigma_m=None)

@@ -1,4 +1,4 @@
-"""Why a silhouette was taken for two people, in numbers. Pure."""
+"""Why a silhouette was taken for two people."""
 
 from __future__ import annotations
 
@@ -26,11 +26,7 @@ HELP = {
 
 @dataclass(frozen=True, slots=True)
 class MergedEvidence:
-    """One silhouette's size and the rule that was asked, with the `limit` above which it says two people.
-
-    `area_m2` and `limit` of `AREA` are in square metres, `breadth_m` (about half a metre below the top of the head) and
-    `limit` of `BREADTH` in metres, `log_odds` and all other limits are natural log-odds of two people.
-    """
+    """`limit`: square metres (`AREA`), metres (`BREADTH`), otherwise natural log-odds."""
 
     by: MergedBy
     limit: float
@@ -41,13 +37,12 @@ class MergedEvidence:
 
     @property
     def excess(self) -> float:
-        """By how much its limit is exceeded, as a share of it (log-odds: as it is): the least is nearest to one person."""
+        """Excess as a share of the limit (log-odds: absolute)."""
         if self.by is MergedBy.AREA:
             return self.area_m2 / self.limit - 1
         return self.breadth_m / self.limit - 1 if self.by is MergedBy.BREADTH else self.log_odds - self.limit
 
     def as_json(self) -> dict[str, str | float]:
-        """Return the numbers for the event log and `--json`."""
         return {
             "by": str(self.by),
             "limit": round(self.limit, 2),

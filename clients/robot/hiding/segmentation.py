@@ -1,7 +1,4 @@
-"""Finds silhouettes in a frame against the recorded background, at half resolution, and judges each one's cut.
-
-Pure. What it cannot tell apart it must call merged, in contact or occluded, never guess.
-"""
+"""Finds and judges half-resolution silhouettes; ambiguity is merged, contact or occluded."""
 
 from __future__ import annotations
 
@@ -41,10 +38,10 @@ _TOUCH = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * TOUCH_HALF_PX + 1, 2 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silhouette:
-    """One person-sized blob. `label` marks its pixels in the label image; places in metres in the camera's frame.
+    """One person-sized blob, by `label` in the label image; camera-frame metres.
 
-    `trouble` is empty, or why no rendition may be cut from it: `merged`, `contact` or `occluded`. `companion_odds` are
-    the log-odds that it holds more than one person, `company` the numbers behind them.
+    `trouble`: why it is not cut (`merged`, `contact`, `occluded`), or empty. `companion_odds`: log-odds of several
+    people; `company`: evidence.
     """
 
     label: int
@@ -60,7 +57,7 @@ class Silhouette:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segmented:
-    """Silhouettes of a frame and their half-resolution label image (0 = background, -1 = other foreground)."""
+    """Silhouettes; label image 0: background, -1: other foreground."""
 
     silhouettes: tuple[Silhouette, ...]
     labels: Labels | None
@@ -78,7 +75,6 @@ class _Piece:
 
 
 def segment(depth: Depth, background: Background, focal_px: float) -> Segmented:
-    """Return the silhouettes of a frame of the background's shape. About 2-3 ms at 640x480; under 1 ms when empty."""
     half = np.ascontiguousarray(depth[::2, ::2])
     foreground = foreground_of(half, background.half_depth, background.half_threshold)
     foreground = np.asarray(cv2.morphologyEx(foreground, cv2.MORPH_OPEN, _CROSS), dtype=np.uint8)
@@ -101,13 +97,13 @@ def segment(depth: Depth, background: Background, focal_px: float) -> Segmented:
 
 
 def foreground_of(depth: Depth, background: Depth, threshold: Depth) -> Bytes2D:
-    """Return 255 where a measured depth is nearer than the background by more than the threshold, else 0."""
+    """Return 255 where nearer by over the threshold, else 0."""
     nearer = cv2.compare(cv2.subtract(background, depth), threshold, cv2.CMP_GT)
     return np.asarray(cv2.bitwise_and(nearer, cv2.inRange(depth, MEASURED_MIN_MM, MEASURED_MAX_MM)), dtype=np.uint8)
 
 
 def _cut_at_edges(foreground: Bytes2D, half: Depth) -> None:
-    """Take out pixels at jumps in depth, so that one person behind another is a piece of its own. In place."""
+    """Remove pixels at depth jumps, in place."""
     signed = half.astype(np.int32)
     across = np.abs(np.diff(signed, axis=1)) > DEPTH_EDGE_MM
     down = np.abs(np.diff(signed, axis=0)) > DEPTH_EDGE_MM
@@ -120,7 +116,6 @@ def _cut_at_edges(foreground: Bytes2D, half: Depth) -> None:
 
 
 def _pieces(half: Depth, raw: Labels, stats: npt.NDArray[np.int32], count: int, focal: float) -> list[_Piece]:
-    """Group components that are one body in plan view: close in depth, touching or nearly so from side to side."""
     middle, horizon = (half.shape[1] - 1) / 2, (half.shape[0] - 1) / 2
     pieces: list[_Piece] = []
     order = sorted(range(1, count), key=lambda number: -int(stats[number][cv2.CC_STAT_AREA]))
@@ -146,9 +141,9 @@ def _pieces(half: Depth, raw: Labels, stats: npt.NDArray[np.int32], count: int, 
 
 
 def _with_aids(pieces: list[_Piece], focal: float) -> list[_Piece]:
-    """Give low and small pieces just before a body that is alone there to that body: a walking frame, knees, a foot rest.
+    """Join low small pieces just before a lone body to it (walking frame, knees).
 
-    Not where two bodies are near: then the piece may be either's, and whoever it touches is withheld.
+    Near two bodies they stay separate; whoever they touch is withheld.
     """
     small = [_is_small(piece, focal) for piece in pieces]
     kept = []
@@ -178,7 +173,6 @@ def _is_before(piece: _Piece, body: _Piece) -> bool:
 
 
 def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouette | None:
-    """Return the silhouette of one label, or None if it is not the size of a person."""
     mask = (labels == number).view(np.uint8)
     left, top, width, height = cv2.boundingRect(mask)
     box = (slice(top, top + height), slice(left, left + width))
@@ -211,7 +205,7 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
 
 
 def _judge_company(cues: Floats) -> MergedEvidence:
-    """Return the log-odds of two people: the model's, but by size alone for what it has never learned about."""
+    """Return log-odds of two people; size alone outside training."""
     model = shipped_model()
     area, breadth, distance = (float(cues[CUES.index(name)]) for name in ("area_m2", "width_3_m", "range_m"))
     if area > GROUP_AREA_MIN_M2:
@@ -228,7 +222,7 @@ def _judge_company(cues: Floats) -> MergedEvidence:
 
 
 def _touch(labels: Labels, half: Depth, mask: Bytes2D, number: int, median: int) -> str:
-    """Return `occluded` if someone nearer is within 8 px, `contact` if someone as near is, else nothing."""
+    """Return `occluded`, `contact` or empty, for others within 8 px."""
     left, top, width, height = cv2.boundingRect(mask)
     top0, left0 = max(0, top - TOUCH_HALF_PX), max(0, left - TOUCH_HALF_PX)
     box = (slice(top0, top + height + TOUCH_HALF_PX), slice(left0, left + width + TOUCH_HALF_PX))

@@ -1,7 +1,4 @@
-"""Tells whether a tag's distances follow a person's range with a delay: then a clock is wrong, not the reader.
-
-Only for words and figures.
-"""
+"""Detects clock delays of tag distances; reporting only."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ _SIGMAS_LEFT = 2.5  # and no more than so many stated errors
 
 
 def find_delay_ms(readings: Sequence[Sighting], track: Track) -> int | None:
-    """Return by how much later than the person the newest distances are, negative if earlier; None if no shift helps."""
+    """Return delay in ms, None if no shift helps."""
     measured = [reading for reading in readings if reading.distance_m is not None][-READINGS_LOOKED_AT_MAX_COUNT:]
     if len(measured) < READINGS_MIN_COUNT or not track.times:
         return None

@@ -1,8 +1,7 @@
-"""Follows silhouettes from frame to frame in plan view. Pure.
+"""Follows silhouettes between frames in plan view.
 
-A track is one person for certain, or it ends: where two people may have been exchanged, both tracks end and new
-ones begin. A tag must never stay bound across a doubt. Who was lost beside another may stand right behind him: until
-as many are seen again as went together, somebody counts as hidden.
+A track is certainly one person, or ends: if two people may have been exchanged, both tracks end. A person lost beside
+another counts as hidden until equally many are seen again.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ TOGETHER_COUNT = 2
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """One followed silhouette: identity, state of the follower, and its range (m) over time (ms)."""
+    """One silhouette: identity, follower, range (m) by time (ms)."""
 
     number: int
     began_ms: int
@@ -53,12 +52,12 @@ class Track:
     ranges: list[float] = field(default_factory=list)
 
     def predicted(self, at_ms: int) -> tuple[float, float]:
-        """Return where the person should be, for at most half a second of unseen walking."""
+        """Predict at most half a second unseen."""
         ahead = min(at_ms - self.seen_ms, 500) / 1000
         return self.x_m + self.speed_x * ahead, self.z_m + self.speed_z * ahead
 
     def range_at(self, at_ms: int) -> float | None:
-        """Return the measured range nearest in time, or None if there is none close enough."""
+        """Return the nearest measured range, None if too far."""
         place = bisect_left(self.times, at_ms)
         near = [i for i in (place - 1, place) if 0 <= i < len(self.times)]
         best = min(near, key=lambda i: abs(self.times[i] - at_ms), default=None)
@@ -67,11 +66,9 @@ class Track:
         return self.ranges[best]
 
     def overlaps(self, other: Track) -> bool:
-        """Whether both were followed at some same time."""
         return self.began_ms <= other.seen_ms and other.began_ms <= self.seen_ms
 
     def observe(self, seen: Silhouette, at_ms: int) -> None:
-        """Take the silhouette that was matched to this track."""
         elapsed = (at_ms - self.seen_ms) / 1000
         if elapsed > 0:
             self.speed_x += SMOOTHING * ((seen.x_m - self.x_m) / elapsed - self.speed_x)
@@ -86,9 +83,9 @@ class Track:
 
 @dataclass(slots=True, eq=False)
 class _Together:
-    """Where people were last seen together, how many of them are not seen apart, and the tracks of those who are.
+    """Where people were last together: number unseen, tracks of those seen apart.
 
-    `counted` are the tracks that ended in this very step and are among the hidden already.
+    `counted`: tracks ended in this step and already among the hidden.
     """
 
     x_m: float
@@ -99,7 +96,6 @@ class _Together:
     counted: tuple[Track, ...] = ()
 
     def note_ended(self) -> None:
-        """Count whoever was seen apart and is followed no more among the hidden again, there where they were last."""
         for track in [track for track in self.apart if track.ended]:
             self.apart.remove(track)
             self.hidden_count += 1
@@ -107,12 +103,11 @@ class _Together:
             self.x_m, self.z_m, self.seen_ms = track.x_m, track.z_m, max(self.seen_ms, track.seen_ms)
 
     def is_open(self, at_ms: int) -> bool:
-        """Tell whether it still matters that they went together: until as many are seen at once, not one after another."""
+        """Whether it matters: until equally many are seen at once."""
         all_seen = self.hidden_count == 0 and len({track.seen_ms for track in self.apart}) <= 1
         return not all_seen and at_ms - self.seen_ms <= (HIDDEN_MS if self.apart else GONE_MS)
 
     def is_near(self, x_m: float, z_m: float, at_ms: int) -> bool:
-        """Tell whether one of them can come to be seen there: beside those who are, or where all of them were."""
         elapsed_ms = at_ms - self.seen_ms
         beside = [(track.x_m, track.z_m, TOGETHER_M) for track in self.apart]
         if elapsed_ms <= TOGETHER_MS or not self.apart:
@@ -121,7 +116,7 @@ class _Together:
 
 
 class Tracker:
-    """All tracks of a camera. `step` once for each frame, in time order."""
+    """A camera's tracks; `step` once per frame, in order."""
 
     def __init__(self) -> None:
         self.live: list[Track] = []
@@ -130,11 +125,11 @@ class Tracker:
 
     @property
     def hidden_ranges(self) -> list[float]:
-        """Where somebody may stand hidden, as the ranges (m) of those with whom they went together."""
+        """Ranges (m) where somebody may be hidden."""
         return [track.ranges[-1] for group in self._together if group.hidden_count for track in group.apart]
 
     def step(self, silhouettes: tuple[Silhouette, ...], at_ms: int) -> list[Track | None]:
-        """Return the track of each silhouette; None for a merged one, which is nobody's for certain."""
+        """Return each silhouette's track, None if merged."""
         lost = [track for track in self.live if at_ms - track.seen_ms > LOST_AFTER_MS]
         for track in lost:
             track.ended = True
@@ -186,7 +181,6 @@ class Tracker:
         silhouettes: list[Silhouette],
         at_ms: int,
     ) -> None:
-        """End what may have been exchanged while it was unseen: a track, and who else could be where it is found now."""
         unseen = [at_ms - track.seen_ms > UNSEEN_CERTAIN_MS for track in self.live]
         found = {column: row for row, column in matches}
         for row, column in matches:
@@ -202,7 +196,6 @@ class Tracker:
                 self.live[column].ended = True
 
     def _end_doubtful(self, silhouettes: tuple[Silhouette, ...], chosen: list[Track | None], at_ms: int) -> None:
-        """End tracks inside a merged blob, and both tracks where one has just vanished into the other's silhouette."""
         taken = {track.number for track in chosen if track is not None}
         lost = [track for track in self.live if track.number not in taken]
         for seen, matched in zip(silhouettes, chosen, strict=True):
@@ -219,13 +212,11 @@ class Tracker:
                 self._note_swallowed(seen, (*inside, matched), at_ms)
 
     def _note_swallowed(self, seen: Silhouette, ended: tuple[Track, ...], at_ms: int) -> None:
-        """Take notice that tracks ended for one silhouette just now; who ended there twice in one step counts once."""
         near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
         counted = {track.number for group in near for track in group.counted}
         self._note_together(seen, tuple(track for track in ended if track.number not in counted), at_ms)
 
     def _note_together(self, seen: Silhouette, ended: tuple[Track, ...], at_ms: int) -> None:
-        """Take notice that people are in one silhouette, or beside it unseen: those whose tracks ended for it just now."""
         near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
         self._together = [group for group in self._together if group not in near]
         # Who has left the others counts as seen, though they still look like two; whose track has just ended does not.
@@ -238,7 +229,6 @@ class Tracker:
         self._together.append(_Together(seen.x_m, seen.z_m, at_ms, max(hidden, least), apart, counted))
 
     def _note_lost(self, lost: Track) -> None:
-        """Take notice that somebody was lost from sight; beside another he counts as hidden there, or just outside."""
         if any(lost in group.apart for group in self._together):
             return
         for track in self.live:
@@ -249,10 +239,9 @@ class Tracker:
                 return
 
     def _note_apart(self, track: Track, before: Track | None, at_ms: int) -> None:
-        """Take notice that somebody is seen alone, who may have been one of those.
+        """Record that a possibly hidden person is seen alone.
 
-        Whose track `before` has just ended in doubt, and was not counted among them, was seen all along: nobody less is
-        hidden now, though it may be another who is.
+        If track `before` just ended in doubt and was not counted hidden, the number hidden stays.
         """
         near = [g for g in self._together if g.hidden_count > 0 and g.is_near(track.x_m, track.z_m, at_ms)]
         if not near:
@@ -272,6 +261,5 @@ class Tracker:
 
 
 def _could_be_in(track: Track, seen: Silhouette, at_ms: int) -> bool:
-    """Tell whether somebody who is not seen now may be in, or right behind, a silhouette."""
     x, z = track.predicted(at_ms)
     return float(np.hypot(seen.x_m - x, seen.z_m - z)) <= SWALLOWED_M + GATE_PER_M * seen.z_m

@@ -1,4 +1,4 @@
-"""Registers a robot with the code that a registrar issued."""
+"""Registers a robot with a registrar's code."""
 
 from __future__ import annotations
 
@@ -12,10 +12,7 @@ from consensus.members.vouchers import decode_card_code
 
 
 async def register_robot(folder: Path, identity: RobotIdentity, code: str, genesis: Genesis) -> Registration:
-    """Register the robot that lives in `folder` with the card's code.
-
-    Raises VOUCHER_INVALID, or CALL_REFUSED if the chain refuses.
-    """
+    """Raises VOUCHER_INVALID, CALL_REFUSED."""
     card = decode_card_code(code)
     member = NewMember(
         identity=identity.identity,

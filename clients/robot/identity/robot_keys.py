@@ -1,7 +1,7 @@
 """A robot's own keys, in one file readable by its user only.
 
-With a passphrase the file is sealed under it. Without one, for a robot that starts unattended, whoever steals the robot
-has its keys and its roster of the day (see the threat model) until it is revoked.
+Sealed under a passphrase if given; otherwise whoever steals the robot has keys and the day's roster until revocation
+(see the threat model).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class _KeyFile(msgspec.Struct):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RobotIdentity:
-    """The robot's member key M, the S, V and X that every member has, and the key of its spool."""
+    """The robot's member key M, member keys S, V, X, and spool key."""
 
     identity: PrivateKey
     spend: PrivateKey
@@ -58,15 +58,12 @@ class RobotIdentity:
 
     @property
     def sealing_public(self) -> bytes:
-        """The X25519 public key that rosters are sealed to, 32 bytes."""
+        """The 32-byte X25519 public key for sealing rosters."""
         return bytes(SealingPrivateKey(self.sealing).public_key)
 
 
 def create_identity(folder: Path, passphrase: str | None = None, cost: PassphraseCost | None = None) -> RobotIdentity:
-    """Draw a robot's keys and write them, mode 0600, sealed if there is a passphrase.
-
-    Raises ROBOT_EXISTS rather than overwrite.
-    """
+    """Write keys, mode 0600. Raises ROBOT_EXISTS."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     keys = _KeyFile(1, *(secrets.token_bytes(_KEY_BYTES) for _ in range(5)))
     content = _to_bytes(keys, passphrase, cost)  # before there is a file: sealing takes memory, a second, and may fail
@@ -82,25 +79,19 @@ def create_identity(folder: Path, passphrase: str | None = None, cost: Passphras
 
 
 def load_identity(folder: Path, passphrase: str | None = None) -> RobotIdentity:
-    """Read a robot's keys.
-
-    Raises ROBOT_NOT_FOUND, ROBOT_PASSPHRASE_MISSING, ROBOT_PASSPHRASE_WRONG, or DATA_DIRECTORY_INVALID for a damaged file.
-    """
+    """Raises ROBOT_NOT_FOUND, ROBOT_PASSPHRASE_MISSING, ROBOT_PASSPHRASE_WRONG, DATA_DIRECTORY_INVALID."""
     return _identity(_read(folder, passphrase))
 
 
 def is_sealed(folder: Path) -> bool:
-    """Tell whether a passphrase opens the robot's key file. Raises ROBOT_NOT_FOUND."""
+    """Raises ROBOT_NOT_FOUND."""
     return _FORMAT.magic in _read_bytes(folder)[:64]
 
 
 def change_passphrase(
     folder: Path, passphrase: str | None, new: str | None, cost: PassphraseCost | None = None
 ) -> None:
-    """Seal the key file under another passphrase, or None to leave it open. Raises as `load_identity`, and SPOOL_FULL.
-
-    The file that was there is replaced; what a disk keeps of it is beyond us.
-    """
+    """Replace the passphrase; None unseals. Raises as `load_identity`, SPOOL_FULL."""
     write_durably(folder / _FILE, _to_bytes(_read(folder, passphrase), new, cost))
 
 

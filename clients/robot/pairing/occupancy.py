@@ -1,7 +1,6 @@
-"""Tells when exactly one registered person was there: one tag in range, one silhouette in the picture, and it is hers.
+"""Detects when exactly one registered person was present: one tag, one silhouette, theirs.
 
-What cannot be cut down to one person (sound, estimates, colour that is not registered to depth) is kept only then.
-It knows aliases only.
+Sound, estimates and unregistered colour are kept only then. Knows aliases only.
 """
 
 from __future__ import annotations
@@ -25,21 +24,18 @@ STRANGERS_MAX_COUNT = 1_024
 
 @dataclass(slots=True)
 class _Seen:
-    """One depth frame: its owners once they are decided, and the verdict of each."""
-
     captured_at_ms: int
     owners: tuple[str, ...] | None = None
     verdicts: dict[str, Kept | Withheld] = field(default_factory=dict)
 
     @property
     def is_settled(self) -> bool:
-        """Whether every owner has a verdict."""
         return self.owners is not None and len(self.verdicts) == len(self.owners)
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Who was there. `keeper` is the one whom a recording may be kept for; the others of `owners` are told `reason`."""
+    """Who was present; `keeper` may keep it, others get `reason`."""
 
     owners: tuple[str, ...]
     keeper: str = ""
@@ -47,7 +43,7 @@ class Judgement:
 
 
 class OccupancyMonitor:
-    """Remembers the last half minute of frames and strangers. Times are on the camera's timeline, in milliseconds."""
+    """Remembers the last half minute of frames and strangers; camera time in ms."""
 
     def __init__(self, window_ms: int = WINDOW_DEFAULT_MS) -> None:
         self._window_ms = window_ms
@@ -56,7 +52,6 @@ class OccupancyMonitor:
         self._newest_ms: int | None = None
 
     def see(self, sequence: int, captured_at_ms: int) -> None:
-        """Note that a depth frame has come."""
         self._frames[sequence] = _Seen(captured_at_ms)
         self._newest_ms = max(captured_at_ms, self._newest_ms or captured_at_ms)
         oldest_ms = self._newest_ms - MEMORY_MS
@@ -69,7 +64,6 @@ class OccupancyMonitor:
             self._strangers.popleft()
 
     def note(self, output: Output) -> None:
-        """Note what the hider decided about a frame."""
         seen = self._frames.get(output.sequence)
         if seen is None:
             return
@@ -79,7 +73,6 @@ class OccupancyMonitor:
             seen.verdicts[output.alias] = output
 
     def note_stranger(self, first_ms: int, last_ms: int) -> None:
-        """Note that a tag was read whose bearer is not to be recorded."""
         start, end = first_ms - self._window_ms, last_ms + self._window_ms
         if self._strangers and self._strangers[-1][0] <= end and start <= self._strangers[-1][1]:
             before = self._strangers.pop()
@@ -90,7 +83,7 @@ class OccupancyMonitor:
         self._strangers.append((start, end))
 
     def judge(self, start_ms: int, end_ms: int, *, final: bool = False) -> Judgement | None:
-        """Say whether one person was alone from `start_ms` to `end_ms`; None while that is not settled."""
+        """Return whether one person was alone in the span; None: not settled."""
         frames = self._settled(start_ms - APART_MAX_MS, end_ms + APART_MAX_MS, final=final)
         if frames is None:
             return None
@@ -108,7 +101,7 @@ class OccupancyMonitor:
         return Judgement(owners, keeper=owners[0] if alone else "")
 
     def silhouettes(self, at_ms: int, *, final: bool = False) -> list[Kept | Withheld] | None:
-        """Return the verdicts of the depth frame of that very moment, none if there is no such frame; None: not yet."""
+        """Return that moment's verdicts; None: not yet."""
         frames = self._settled(at_ms - SKEW_MAX_MS, at_ms + SKEW_MAX_MS, final=final)
         if not frames:
             return None if frames is None else []
@@ -116,7 +109,6 @@ class OccupancyMonitor:
         return [nearest.verdicts[alias] for alias in nearest.owners or () if alias in nearest.verdicts]
 
     def _settled(self, from_ms: int, to_ms: int, *, final: bool) -> list[_Seen] | None:
-        """Return the frames of a stretch once all have come and been decided."""
         if not final and (self._newest_ms is None or self._newest_ms <= to_ms):
             return None
         frames = [seen for seen in self._frames.values() if from_ms <= seen.captured_at_ms <= to_ms]

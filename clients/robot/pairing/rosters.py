@@ -1,7 +1,7 @@
-"""The robot's roster in memory: which tag belongs to whom, today.
+"""The robot's roster in memory: today's tag owners.
 
-The roster is read whole from a sealed file; asking a node about one tag would tell it who stands before the robot.
-What the chain says of its people, and what they consent to, is in `clients.robot.consent.consent_view`.
+Read whole from a sealed file; asking a node about one tag would reveal who is near. Consent is in
+`clients.robot.consent.consent_view`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _log = structlog.get_logger("rosters")
 
 
 class RosterBook:
-    """Finds the bearer of a tag by HMAC(roster key, UID)."""
+    """Finds a tag's bearer by HMAC(roster key, UID)."""
 
     def __init__(self, roster: Roster) -> None:
         self._key = roster.key
@@ -33,14 +33,10 @@ class RosterBook:
 
     @property
     def rows(self) -> tuple[RosterRow, ...]:
-        """Everybody on the roster."""
         return tuple(self._rows.values())
 
     def find(self, uid: str, at_ms: int) -> RosterRow | None:
-        """Return the row of a tag that was read at a host's time, None if it is nobody's who is registered.
-
-        From the end of the roster's day on that is every tag: until tomorrow's roster nobody knows who carries one.
-        """
+        """Return a row, None if unregistered or the day is over."""
         return self._rows.get(roster_tag(self._key, uid)) if at_ms < self.not_after_ms else None
 
 

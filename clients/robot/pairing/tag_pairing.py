@@ -1,8 +1,7 @@
-"""Decides which tags a frame belongs to: a sighting over [a, b] covers the frames of [a - window, b + window].
+"""Decides which tags own a frame: sighting [a, b] covers [a - window, b + window].
 
-Pure and exact: a frame is decided once no sighting that may still arrive can change its owners, and never before. A
-sighting may arrive until `lateness_ms` after its first reading, and however early. Everything held is bounded, and what
-a bound turns away is an error or counted in `refused`. It knows aliases only, and must never be given a tag's UID.
+Frames are decided once no possible sighting can change owners (`lateness_ms` after first reading). All bounded; rejects
+raise or count in `refused`. Only aliases, never tag UIDs.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ REFUSED_AND_COUNTED = frozenset({"FRAME_TIME_WRONG", "PAIRING_FULL"})  # codes a
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A frame's owners, for good. `reason` is empty when there are owners, else why there are none."""
+    """A frame's final owners; without any, `reason` says why."""
 
     sequence: int
     captured_at_ms: int
@@ -52,7 +51,7 @@ class _Intervals:
         return len(self._starts)
 
     def add(self, start: int, end: int) -> bool:
-        """Join an interval to the union; return False, and change nothing, if there would be too many apart."""
+        """Return False, changing nothing, at the maximum number."""
         first = bisect_left(self._ends, start)
         last = bisect_right(self._starts, end)
         if first < last:
@@ -68,7 +67,7 @@ class _Intervals:
         return place >= 0 and at <= self._ends[place]
 
     def forget_before(self, at: int) -> bool:
-        """Drop intervals that ended before `at`; return whether none is left."""
+        """Return whether none is left."""
         keep = bisect_left(self._ends, at)
         del self._starts[:keep]
         del self._ends[:keep]
@@ -76,12 +75,10 @@ class _Intervals:
 
 
 class Pairing:
-    """Pairs a stream of frames with a stream of sightings, which may come late, early, twice or out of order.
+    """Pairs frames with sightings that may be late, early, duplicate or unordered.
 
-    Time is the stream's: the newest frame, receipt of a sighting, or `advance`. A sighting is late when it comes more
-    than `lateness_ms` after its first reading; it still covers frames that are not yet decided, and `late_count` counts
-    it. When a camera's clock is set back by more than `MEMORY_MS`, all that waits is decided, all sightings are
-    forgotten, and a new timeline begins, which `timeline_count` counts; a single stamp so far off is refused.
+    Stream time: newest frame, receipt or `advance`. Later than `lateness_ms` counts in `late_count`, covering undecided
+    frames. A clock set back over `MEMORY_MS` starts a new timeline; single such stamps are rejected.
     """
 
     def __init__(self, window_ms: int = WINDOW_DEFAULT_MS, lateness_ms: int = LATENESS_DEFAULT_MS) -> None:
@@ -99,14 +96,13 @@ class Pairing:
 
     @property
     def waiting_count(self) -> int:
-        """How many frames wait for their decision; never more than `FRAMES_WAITING_MAX_COUNT`."""
         return len(self._waiting)
 
     def add_frame(self, sequence: int, captured_at_ms: int, *, vouched: bool = False) -> list[Decision]:
-        """Take a frame and return what is now decided. `vouched` says that its stamp agrees with its receipt.
+        """Add a frame and return new decisions; `vouched`: stamp agrees with receipt.
 
-        Raises FRAME_TIME_WRONG for one that is not vouched for and further than `MEMORY_MS` from the stream's time,
-        until `CONFIRM_COUNT` in a row agree, and PAIRING_FULL when too many wait.
+        Raises FRAME_TIME_WRONG if unvouched and over `MEMORY_MS` off, until `CONFIRM_COUNT` in a row agree;
+        PAIRING_FULL.
         """
         self._check_time(sequence, captured_at_ms, vouched=vouched)
         made: list[Decision] = []
@@ -127,10 +123,9 @@ class Pairing:
         known: bool = True,
         received_at_ms: int | None = None,
     ) -> list[Decision]:
-        """Take a sighting and return what is now decided. `known` says whether the roster holds the tag.
+        """Add a sighting and return new decisions; `known`: on the roster.
 
-        All strangers' tags are one to pairing. A sighting too far from the stream's time, or for which there is no
-        room, is counted in `refused` and has no effect.
+        Strangers' tags count as one. Too distant in time or without room: counted in `refused`.
         """
         now = self.now_ms if received_at_ms is None else max(received_at_ms, self.now_ms or received_at_ms)
         if now is not None:
@@ -150,7 +145,7 @@ class Pairing:
         return self.advance(now) if now is not None and now != self.now_ms else []
 
     def advance(self, now_ms: int) -> list[Decision]:
-        """Move the stream's time on (never back) and return what is now decided, in time order."""
+        """Advance, never back; return decisions in time order."""
         self.now_ms = now_ms if self.now_ms is None else max(self.now_ms, now_ms)
         made = []
         while self._waiting and self._waiting[0][0] + self.window_ms + self.lateness_ms < self.now_ms:
@@ -164,14 +159,13 @@ class Pairing:
         return made
 
     def flush(self) -> list[Decision]:
-        """Decide all that waits, since nothing more will arrive."""
         made = []
         while self._waiting:
             made.append(self._decide(*heapq.heappop(self._waiting)))
         return made
 
     def owners_so_far(self, captured_at_ms: int) -> tuple[str, ...]:
-        """Return who owns a frame of that time by what has arrived; later sightings can only add owners."""
+        """Return owners so far; later sightings only add."""
         return tuple(sorted(alias for alias, seen in self._known.items() if seen.covers(captured_at_ms)))
 
     def _check_time(self, sequence: int, captured_at_ms: int, *, vouched: bool) -> None:

@@ -1,8 +1,4 @@
-"""Counts readings of tags that are on no row of the roster.
-
-A newcomer whose roster lacks a tag, or whose map of fields reads another field than the UID, sees here that readings
-came. Tags are told apart by a hash under a key that is drawn for each run and forgotten with it.
-"""
+"""Counts tags not on the roster, hashed under a per-run key."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ _DIGEST_BYTES = 16
 
 
 class UnknownTags:
-    """The readings of one run whose tags the roster does not know."""
+    """One run's readings of tags unknown to the roster."""
 
     def __init__(self) -> None:
         self._key = secrets.token_bytes(32)
@@ -26,7 +22,6 @@ class UnknownTags:
         self.readings_count = 0
 
     def note(self, uid: str) -> None:
-        """Count one reading."""
         self.readings_count += 1
         tag = hashlib.blake2b(uid.encode(), key=self._key, digest_size=_DIGEST_BYTES).digest()
         if tag in self._tags:
@@ -37,5 +32,5 @@ class UnknownTags:
             self._has_more = True
 
     def as_json(self) -> dict[str, Any]:
-        """Return how many `readings` of how many `tags`; with `more_tags` there were more than could be told apart."""
+        """Return numbers of `readings` and `tags`; `more_tags`: too many to distinguish."""
         return {"readings": self.readings_count, "tags": len(self._tags), "more_tags": self._has_more}

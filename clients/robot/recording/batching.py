@@ -1,4 +1,4 @@
-"""Gathers one owner's kept frames into clips, and counts what was withheld."""
+"""Gathers one owner's kept frames into clips, and counts withheld ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _CLIP_MAX_BYTES = 4 * 1024 * 1024
 
 @dataclass(slots=True)
 class OpenClip:
-    """What has been gathered for one owner since the last clip."""
+    """Frames gathered for one owner since the last clip."""
 
     frames: list[Kept] = field(default_factory=list)
     withheld: dict[str, int] = field(default_factory=dict)
@@ -23,7 +23,7 @@ class OpenClip:
 
 @dataclass(frozen=True, slots=True)
 class ReadyClip:
-    """A clip that is ready to be sealed: 1 to 64 frames of one owner (none only for a last word on withheld ones)."""
+    """A clip ready for sealing: 1-64 frames of one owner, none for notices."""
 
     alias: str
     frames: tuple[Kept, ...]
@@ -31,14 +31,14 @@ class ReadyClip:
 
 
 class Batcher:
-    """One open clip an owner; `clip_ms` 0 makes every frame a clip of its own, as in the paper."""
+    """One open clip per owner; `clip_ms` 0 makes each frame a clip."""
 
     def __init__(self, clip_ms: int = CLIP_DEFAULT_MS) -> None:
         self._clip_ms = clip_ms
         self._open: dict[str, OpenClip] = {}
 
     def add_kept(self, frame: Kept, now_ms: int) -> list[ReadyClip]:
-        """Take a frame settled at `now_ms`; return the clips that it closes: the one before it, or the one it fills."""
+        """Add a frame settled at `now_ms`; return the clips it closes."""
         clip = self._open.setdefault(frame.alias, OpenClip())
         ready = []
         if clip.frames and frame.captured_at_ms - clip.frames[0].captured_at_ms >= self._clip_ms:
@@ -53,24 +53,23 @@ class Batcher:
         return ready
 
     def add_withheld(self, alias: str, reason: str, count: int = 1) -> None:
-        """Count withheld frames: the owner is told with the next clip."""
+        """Count withheld frames, reported with the owner's next clip."""
         counts = self._open.setdefault(alias, OpenClip()).withheld
         counts[reason] = counts.get(reason, 0) + count
 
     def drop(self, alias: str) -> list[Kept]:
-        """Forget what waits for one owner, and return which frames that were."""
+        """Drop one owner's waiting frames and return them."""
         clip = self._open.pop(alias, None)
         return clip.frames if clip is not None else []
 
     def close_idle(self, now_ms: int) -> list[ReadyClip]:
-        """Return the clips that got no frame for a clip's length, so that none waits for a frame that never comes."""
+        """Return clips without a new frame for a clip's length."""
         due = [
             alias for alias, clip in self._open.items() if clip.frames and now_ms - clip.added_at_ms >= self._clip_ms
         ]
         return [self._close(alias) for alias in due]
 
     def flush(self) -> list[ReadyClip]:
-        """Return everything that is open, withheld counts without frames included."""
         return [self._close(alias) for alias in list(self._open)]
 
     def _close(self, alias: str) -> ReadyClip:

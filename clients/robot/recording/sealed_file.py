@@ -1,8 +1,4 @@
-"""Small encrypted files of the robot, each written whole or not at all.
-
-Temporary file, sync, rename, sync of the folder. What is sealed is bound to the file's name, so that one file cannot be
-put in the place of another.
-"""
+"""The robot's small encrypted files, written atomically and bound to their names."""
 
 from __future__ import annotations
 
@@ -23,13 +19,12 @@ _NONCE_BYTES = 24
 
 
 def seal_content(name: str, key: bytes, content: bytes) -> bytes:
-    """Return the bytes of the file of this name that holds `content`, under a key of 32 bytes."""
     nonce = secrets.token_bytes(_NONCE_BYTES)
     return nonce + crypto_aead_xchacha20poly1305_ietf_encrypt(content, name.encode(), nonce, key)
 
 
 def read_sealed(path: Path, key: bytes) -> bytes:
-    """Return the content of a sealed file. Raises SPOOL_DAMAGED if it is gone, was changed or is another's."""
+    """Return a sealed file's content. Raises SPOOL_DAMAGED."""
     try:
         data = path.read_bytes()
         return crypto_aead_xchacha20poly1305_ietf_decrypt(
@@ -42,7 +37,7 @@ def read_sealed(path: Path, key: bytes) -> bytes:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Put bytes in a file's place in one step, for its user only; on return they are on the medium. Raises SPOOL_FULL."""
+    """Replace a file atomically and durably, user-only. Raises SPOOL_FULL."""
     temporary = path.with_name(TEMPORARY_PREFIX + path.name)
     try:
         with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
@@ -58,7 +53,7 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring a folder's names to the medium: renamed and removed files stay so over a power cut."""
+    """Sync a folder, so that renames and removals survive power loss."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,7 +1,6 @@
-"""Seals the frames of one clip for one owner: data keys, ciphertexts, commitments.
+"""Seals one owner's frames as a clip: data keys, ciphertexts, commitments.
 
-What goes in is a list of renditions of one owner in one visit; what comes out is a spooled clip: bytes that only the
-owner opens, and the arguments of the record's transaction. Data keys live for the length of one call.
+Data keys live for one call.
 """
 
 from __future__ import annotations
@@ -33,10 +32,7 @@ from consensus.records.renditions import Rendition, encode_rendition
 
 @dataclass(slots=True)
 class VisitChain:
-    """A visit as the robot holds it while it lasts: its owner key, what announces it, and the end of its chain.
-
-    `sealing` is the X25519 key of the person it belongs to; `previous_hash` that of the last record's metadata.
-    """
+    """An open visit; `sealing`: owner's X25519 key, `previous_hash`: last metadata hash."""
 
     owner: bytes
     ephemeral: bytes
@@ -50,10 +46,10 @@ class VisitChain:
 
 @dataclass(frozen=True, slots=True)
 class ClipContent:
-    """What one record will hold. `withheld` counts, by reason, the frames kept back since the record before.
+    """One record's content; `withheld` counts by reason since the last record.
 
-    `person` stands for whom it shows (`consent_view`; nobody is 32 zeros), `taken_by` for the sensor that
-    consent is asked for, if that is not `sensor`; `offset_ms` is the host's clock minus that of the renditions' stamps.
+    `person`: spool tag (nobody: 32 zeros); `taken_by`: consent's sensor if different; `offset_ms`: host clock minus
+    stamps'.
     """
 
     renditions: tuple[Rendition, ...]
@@ -66,19 +62,19 @@ class ClipContent:
 
 
 def compute_time_bucket(time_ms: int) -> int:
-    """Return the start of the five-minute bucket that holds `time_ms`: all that the chain tells of the time."""
+    """Return the start of the five-minute bucket published on chain."""
     return time_ms - time_ms % TIME_BUCKET_MS
 
 
 def compute_expiry(now_ms: int, retention_ms: int) -> int:
-    """Return when a record expires, on full five minutes: an exact expiry would tell the time that the bucket hides."""
+    """Return the expiry on full five minutes, hiding the exact time."""
     return max(compute_time_bucket(now_ms + retention_ms), compute_time_bucket(now_ms) + TIME_BUCKET_MS)
 
 
 def seal_clip(
     content: ClipContent, chain: VisitChain, *, now_ms: int, retention_ms: int = RETENTION_DEFAULT_MS
 ) -> SpooledClip:
-    """Seal a clip of 1 to 64 renditions to the owner of `chain`, and move the chain on by one record."""
+    """Seal 1-64 renditions to `chain`'s owner and advance the chain."""
     record_id = secrets.token_bytes(RECORD_ID_BYTES)
     ciphertexts, sealed_keys, leaves = [], [], []
     for index, rendition in enumerate(content.renditions):

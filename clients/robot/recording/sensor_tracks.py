@@ -1,7 +1,7 @@
-"""Colour, estimates and sound on their way from a source to sealed clips: kept only for whom they show and no other.
+"""Colour, estimates and sound, from source to sealed clips.
 
-Colour that is registered to depth is cut out by its owner's silhouette; everything else is kept only while exactly one
-registered person is there. What waits is held in memory, packed, bounded.
+Registered colour is cut by the owner's silhouette; the rest needs exactly one registered person present. The queue is
+bounded.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ _PNG_LEVEL = 1
 
 @dataclass(frozen=True, slots=True)
 class SampleKept(Kept):
-    """Something of one sense that is kept for one person; the cut's bytes are in `encoding`."""
+    """One person's sample of a sense; bytes in the cut's `encoding`."""
 
     encoding: str = ""
     width: int = 1
@@ -74,8 +74,6 @@ class SampleKept(Kept):
 
 @dataclass(slots=True)
 class _Waiting:
-    """Something of one sense, packed, until it is known who was there. `is_empty`: there was no room for its data."""
-
     sensor: str
     sequence: int
     start_ms: int
@@ -88,8 +86,6 @@ class _Waiting:
 
 
 class _Queue:
-    """What waits of one sense, in order of arrival. What has no room keeps its place, without its data."""
-
     def __init__(self) -> None:
         self.size_bytes = 0
         self._held_count = 0
@@ -100,25 +96,21 @@ class _Queue:
 
     @property
     def first(self) -> _Waiting:
-        """What has waited longest."""
         return self._waiting[0]
 
     @property
     def is_too_long(self) -> bool:
-        """Whether more hold data than may."""
         return self._held_count > WAITING_MAX_COUNT
 
     def add(self, waiting: _Waiting) -> None:
-        """Take what has come."""
         self._waiting.append(waiting)
         self._count(waiting, 1)
 
     def pop(self) -> None:
-        """Let go of what has waited longest."""
         self._count(self._waiting.popleft(), -1)
 
     def empty_last(self) -> None:
-        """Let go of the data of what came last: who came earlier will be decided on sooner."""
+        """Drop the newest sample's data; earlier ones are decided sooner."""
         last = next(waiting for waiting in reversed(self._waiting) if not waiting.is_empty)
         self._count(last, -1)
         last.data, last.is_empty = b"", True
@@ -130,19 +122,16 @@ class _Queue:
 
 
 class _SenseLog(EventLog):
-    """The run's log as one sense writes to it: withheld things under that sense's own name."""
-
     def __init__(self, log: EventLog, sensor: str) -> None:
         self._log, self._sensor = log, sensor
 
     def write(self, time_ms: int, activity: str, case: str, *, alias: str = "", **detail: str | int | float) -> None:
-        """Write to the run's log."""
         own = SENSE_WITHHELD if activity == IMAGE_WITHHELD else activity
         self._log.write(time_ms, own, f"{self._sensor}-{case.rpartition('-')[2]}", alias=alias, **detail)
 
 
 class SensorTracks:
-    """The other senses of one run, beside its depth frames. Each has its own consent, batches and figures."""
+    """A run's non-depth senses, each with own consent, batches and figures."""
 
     def __init__(
         self,
@@ -180,7 +169,7 @@ class SensorTracks:
         self._sealed: list[SpooledClip] = []
 
     async def take(self, sense: SensorSample, *, camera_offset_ms: int = 0) -> None:
-        """Take something of a sense; `camera_offset_ms` is the host's clock minus the camera's."""
+        """Add a sample; `camera_offset_ms` is host clock minus camera clock."""
         sensor = SENSORS[type(sense)]
         self._statistics.senses[sensor].frame_arrived(sense.sequence, self._now_ms())
         own = self._waiting[sensor]
@@ -193,17 +182,16 @@ class SensorTracks:
             self._conclude_first(own, final=True)
 
     def _let_go(self, sensor: str) -> None:
-        """Let go of the data of what came last of a sense. Its owners are told once it is known who they are."""
         self._statistics.senses[sensor].let_go += 1
         self._waiting[sensor].empty_last()
 
     def drop_refused(self) -> None:
-        """Forget what waits for a clip of whoever does not consent any more."""
+        """Drop samples of people who no longer consent."""
         for keeper in self._keepers.values():
             keeper.drop_refused()
 
     def settle(self, *, final: bool = False) -> list[SpooledClip]:
-        """Return the sealed clips of all that is settled now; `final`: nothing more will come."""
+        """Return sealed clips of everything settled; `final`: end of input."""
         for queue in self._waiting.values():
             while queue and self._conclude_first(queue, final=final):
                 pass
@@ -215,14 +203,13 @@ class SensorTracks:
         return sealed
 
     def _conclude_first(self, queue: _Queue, *, final: bool) -> bool:
-        """Let go of the one that has waited longest, if it is settled; say whether it was."""
         if not self._conclude(queue.first, final=final):
             return False
         queue.pop()
         return True
 
     def _conclude(self, waiting: _Waiting, *, final: bool) -> bool:
-        """Give each person who was there what is hers of it, or the reason why not; False if that is not settled."""
+        """Give everybody present their part or a reason; False: not settled."""
         if waiting.encoding == ENCODING_PNG_RGBA:
             verdicts = self.alone.silhouettes(waiting.start_ms, final=final)
         else:
@@ -281,7 +268,6 @@ class SensorTracks:
 
 
 def _pack(sense: SensorSample, camera_offset_ms: int) -> _Waiting:
-    """Return something of a sense as bytes in the form in which it is kept, on the camera's timeline."""
     sensor = SENSORS[type(sense)]
     if isinstance(sense, ColourFrame):
         height, width = sense.pixels.shape[:2]
@@ -322,10 +308,7 @@ def _encode(pixels: Any, *, exact: bool) -> bytes:
 
 
 def cut_colour(colour: npt.NDArray[np.uint8], cut: Cut) -> npt.NDArray[np.uint8]:
-    """Return the box of a depth cut out of a colour image that shows the same (blue first): blue, green, red, alpha.
-
-    Whatever is not the owner's is 0 in all four.
-    """
+    """Return a depth cut's box in BGR colour as BGRA, 0 outside the owner."""
     depth = np.asarray(cv2.imdecode(np.frombuffer(cut.pixels_png, np.uint8), cv2.IMREAD_UNCHANGED))
     own = np.zeros((cut.height, cut.width, 4), np.uint8)
     mask = depth > 0
@@ -335,7 +318,6 @@ def cut_colour(colour: npt.NDArray[np.uint8], cut: Cut) -> npt.NDArray[np.uint8]
 
 
 def _cut_out(kept: Kept, waiting: _Waiting) -> SampleKept:
-    """Return what is kept for one person: of registered colour the pixels of her silhouette, else all of it."""
     cut, width, height = kept.cut, waiting.width, waiting.height
     if waiting.encoding == ENCODING_PNG_RGBA:
         colour = np.asarray(cv2.imdecode(np.frombuffer(waiting.data, np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
@@ -364,5 +346,4 @@ def _rendition(frame: Kept) -> Rendition:
 
 
 def _notice(now_ms: int) -> Rendition:
-    """Return a rendition of nothing: it carries the last word on what was withheld."""
     return Rendition(RENDITION_VERSION, now_ms, 0, 1, 1, 0, 0, 0, 0, NO_BACKGROUND, ENCODING_LABEL, b"")

@@ -1,9 +1,7 @@
 """The robot's spool: sealed clips on disk until their records are final.
 
-One file a clip, encrypted under the robot's spool key (the sealed clip alone would still tell when and how much was
-recorded), written whole or not at all: temporary file, sync, rename, sync of the folder. A robot that is killed at any
-moment finds each clip there once or not at all, and delivers it again; delivery is idempotent. A clip that must not be
-recorded loses its name first, so that whatever happens while it is overwritten, no later run takes it for one to deliver.
+One file per clip, encrypted under the spool key, written atomically. Refused clips lose their name before overwriting,
+so no later run delivers them.
 """
 
 from __future__ import annotations
@@ -21,12 +19,10 @@ _SUFFIX = ".clip"
 
 
 class SpooledClip(Wire, frozen=True):
-    """A sealed clip and what its record will say. The transaction is signed at delivery, since it expires.
+    """A sealed clip and its record's data; the expiring transaction is signed at delivery.
 
-    `owner` is the visit's owner key; with `ephemeral`, `view_tag` and `purpose` it can still be announced after a
-    restart. `decided_at_ms` is when the clip's last frame was decided, `captured_...` when the first and last were
-    taken, by the robot's clock.
-    `person` (32 bytes, `consent_view`) and `sensor` are what consent is asked for once more before recording.
+    `owner`, `ephemeral`, `view_tag`, `purpose` announce the visit; times by robot clock; `person` (32 bytes) and
+    `sensor` for the consent check.
     """
 
     upload: ClipUpload
@@ -49,12 +45,11 @@ class SpooledClip(Wire, frozen=True):
 
 
 def number_of(name: str) -> int:
-    """Return the number in a clip's name. Of clips that wait the later spooled has the higher."""
+    """Return a clip name's number, higher for later ones."""
     return int(name.removesuffix(_SUFFIX))
 
 
 def count_waiting(folder: Path) -> int:
-    """Return how many clips a spool's folder holds, without its key; 0 if there is no such folder."""
     return sum(path.stem.isdecimal() for path in folder.glob(f"*{_SUFFIX}"))
 
 
@@ -75,15 +70,13 @@ class Spool:
 
     @property
     def size_bytes(self) -> int:
-        """The bytes on disk of all waiting clips."""
         return sum(self._sizes.values())
 
     def names(self) -> list[str]:
-        """Return the names of the waiting clips, oldest first."""
         return sorted(self._sizes)
 
     def put(self, clip: SpooledClip) -> str:
-        """Store a clip durably and return its name. Raises SPOOL_FULL; nothing is half-written then."""
+        """Store a clip atomically and durably. Raises SPOOL_FULL."""
         name = f"{self._next:012d}{_SUFFIX}"
         sealed = seal_content(name, self._key, encode(clip))
         if self.size_bytes + len(sealed) > self._max_bytes:
@@ -95,7 +88,7 @@ class Spool:
         return name
 
     def get(self, name: str) -> SpooledClip:
-        """Read a clip. Raises SPOOL_DAMAGED if it was changed, is another's or of another version."""
+        """Read a clip. Raises SPOOL_DAMAGED."""
         content = read_sealed(self._folder / name, self._key)
         try:
             return decode(content, SpooledClip)
@@ -105,15 +98,11 @@ class Spool:
             raise BlockRobotError("SPOOL_DAMAGED", told) from None
 
     def remove(self, name: str) -> None:
-        """Forget a delivered clip."""
         (self._folder / name).unlink(missing_ok=True)
         self._sizes.pop(name, None)
 
     def destroy(self, name: str) -> None:
-        """Forget a clip that must not be recorded, and its sealed keys with it: overwritten, then removed.
-
-        What a medium keeps of overwritten blocks is sealed to the clip's owner; the robot cannot open it either.
-        """
+        """Overwrite and remove a clip; residues stay sealed to its owner."""
         path = self._folder / name
         doomed = path.with_name(TEMPORARY_PREFIX + name)
         try:
@@ -129,7 +118,6 @@ class Spool:
 
 
 def _wipe(path: Path) -> None:
-    """Overwrite a file, then remove it."""
     with path.open("r+b") as file:
         file.write(bytes(path.stat().st_size))
         file.flush()

@@ -1,9 +1,7 @@
-"""The visits that are still to be closed on the chain, kept over a kill.
+"""Counts of visits still to be closed, kept across crashes.
 
-Owner keys and counts alone, encrypted under the robot's spool key. A clip is counted here once it is in the spool, and
-delivered once that is saved: killed in between, the robot finds one clip that it had not counted when it begins again
-(`take_up`). So no record is on the chain that its visit does not count, and nothing is counted that never was anywhere.
-Counts change on the event loop; `save`, which waits for the medium, is for a thread.
+Encrypted owner keys and counts. A clip is counted after spooling, saved before delivery; `take_up` counts a missed one.
+Counts change on the event loop; call `save` in a thread.
 """
 
 from __future__ import annotations
@@ -24,41 +22,36 @@ _EVERY_CLIP = sys.maxsize
 
 
 class VisitCount(Wire, frozen=True):
-    """One visit: its owner key (33 bytes) and how many records it has."""
+    """A visit's owner key (33 bytes) and number of records."""
 
     owner: bytes
     record_count: int
 
 
 class VisitCounts(Wire, frozen=True):
-    """The file's content: the visits, and the number of the newest clip of the spool that is counted in them."""
+    """Visits, and the newest counted clip's number."""
 
     visits: tuple[VisitCount, ...]
     counted_up_to: int
 
 
 class _FormerCounts(Wire, frozen=True):
-    """The content of files of before that number: a clip was counted before it was spooled then."""
+    """Content of older files, where clips were counted before spooling."""
 
     visits: tuple[VisitCount, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """What is to be on the medium, put in place whole: a thread that saves it sees no half of a change."""
-
     counts: dict[bytes, int]
     counted_up_to: int
 
 
 class OpenVisits:
-    """The counts of open visits in one file; what an earlier life of the robot left open is there on opening.
-
-    `inherited` are the owner keys of those.
-    """
+    """Counts of open visits in one file; `inherited`: owner keys from earlier runs."""
 
     def __init__(self, path: Path, key: bytes) -> None:
-        """Read the file, if there is one. Raises SPOOL_DAMAGED."""
+        """Raises SPOOL_DAMAGED."""
         self._path = path
         self._key = key
         self._lock = threading.Lock()  # clips that are sealed, dropped and closed are saved in threads of their own
@@ -84,17 +77,11 @@ class OpenVisits:
 
     @property
     def counts(self) -> dict[bytes, int]:
-        """How many records each visit has that is not closed yet, by owner key, oldest visit first.
-
-        With what is sealed, and on its way to the spool: a visit is not closed before.
-        """
+        """Records per unclosed visit by owner key, oldest first, unspooled ones included."""
         return dict(self._counts)
 
     def take_up(self, spool: Spool) -> None:
-        """Count what a robot that was killed had spooled and not counted, and save it; before anything is delivered.
-
-        A clip that cannot be read is told of at its delivery. Raises SPOOL_FULL.
-        """
+        """Before delivery, count and save clips spooled before a crash. Raises SPOOL_FULL."""
         names = spool.names()
         for name in names:
             if number_of(name) > self._kept.counted_up_to:
@@ -107,26 +94,26 @@ class OpenVisits:
         self.save()
 
     def count(self, owner: bytes, sealed_count: int) -> None:
-        """Say that so many clips of a visit are sealed, the destroyed ones included."""
+        """Record the number of sealed clips, destroyed ones included."""
         self._counts[owner] = sealed_count - self._dropped[owner]
 
     def spooled(self, owner: bytes, name: str) -> None:
-        """Say that a clip of a visit is in the spool, on the medium, under this name. To be saved before its delivery."""
+        """Record a durably spooled clip; save before its delivery."""
         self._keep(owner, self._kept.counts.get(owner, 0) + 1, number_of(name))
 
     def missed(self, owner: bytes) -> None:
-        """Say that a sealed clip will never be in the spool: it counts as missing, and its owner is told so."""
+        """Record that a sealed clip is lost and counts as missing."""
         self._keep(owner, self._kept.counts.get(owner, 0) + 1)
 
     def lower(self, owner: bytes) -> None:
-        """Say that a record of the visit, if it is still open, will never be. To be saved after its clip is destroyed."""
+        """Subtract a destroyed clip's record; save after destruction."""
         if self._counts.get(owner, 0) > 0:
             self._dropped[owner] += 1
             self._counts[owner] -= 1
             self._keep(owner, max(0, self._kept.counts.get(owner, 0) - 1))
 
     def forget(self, owner: bytes) -> None:
-        """Say that the visit is closed on the chain. To be saved once it is."""
+        """Forget a visit closed on chain; save afterwards."""
         self._counts.pop(owner, None)
         self._dropped.pop(owner, None)
         left = {other: count for other, count in self._kept.counts.items() if other != owner}
@@ -137,7 +124,7 @@ class OpenVisits:
         self._kept = _Kept(before.counts | {owner: count}, before.counted_up_to if number is None else number)
 
     def save(self) -> None:
-        """Remember the counts of what is spooled durably, unless they are; from any thread. Raises SPOOL_FULL."""
+        """Save counts of durably spooled clips, from any thread. Raises SPOOL_FULL."""
         with self._lock:
             kept = self._kept
             if kept != self._saved:

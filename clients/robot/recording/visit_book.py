@@ -1,8 +1,6 @@
-"""The visits that a robot has open: one owner key for each person, for at most ten minutes.
+"""Open visits: one owner key per person, for at most ten minutes.
 
-The secret r of a visit is used once and forgotten; the robot can then record for the owner but not find her again. When
-a visit is to be closed on the chain is drawn as it is opened, and nothing that happens in it changes that. Must never
-write r, s, or which handle a visit belongs to.
+The secret r is used once; closing time is drawn at opening. r, s and the visit's handle are never written.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ class _Open:
 
 
 class VisitBook:
-    """Opens a visit when a person is first recorded, and a new one before ten minutes are over."""
+    """Opens visits, replaced before ten minutes are over."""
 
     def __init__(self, chain_id: bytes, robot: bytes, purpose: str) -> None:
         self._chain_id = chain_id
@@ -40,7 +38,6 @@ class VisitBook:
         self._closes_at_ms: dict[bytes, int] = {}  # by owner key, also of visits that are forgotten
 
     def chain_for(self, alias: str, row: RosterRow, now_ms: int) -> VisitChain:
-        """Return the chain of the person's open visit, opening one if there is none."""
         self._forget_ended(now_ms)
         known = self._open.get(alias)
         if known is not None:
@@ -59,16 +56,14 @@ class VisitBook:
         return chain
 
     def _forget_ended(self, now_ms: int) -> None:
-        """Forget whose the visits were that are over: who steals a running robot must not find them in its memory."""
+        """Forget the owners of ended visits, in case the robot is stolen."""
         self._open = {
             alias: visit for alias, visit in self._open.items() if now_ms - visit.opened_at_ms < _VISIT_ROLL_MS
         }
 
     def goes_on(self, owner: bytes, now_ms: int) -> bool:
-        """Tell whether the chain is to see the visit of an owner key open still. Once it is not, nothing is recorded in it.
-
-        It is until nine minutes and a random delay are over, whatever ended it here: closed when its person takes her
-        consent back, which the chain shows under her handle, it would tell whose it was.
+        """Return whether a visit stays open on chain: nine minutes plus random delay, independent of consent, hiding
+        its owner.
         """
         self._forget_ended(now_ms)
         if now_ms >= self._closes_at_ms.get(owner, now_ms):
@@ -76,5 +71,5 @@ class VisitBook:
         return owner in self._closes_at_ms
 
     def forget(self, alias: str) -> None:
-        """Record no more in a person's visit: should she be recorded again, it is in a new one."""
+        """End recording in a person's visit; a later one is new."""
         self._open.pop(alias, None)

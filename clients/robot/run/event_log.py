@@ -1,8 +1,7 @@
 """The robot's event log, with the paper's activity names.
 
-A tag is spoken of by an alias that is drawn anew for each run, so that two logs cannot be joined. One line of JSON an
-event: `{"time_ms", "activity", "case", "alias"?, "detail"?}`; `case` is the frame (`frame-7`), or the tag's alias for a
-reading. No record's id: it would tell which owners on the chain were in one picture.
+JSON lines `{"time_ms", "activity", "case", "alias"?, "detail"?}`. Tag aliases are new each run; record ids are omitted,
+unlinking owners.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ def _draw() -> str:
 
 
 class AliasBook:
-    """Draws a fresh alias for each tag of one run. Lives in memory only."""
+    """Draws a run's tag aliases; in memory only."""
 
     def __init__(self) -> None:
         self._aliases: dict[bytes, str] = {}
@@ -70,11 +69,10 @@ class AliasBook:
 
     @property
     def is_full(self) -> bool:
-        """Whether so many tags were seen in this run that strangers' tags should get no alias any more."""
+        """Whether strangers' tags get no more aliases."""
         return len(self._aliases) >= ALIASES_MAX_COUNT
 
     def alias(self, tag: bytes) -> str:
-        """Return this run's alias of a tag."""
         if tag not in self._aliases:
             alias = _draw()
             while alias in self._taken:  # an alias shared by two tags would mix two people
@@ -85,10 +83,7 @@ class AliasBook:
 
 
 class EventLog:
-    """An append-only file of JSON lines, each handed to the operating system at once.
-
-    Half a line that a killed robot left at the end of the file is cut off on opening.
-    """
+    """Append-only JSON lines, unbuffered; opening cuts off an incomplete line."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -109,7 +104,7 @@ class EventLog:
             self._file = None
 
     def write(self, time_ms: int, activity: str, case: str, *, alias: str = "", **detail: str | int | float) -> None:
-        """Append one event. `time_ms` is the wall clock in milliseconds."""
+        """Append one event; wall clock in ms."""
         if self._file is None:
             raise ValueError("the event log is closed")
         self.counts[activity] += 1
@@ -122,7 +117,7 @@ class EventLog:
 
 
 def _end_whole(path: Path) -> None:
-    """Cut off a last line that was never finished, or end it. Raises EVENTS_FILE_FOREIGN for another kind of file."""
+    """Cut off or end an incomplete last line. Raises EVENTS_FILE_FOREIGN."""
     if not path.is_file():
         return
     with path.open("r+b") as file:
@@ -144,13 +139,12 @@ def _may_begin(line: bytes) -> bool:
 
 
 def read_events(path: Path) -> list[dict[str, Any]]:
-    """Return the events of a log, in file order; of a killed robot's, those before the half line at the end."""
+    """Return a log's events in file order, without an incomplete last line."""
     *whole, _ = path.read_text(encoding="utf-8").split("\n")
     return [read_json_text(line) for line in whole if line]
 
 
 def write_csv(events: Iterable[dict[str, Any]], path: Path) -> None:
-    """Write events as CSV with the columns case, activity, time_ms, alias."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["case", "activity", "time_ms", "alias"])
@@ -159,7 +153,7 @@ def write_csv(events: Iterable[dict[str, Any]], path: Path) -> None:
 
 
 def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
-    """Write events as XES (IEEE 1849-2016), one trace a case, times in UTC to the millisecond, aliases as resources."""
+    """Write events as XES (IEEE 1849-2016): trace per case, UTC, aliases as resources."""
     traces: dict[str, list[dict[str, Any]]] = {}
     for event in events:
         traces.setdefault(event["case"], []).append(event)

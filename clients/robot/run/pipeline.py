@@ -1,8 +1,6 @@
-"""From sensor to chain: identify, pair, ask for consent, hide others, seal, spool, deliver.
+"""Pipeline from sensor to chain: identify, pair, check consent, hide, seal, spool, deliver.
 
-Data flows one way. The picture work runs in a thread so that uploads go on meanwhile, and so does bringing a sealed clip
-to the disk, one clip after another, while the next frames are worked on; when the spool holds more clips than delivery
-keeps up with, reading waits (back-pressure) rather than drop.
+Image work and disk writes run in threads; a full spool applies back-pressure.
 """
 
 from __future__ import annotations
@@ -54,7 +52,7 @@ _BACKPRESSURE_POLL_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """What the pipeline must know of the camera: its name in records, and the frames of the empty scene."""
+    """The camera's record name and empty-scene frames."""
 
     sensor: str
     width: int
@@ -63,7 +61,7 @@ class Camera:
 
 
 class Pipeline:
-    """One run of the robot. `now_ms` is the wall clock."""
+    """One run of the robot; `now_ms` is wall clock."""
 
     def __init__(
         self,
@@ -131,11 +129,9 @@ class Pipeline:
         self._senses.drop_refused()
 
     async def run(self, events: AsyncIterator[Event | SensorSample], *, live: bool = False) -> None:
-        """Work through a stream to its end and return when every record is final and every visit closed.
+        """Process a stream until records are final and visits closed, leftovers included.
 
-        That includes what a robot that was killed left behind: its clips are delivered, then its visits closed. In a
-        `live` stream events come when they are received, so that time passes also while none comes. Raises what stops
-        the robot for good, also while nothing comes: a full spool, a member key that was revoked.
+        `live`: events come when received. Raises permanent failures, even while idle.
         """
         await asyncio.to_thread(self._open_visits.take_up, self._spool)
         for name in self._spool.names():
@@ -167,11 +163,10 @@ class Pipeline:
         await self._delivery.close_visits(self._open_visits)
 
     def intake_json(self) -> dict[str, Any]:
-        """Return what was found of the clocks, how much was turned away, late or thinned, and tags nobody knows."""
+        """Return intake figures: clocks, rejected, late or thinned events, unknown tags."""
         return {**self.admission.as_json(self._hider.pairing), "unknown_tags": self._unknown_tags.as_json()}
 
     def _find_arrival(self, arrived: Event | SensorSample) -> int:
-        """Return when an event came: by the host's stamp in a live stream, else when it is taken up."""
         now = self._now_ms()
         return min(now, arrived.received_at_ms or now) if self._live else now
 
@@ -188,7 +183,7 @@ class Pipeline:
             self._tell_intake()
 
     async def _pass_time(self) -> None:
-        """While nothing comes, decide what is due by the clock: frames must not wait for a camera that has stopped."""
+        """Decide what is due by clock when the camera stops."""
         while True:
             idle, before, at_ms = not self._busy.locked(), self._taken_count, self._now_ms()
             await asyncio.sleep(QUIET_S)
@@ -203,13 +198,11 @@ class Pipeline:
                 await self._stored()
 
     async def _close_over(self) -> None:
-        """Close visits as their time comes, since a run may last for days. What cannot be closed now is tried again."""
         while True:
             await asyncio.sleep(CLOSE_EVERY_S)
             await self._delivery.close_over(self._open_visits, lambda o: self._visits.goes_on(o, self._now_ms()))
 
     async def _work_on(self, event: Event) -> None:
-        """Take one admitted event all the way to the spool."""
         ready: list[ReadyClip] = []
         if isinstance(event, Frame):
             try:
@@ -229,7 +222,6 @@ class Pipeline:
         await self._hold_back()
 
     def _tell_intake(self) -> None:
-        """Log what is known of the clocks, and what was turned away since the last time."""
         now = self._now_ms()
         for name, estimate in self.admission.clocks.estimates().items():
             self._log.write(now, CLOCK_ESTIMATED, f"clock-{name}", **estimate.as_json())
@@ -243,7 +235,7 @@ class Pipeline:
             await asyncio.sleep(_BACKPRESSURE_POLL_S)
 
     def _identify(self, sighting: Sighting) -> list[Output]:
-        """Find the tag's bearer in the roster. Without her consent, as far as it is known now, a tag counts as unknown."""
+        """Find the tag's bearer; without consent a tag counts as unknown."""
         row = self._roster.find(sighting.uid, self._came_at_ms)
         if row is None:
             self._unknown_tags.note(sighting.uid)
@@ -292,7 +284,7 @@ class Pipeline:
             self._store(clip)
 
     def _store(self, clip: SpooledClip) -> None:
-        """Begin to bring a clip to the disk. Once it is there it is counted in its visit, and only then delivered."""
+        """Spool a clip, then count it, and only then deliver."""
 
         async def store() -> None:
             try:
@@ -309,7 +301,7 @@ class Pipeline:
         self._storing = asyncio.create_task(store())
 
     async def _stored(self) -> None:
-        """Wait until the clip before is in the spool. Raises SPOOL_FULL."""
+        """Raises SPOOL_FULL."""
         if self._storing is not None:
             await asyncio.shield(self._storing)
             self._storing = None
@@ -352,7 +344,6 @@ class Pipeline:
         )
 
     def _notice(self, empty: EmptyFrame, now_ms: int) -> Rendition:
-        """Return a rendition of no pixels: it carries the last word on withheld frames, with nothing to show."""
         return Rendition(
             version=RENDITION_VERSION,
             captured_at_ms=now_ms,
@@ -372,7 +363,7 @@ class Pipeline:
 async def _while_running(
     beside: asyncio.Task[None], events: AsyncIterator[Event | SensorSample]
 ) -> AsyncIterator[Event | SensorSample]:
-    """Yield the events; raise as soon as the task beside them fails, though no event comes any more."""
+    """Yield events; raise once the task beside them fails."""
     coming: asyncio.Task[Event | SensorSample | None] | None = None
 
     async def next_one() -> Event | SensorSample | None:
@@ -395,10 +386,7 @@ async def _while_running(
 
 
 def note_delivered(done: Delivered, statistics: RunStatistics, log: EventLog) -> None:
-    """Count a record that is final, and log for each of its frames when custodians had it and when it was final.
-
-    The record's id is not logged: beside the aliases of a frame it would tell which owners on the chain were together.
-    """
+    """Count a final record and log its frames' times, never its id."""
     sealed = statistics.delivered(done)
     for (sequence, _), decided_at_ms in zip(sealed.frames, sealed.decided_at_ms, strict=True):
         case = f"frame-{sequence}"

@@ -1,7 +1,4 @@
-"""Lets a robot run once at a time: two at one spool would write over each other's clips.
-
-An advisory lock on a file in the robot's folder: the kernel drops it when the process ends, however it ends.
-"""
+"""Lets one run use a robot's folder, by an advisory file lock."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ LOCK_FILE = "robot.lock"
 
 @contextlib.contextmanager
 def only_run(folder: Path) -> Iterator[None]:
-    """Hold the robot of a folder while inside. Raises ROBOT_RUNNING if another process does, ROBOT_NOT_FOUND."""
+    """Hold a robot's lock. Raises ROBOT_RUNNING, ROBOT_NOT_FOUND."""
     try:
         descriptor = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except FileNotFoundError:

@@ -1,6 +1,6 @@
-"""Counts what became of every frame and how long it took.
+"""Counts each frame's outcome and latency.
 
-Frames are counted per frame and owner: covered = kept + withheld + lost.
+Per frame and owner: covered = kept + withheld + lost.
 """
 
 from __future__ import annotations
@@ -28,19 +28,18 @@ _EXACT_BELOW_MS = 10_000
 
 @dataclass(slots=True)
 class Distribution:
-    """How often each number of milliseconds occurred; from ten seconds on to four digits. A run may last for weeks."""
+    """Histogram of ms values, to four digits from ten seconds on."""
 
     counts: Counter[int] = field(default_factory=Counter)
 
     def add(self, value_ms: int) -> None:
-        """Count one value."""
         step = 1
         while abs(value_ms) >= _EXACT_BELOW_MS * step:
             step *= 10
         self.counts[value_ms // step * step] += 1
 
     def summarise(self) -> dict[str, float]:
-        """Return median, 95th percentile and maximum, rounded; zeros if there is nothing."""
+        """Return rounded median, 95th percentile and maximum; zeros if empty."""
         if not self.counts:
             return {"p50": 0.0, "p95": 0.0, "max": 0.0}
         values = np.array(sorted(self.counts))
@@ -56,11 +55,7 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True)
 class SealedFrames:
-    """Which frames a record holds, as (sequence, captured_at_ms), and this run's alias of their owner.
-
-    `arrived_at_ms` and `decided_at_ms` say of each frame when it came and when it was settled that it is kept, None
-    where that is not known.
-    """
+    """A record's frames (sequence, captured_at_ms) and owner alias; unknown times None."""
 
     alias: str = ""
     frames: tuple[tuple[int, int], ...] = ()
@@ -70,33 +65,31 @@ class SealedFrames:
 
 @dataclass(slots=True)
 class Ambiguity:
-    """One tag's ambiguous frames: how many, and the matcher's numbers where it came nearest to a decision."""
+    """A tag's number of ambiguous frames and nearest-decision evidence."""
 
     frames: int
     nearest: MatchEvidence
 
     def as_json(self, alias: str) -> dict[str, Any]:
-        """Return the numbers, and in words what stood in the way and what helps."""
         help_text = match_evidence.HELP[self.nearest.obstacle]
         return {"alias": alias, "frames": self.frames, **self.nearest.as_json(), "help": help_text}
 
 
 @dataclass(slots=True)
 class MergedFrames:
-    """One tag's merged frames: how many, and the silhouette that came nearest to being taken for one person."""
+    """A tag's number of merged frames and nearest-to-one silhouette."""
 
     frames: int
     nearest: MergedEvidence
 
     def as_json(self, alias: str) -> dict[str, Any]:
-        """Return the numbers, and in words what they mean."""
         help_text = merged_evidence.HELP[self.nearest.by]
         return {"alias": alias, "frames": self.frames, **self.nearest.as_json(), "help": help_text}
 
 
 @dataclass(slots=True)
 class RunStatistics:
-    """The figures of one run, in memory that does not grow with it. Times in milliseconds of the robot's wall clock."""
+    """Figures of one run, in bounded memory; wall clock in ms."""
 
     window_ms: int
     published: int = 0
@@ -123,39 +116,35 @@ class RunStatistics:
     _last_final_ms: int | None = None
 
     def frame_arrived(self, sequence: int, arrived_at_ms: int) -> None:
-        """Note when a frame came in."""
         self.published += 1
         self.arrivals_ms[sequence] = arrived_at_ms
         if len(self.arrivals_ms) > ARRIVALS_MAX_COUNT:
             del self.arrivals_ms[next(iter(self.arrivals_ms))]
 
     def frame_decided(self, alias: str, sequence: int, decided_at_ms: int) -> None:
-        """Note when it was settled that a frame is kept for an owner: when what settled it had come, busy or not."""
+        """Record when a frame was settled as kept, independent of processing delay."""
         self._decided[alias, sequence] = decided_at_ms
 
     def forget_decided(self, alias: str, sequence: int) -> None:
-        """Note that a frame is not kept after all."""
         self._decided.pop((alias, sequence), None)
 
     def clip_sealed(self, record_id: bytes, frames: list[tuple[int, int]], alias: str = "") -> None:
-        """Note which frames, as (sequence, captured_at_ms), a record holds, and by this run's alias whose they are."""
+        """Record a clip's frames (sequence, captured_at_ms) and owner alias."""
         decided = tuple(self._decided.pop((alias, sequence), None) for sequence, _ in frames)
         arrived = tuple(self.arrivals_ms.get(sequence) for sequence, _ in frames)
         self.sealed[record_id] = SealedFrames(alias, tuple(frames), arrived, decided)
 
     def clip_dropped(self, record_id: bytes, reason: str) -> SealedFrames:
-        """Note that a sealed clip will never be recorded. Returns its frames; none if an earlier run's."""
+        """Record a dropped clip; return its frames, none from earlier runs."""
         sealed = self.sealed.pop(record_id, SealedFrames())
         self.add_withheld(reason, len(sealed.frames))
         return sealed
 
     def add_withheld(self, reason: str, count: int = 1) -> None:
-        """Count covered frames that are not kept."""
         if count:
             self.withheld[reason] = self.withheld.get(reason, 0) + count
 
     def add_ambiguous(self, alias: str, evidence: MatchEvidence) -> None:
-        """Note the matcher's numbers for a frame that was withheld as ambiguous."""
         known = self.ambiguities.get(alias)
         if known is not None:
             known.frames += 1
@@ -166,7 +155,6 @@ class RunStatistics:
             self.ambiguities[alias] = Ambiguity(1, evidence)
 
     def add_merged(self, alias: str, evidence: MergedEvidence) -> None:
-        """Note the silhouette of a frame that was withheld as merged."""
         known = self.merged.get(alias)
         if known is not None:
             known.frames += 1
@@ -176,13 +164,13 @@ class RunStatistics:
             self.merged[alias] = MergedFrames(1, evidence)
 
     def add_off(self, alias: str, evidence: MatchEvidence) -> None:
-        """Note a frame that is kept though the tag's distances disagree with the camera's; the newest numbers stay."""
+        """Record a kept frame despite disagreeing distances; newest numbers stay."""
         if alias in self.distances_off or len(self.distances_off) < AMBIGUOUS_TAGS_MAX_COUNT:
             count, _ = self.distances_off.get(alias, (0, evidence))
             self.distances_off[alias] = count + 1, evidence
 
     def delivered(self, done: Delivered) -> SealedFrames:
-        """Note that a record is final: only now its frames count as kept. Returns them; none if an earlier run's."""
+        """Count a final record's frames as kept and return them."""
         for sense in self.senses.values():
             if done.clip.upload.record_id in sense.sealed:
                 sense.delivered(done)
@@ -208,11 +196,10 @@ class RunStatistics:
 
     @property
     def withheld_count(self) -> int:
-        """How many covered frames were withheld, all reasons together."""
         return sum(self.withheld.values())
 
     def frames_json(self) -> dict[str, Any]:
-        """Return the counts of frames; `lost` is what is covered but neither final nor withheld."""
+        """Return frame counts; `lost`: covered, neither final nor withheld."""
         return {
             "published": self.published,
             "covered": self.covered,
@@ -223,17 +210,14 @@ class RunStatistics:
         }
 
     def ambiguous_json(self) -> list[dict[str, Any]]:
-        """Return for each tag with ambiguous frames, most frames first, why it could not be told whose they are."""
         rows = sorted(self.ambiguities.items(), key=lambda row: (-row[1].frames, row[0]))
         return [ambiguity.as_json(alias) for alias, ambiguity in rows]
 
     def merged_json(self) -> list[dict[str, Any]]:
-        """Return for each tag with merged frames, most frames first, what the silhouette looked like."""
         rows = sorted(self.merged.items(), key=lambda row: (-row[1].frames, row[0]))
         return [merged.as_json(alias) for alias, merged in rows]
 
     def distances_off_json(self) -> list[dict[str, Any]]:
-        """Return the tags whose frames are kept though their distances disagree with the camera's."""
         return [
             {
                 "alias": alias,
@@ -246,16 +230,11 @@ class RunStatistics:
         ]
 
     def senses_json(self) -> dict[str, Any]:
-        """Return the same counts of each other sense of which anything came."""
         came = {sensor: sense for sensor, sense in self.senses.items() if sense.published}
         return {sensor: {**sense.frames_json(), "let_go": sense.let_go} for sensor, sense in came.items()}
 
     def latency_json(self) -> dict[str, Any]:
-        """Return the distributions of the latencies.
-
-        `frame_to_final` counts from the end of the pairing window, `decided_to_final` from when hiding had settled the
-        frame too.
-        """
+        """Return latencies: `frame_to_final` from pairing window's end, `decided_to_final` from hiding's."""
         return {
             "frame_to_final": self.frame_to_final.summarise(),
             "decided_to_final": self.decided_to_final.summarise(),

@@ -1,8 +1,4 @@
-"""Says for how long a run may go on: while its roster's day lasts, and its empty frames are those that were approved.
-
-A run may last for days. A tag that was handed on would lead to its bearer of yesterday, and frames that nobody answers
-for any more would stand behind every rendition.
-"""
+"""Limits a run to its roster's day and approved empty frames."""
 
 from __future__ import annotations
 
@@ -29,10 +25,7 @@ ENDS = frozenset(
 
 
 class RunValidity:
-    """The time for which a run holds its roster and, if it uses one, its bank of empty frames.
-
-    `look` returns the bank if it is approved now, and raises BACKGROUND_* otherwise; so does making a `RunValidity`.
-    """
+    """Validity of roster and bank; `look` returns the approved bank or raises BACKGROUND_*."""
 
     def __init__(
         self, roster: RosterBook, now_ms: Callable[[], int], look: Callable[[], EmptyScene] | None = None
@@ -45,12 +38,11 @@ class RunValidity:
 
     @property
     def is_over(self) -> bool:
-        """Whether the run must end; `check` says why."""
         self._judge()
         return self._over is not None
 
     def check(self) -> None:
-        """Raise one of `ENDS` if the run must end, from then on every time."""
+        """Raise one of `ENDS` if the run must end, then always."""
         self._judge()
         if self._over is not None:
             raise self._over
@@ -64,7 +56,7 @@ class RunValidity:
             self._over = BlockRobotError("BACKGROUND_EXPIRED", detail)
 
     async def watch(self, end: Callable[[], None]) -> None:
-        """Look again and again, also while nothing comes; call `end` and return once the run must end."""
+        """Check repeatedly, also when idle; call `end` once due."""
         while self._over is None:
             await asyncio.sleep(LOOK_EVERY_S)
             try:

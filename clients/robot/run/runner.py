@@ -1,4 +1,4 @@
-"""Puts a whole run together: recording, roster, pipeline, delivery, and the summary of what became of every frame."""
+"""Assembles a run: recording, roster, pipeline, delivery, summary."""
 
 from __future__ import annotations
 
@@ -51,12 +51,10 @@ _PROGRESS_EVERY_S = 0.25
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """How to replay: where the roster is, for what purpose, how long a clip is, where events go.
+    """Replay options. With `viewpoint` the approved bank supplies empty frames.
 
-    With a `viewpoint` the empty frames are those of the robot's approved bank instead of the source's, which are only
-    checked for what moves in them. In real time it ends after `lasts_s` seconds of the source, if that is given. A clip
-    is recorded once `copies` custodians have it, or all where there are fewer. `passphrase` opens a sealed key file.
-    With an `approver`, an admin's key of the robot's organisation, the empty frames are approved on the chain first.
+    `lasts_s`: source seconds in real time; `copies`: required custodians (or all); `passphrase`: key file's;
+    `approver`: admin key that approves empty frames.
     """
 
     roster: Path
@@ -73,7 +71,7 @@ class ReplayOptions:
 
 
 class ProgressListener(Protocol):
-    """Is told how far the run is."""
+    """Receives a run's progress figures."""
 
     def __call__(self, figures: dict[str, Any], *, last: bool = False) -> None:
         """Take frames_read, frames_recorded and waiting."""
@@ -82,7 +80,6 @@ class ProgressListener(Protocol):
 async def _events(
     source: Source, stop: asyncio.Event, options: ReplayOptions, tenure: RunValidity
 ) -> AsyncIterator[SourceEvent]:
-    """Yield what the source gives until it ends or `stop` is set. Raises what ends the run before its source does."""
     if options.real_time:
         ends_ms = None if options.lasts_s is None else source.start_ms + round(options.lasts_s * 1000)
         async for event in source.play(StoppableClock(stop, ends_ms)):
@@ -106,8 +103,6 @@ def _note_refused(refused: Refused, count: int, log: EventLog, now_ms: int) -> N
 
 
 class _Run:
-    """One run: the parts that are put together, and what they tell each other."""
-
     def __init__(
         self,
         folder: Path,
@@ -139,11 +134,7 @@ class _Run:
         self.camera: dict[str, Any] = {}
 
     async def work(self, source: Source) -> RunStatistics:
-        """Work through a source and return the figures once all its records are final. Raises REGISTRY_STALE.
-
-        Nothing is read of the source before the chain proves a recent block: one that has just begun again, or that
-        nobody used, makes its next at a heartbeat, and until then the robot is closed.
-        """
+        """Process a source until records are final; first requires a recent block. Raises REGISTRY_STALE."""
         await self._consents.refresh()
         watch = asyncio.create_task(self._consents.watch())
         try:
@@ -223,31 +214,25 @@ class _Run:
 
     @property
     def _heartbeat_ms(self) -> int:
-        """The heartbeat that is in force, as the chain proves it."""
         return self._client.light_client.epoch.settings.heartbeat_ms
 
     @property
     def roster_rows(self) -> int:
-        """How many people of the roster the chain has confirmed."""
         return len(self._consents)
 
     @property
     def spool_peak_bytes(self) -> int:
-        """The most that waited in the spool at once."""
         return self._spool.peak_bytes
 
     @property
     def refused_uploads(self) -> dict[str, int]:
-        """How often custodians took no upload, by code."""
         return dict(sorted(self._network.refused_uploads.items()))
 
     @property
     def consent_figures(self) -> dict[str, Any]:
-        """What the summary says of consents."""
         return self._consents.summary()
 
     async def _heed_stop(self) -> None:
-        """Let the user end the source. That it ended by itself must not be taken for the user's word."""
         await self._stop.wait()
         self._over.set()
 
@@ -274,13 +259,11 @@ async def replay_recording(
     progress: ProgressListener,
     stop: asyncio.Event | None = None,
 ) -> dict[str, Any]:
-    """Replay a source through the robot in `folder` and return its summary once all its records are final.
+    """Replay a source; return the summary once records are final. `stop` ends the source early.
 
-    When `stop` is set the source ends there, and what came before is worked through as at any other end.
-    `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any;
-    `camera` tells the focal length and where it is from.
-    Raises ROBOT_RUNNING, EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*,
-    REGISTRY_STALE, and what the network refuses for good.
+    `intake` counts unusable messages and the `fault`; `camera` the focal length's origin. Raises ROBOT_RUNNING,
+    EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, network
+    errors.
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)

@@ -1,8 +1,4 @@
-"""Ends a run when its user says so: once in good order, twice at once.
-
-In good order means that the source ends there: what is in memory is decided, sealed and recorded, and every visit closed.
-At once means that what is sealed stays in the spool, for the next run to record.
-"""
+"""Ends a run by signal: first orderly, second at once, keeping the spool."""
 
 from __future__ import annotations
 
@@ -16,7 +12,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextlib.contextmanager
 def stopped_by_signals(stop: asyncio.Event, tell: Callable[[], None]) -> Iterator[None]:
-    """While inside, set `stop` and call `tell` at the first SIGINT or SIGTERM; cancel the current task at the next."""
+    """First SIGINT or SIGTERM sets `stop` and calls `tell`; the next cancels."""
     loop = asyncio.get_running_loop()
     task = asyncio.current_task(loop)
     assert task is not None

@@ -1,8 +1,4 @@
-"""What a run knows of its camera's focal length, and since when.
-
-A live camera may begin after the run, and tell its focal length (CameraInfo) a little after its first frame. Silhouettes
-are measured by it, so the first frame waits for it a while; what is learnt later counts from then on.
-"""
+"""The camera's focal length; a live first frame waits for it."""
 
 from __future__ import annotations
 
@@ -20,7 +16,7 @@ _ASK_EVERY_S = 0.05
 
 
 class CameraIntrinsics:
-    """The focal length that `source` tells. `use` is given it when it comes; before that the Hider has the default."""
+    """`source`'s focal length; `use` receives it, until then the Hider's default."""
 
     def __init__(self, source: Source, use: Callable[[float], None], *, live: bool) -> None:
         self._source = source
@@ -32,7 +28,7 @@ class CameraIntrinsics:
         self._take()
 
     async def learnt(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[SourceEvent]:
-        """Yield the events; of a live source the first frame waits for the focal length, `FOCAL_WAIT_MAX_S` at most."""
+        """Yield events; a live first frame waits `FOCAL_WAIT_MAX_S` at most."""
         async for event in events:
             if self._focal_px is None and isinstance(event, Frame):
                 if self._live:  # a recording has told it at the start, or never will
@@ -41,7 +37,6 @@ class CameraIntrinsics:
             yield event
 
     def as_json(self) -> dict[str, Any]:
-        """Return the focal length in pixels, where it is from, and how many frames came before it was known."""
         if self._focal_px is None:
             return {"focal_px": FOCAL_DEFAULT_PX, "focal_from": ASSUMED, "frames_before": self._frames_before}
         told = {"focal_px": round(self._focal_px, 3), "focal_from": self._source.focal_from}

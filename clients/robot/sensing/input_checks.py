@@ -1,8 +1,6 @@
-"""Lets through what the pipeline can use, and counts the rest by reason.
+"""Passes usable events and counts the rest by reason.
 
-A stream that breaks off, or of which too many messages in a row cannot be used, ends here, and so does one for which the
-roster or the empty frames do not hold any longer: what came before is worked through as at any other end, and `fault` says
-what happened.
+Broken or useless streams and expired run validity end here; `fault` says why.
 """
 
 from __future__ import annotations
@@ -34,11 +32,7 @@ _FAULTS = frozenset({"BAG_DAMAGED", "FEED_LOST"}) | ENDS
 
 
 class Inputs:
-    """The gate before the pipeline. `shape` is (height, width) of the empty scene, which every frame must have.
-
-    Of a `live` source only frames can become useless: anybody may hold an odd tag before a reader, or publish nonsense.
-    `note` is told of refusals, and of how many: each at first, later many at once, since a run may last for days.
-    """
+    """Input checks; `shape`: required (height, width); live sources fail by frames only."""
 
     def __init__(
         self, shape: tuple[int, int], note: Callable[[Refused, int], None] | None = None, *, live: bool = False
@@ -53,7 +47,6 @@ class Inputs:
         self._in_a_row: dict[str, int] = {}
 
     async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event | SensorSample]:
-        """Yield the events that can be used, until the stream ends, breaks off or becomes useless."""
         try:
             async for event in events:
                 refused = self._check(event)
@@ -71,13 +64,12 @@ class Inputs:
             self.fault = error
 
     def close(self) -> None:
-        """Note what was not noted yet."""
         for refused, count in self._unnoted.values():
             self._note(refused, count)
         self._unnoted.clear()
 
     def summary(self) -> dict[str, Any]:
-        """Return what was refused, by kind and reason, and what ended the stream if that was no proper end."""
+        """Return rejections by kind and reason, and any fault."""
         fault = self.fault and {"code": self.fault.code, "detail": self.fault.detail}
         return {
             "messages_refused": {kind: dict(sorted(found.items())) for kind, found in self.refused.items()},
@@ -93,7 +85,6 @@ class Inputs:
         return event if isinstance(event, Refused) else None
 
     def _refuse(self, refused: Refused) -> None:
-        """Count a message that cannot be used; too many in a row are a fault."""
         counts = self.refused.setdefault(refused.kind, {})
         counts[refused.reason] = counts.get(refused.reason, 0) + 1
         if refused.detail:

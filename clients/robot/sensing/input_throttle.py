@@ -1,8 +1,6 @@
-"""The robot's front door: puts what arrives on one timeline, and lets a storm of readings cost no more than a drizzle.
+"""Puts input on one timeline and rate-limits readings.
 
-Pairing gets every reading, since its owners must be exact. Matching, the log and aliases get a thinned stream: a tag's
-readings a little apart, and so many a second in all, those of the roster's tags and of strangers' counted apart, so
-that strangers cannot crowd out whom the robot is for.
+Pairing gets every reading; matching, log and aliases a thinned stream, roster and strangers limited apart.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ TELL_EVERY_MS = 10_000
 
 @dataclass(slots=True)
 class _Gate:
-    """Lets at most `limit` readings a second through, and of one tag and antenna none that are near one another."""
+    """Limits readings per second, and spacing per tag and antenna."""
 
     limit: int
     _second: int = 0
@@ -37,7 +35,6 @@ class _Gate:
     _forgot_ms: int = 0
 
     def takes(self, sighting: Sighting) -> bool:
-        """Return whether a reading may pass; remembers it if so."""
         at_ms = sighting.last_seen_ms if sighting.received_at_ms is None else sighting.received_at_ms
         second = at_ms // 1000
         if second > self._second or second < self._second - MEMORY_MS // 1000:  # older by less: out of order
@@ -48,7 +45,6 @@ class _Gate:
         return True
 
     def _is_apart(self, sighting: Sighting) -> bool:
-        """Whether no remembered reading of that tag by that antenna is near; remembers this one if so."""
         at, key = sighting.middle_ms, (sighting.uid, sighting.antenna)
         if abs(at - self._forgot_ms) > FORGET_EVERY_MS:
             self._forget(at)
@@ -75,7 +71,7 @@ class _Gate:
 
 @dataclass(slots=True)
 class InputThrottle:
-    """What stands between the sources and the pipeline. `only_paired_count` readings went to pairing alone."""
+    """Throttle before the pipeline; `only_paired_count` readings went to pairing alone."""
 
     clocks: RunClocks = field(default_factory=RunClocks)
     only_paired_count: int = 0
@@ -85,13 +81,12 @@ class InputThrottle:
     _told_turned_away: Counter[str] = field(default_factory=Counter)
 
     def weighs(self, sighting: Sighting, *, known: bool) -> bool:
-        """Say whether an admitted sighting goes to matching and the log too, and not to pairing alone."""
+        """Return whether a sighting also goes to matching and log."""
         passes = (self._known if known else self._strangers).takes(sighting)
         self.only_paired_count += not passes
         return passes
 
     def is_time_to_tell(self) -> bool:
-        """Whether ten seconds of the stream have passed since this last said so."""
         now = self.clocks.newest_ms
         if now is None or (self._told_ms is not None and abs(now - self._told_ms) < TELL_EVERY_MS):
             return False
@@ -99,14 +94,13 @@ class InputThrottle:
         return True
 
     def newly_turned_away(self, pairing: Pairing) -> list[tuple[str, int]]:
-        """Return (reason, count) of what was turned away since this was last asked, for the log."""
+        """Return (reason, count) of rejections since the last call."""
         now = self._turned_away(pairing)
         new = now - self._told_turned_away
         self._told_turned_away = now
         return sorted(new.items())
 
     def as_json(self, pairing: Pairing) -> dict[str, Any]:
-        """Return what was found of the clocks, and how much was turned away, late or thinned, for a run's summary."""
         return {
             "clocks": {name: estimate.as_json() for name, estimate in self.clocks.estimates().items()},
             "turned_away": dict(sorted(self._turned_away(pairing).items())),

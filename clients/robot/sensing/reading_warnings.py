@@ -1,4 +1,4 @@
-"""What can be said of tag readings and the camera before a run: what will be kept of people, and measured by a guess."""
+"""Warnings about tag readings and camera before a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ READ_EVERY_MS = 500
 
 
 def warn_of_readings(topics: Topics) -> Iterator[str]:
-    """Yield a sentence for each way in which the topics' readings will keep little, or nothing."""
+    """Yield a sentence per way the readings will keep little."""
     measured = [tags for tags in topics.tags if tags.map.distance]
     if not measured:
         named = ", ".join(tags.topic for tags in topics.tags) or "the readers"
@@ -38,7 +38,7 @@ def warn_of_readings(topics: Topics) -> Iterator[str]:
 
 
 def warn_of_lens(focal_px: float | None) -> Iterator[str]:
-    """Yield a sentence if nobody says the focal length of the camera of a recording."""
+    """Yield a sentence if a recording's focal length is unknown."""
     if focal_px is None:
         yield (
             f"No focal length is known: {FOCAL_DEFAULT_PX:g} pixels are assumed, and people's sizes and distances will be "

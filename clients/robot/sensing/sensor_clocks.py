@@ -1,8 +1,6 @@
-"""Measures a camera's and tag readers' clocks against the host's from the streams themselves, for one timeline of all.
+"""Measures device clocks against the host's from the streams.
 
-A message is received after its stamp, never before: of (received - stamp) only the lower edge is the clock's offset,
-and what lies above it is delay. The edge is a line (offset and drift) under the least of every few seconds. The
-shortest delay cannot be told from the offset and stays in it. Pure; must never hold an offset that was not measured.
+Lower edge of (received - stamp): a line of offset and drift; the shortest delay stays in it. Offsets are measured only.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ _Kind = TypeVar("_Kind", bound=Event)
 
 
 class Standing(StrEnum):
-    """What a stamp is, seen from the line so far."""
+    """A stamp's relation to the line so far."""
 
     FITS = "fits"
     DOUBTFUL = "doubtful"
@@ -39,7 +37,7 @@ class Standing(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClockEstimate:
-    """Host time minus device time at one moment, how fast that grows, and how far it may be off."""
+    """Host minus device time at a moment, drift, and uncertainty."""
 
     offset_ms: float
     drift_ppm: float
@@ -48,7 +46,6 @@ class ClockEstimate:
     started_anew_count: int
 
     def as_json(self) -> dict[str, Any]:
-        """Return the estimate, rounded, for a log or a summary."""
         return {
             "offset_ms": round(self.offset_ms, 1),
             "drift_ppm": round(self.drift_ppm, 1),
@@ -60,7 +57,7 @@ class ClockEstimate:
 
 @dataclass(slots=True)
 class _Bin:
-    """A few seconds of the stream: its lowest point, and how many points there were."""
+    """A few seconds' lowest point and number of points."""
 
     at: float
     low: float
@@ -68,13 +65,10 @@ class _Bin:
 
 
 class ClockEstimator:
-    """One device's clock. Time and memory a stamp are bounded: one point for each bin within the horizon is kept.
+    """One device's clock; one point per bin within the horizon.
 
-    It starts anew, and forgets all before, when the device's clock was set: once `CONFIRM_COUNT` doubtful stamps, off by
-    more than `DELAY_MAX_MS` or far below the line, come in a row and agree, or after `STEP_BINS_COUNT` bins far above
-    it. A lone stamp ahead, taken while little was known, is forgotten after as many bins. It starts anew too
-    when the host's own clock moved, or nothing came, for longer than the horizon.
-    Stamps that go on while their receipt lags are late, not wrong: a busy host is given `LATE_FOR_MS` to catch up.
+    Restarts after `CONFIRM_COUNT` agreeing doubtful stamps, `STEP_BINS_COUNT` bins far above, or a horizon's silence.
+    `LATE_FOR_MS` allows host lag.
     """
 
     def __init__(self) -> None:
@@ -92,7 +86,6 @@ class ClockEstimator:
         self.started_anew_count = 0
 
     def observe(self, stamp_ms: int, received_ms: int) -> Standing:
-        """Take one stamp with its time of receipt and say whether it fits."""
         if not self._bins:
             self._start(stamp_ms, received_ms)
             return Standing.FITS
@@ -116,13 +109,13 @@ class ClockEstimator:
         return Standing.FITS
 
     def offset_at(self, received_ms: int) -> float | None:
-        """Return what to add to the device's time to get the host's; None before the first stamp."""
+        """Return host minus device time (ms), None before the first stamp."""
         if not self._bins:
             return None
         return self._origin[1] + self._line(received_ms - self._origin[0])
 
     def estimate(self, received_ms: int) -> ClockEstimate | None:
-        """Return the estimate as of a host time; None before the first stamp."""
+        """Return the estimate at a host time, None before the first stamp."""
         offset = self.offset_at(received_ms)
         if offset is None:
             return None
@@ -185,7 +178,7 @@ class ClockEstimator:
         self._fit()
 
     def _drop_a_lone_stamp_ahead(self) -> None:
-        """Drop the lowest bin if all others, some later ones too, lie far above it: one wrong stamp holds the line down."""
+        """Drop the lowest bin if all others are far above: a wrong stamp."""
         lowest = min(self._bins, key=lambda number: self._bins[number].low - self._line(self._bins[number].at))
         if lowest not in sorted(self._bins)[:-STEP_BINS_COUNT]:
             return
@@ -202,7 +195,7 @@ class ClockEstimator:
             self._fit()
 
     def _drop_what_is_before_a_step(self) -> None:
-        """Drop all but the last bins if all these lie far above the line: a clock that was set back a little."""
+        """Drop bins before several far above the line: a clock set back."""
         order = sorted(self._bins)
         older, recent = order[:-STEP_BINS_COUNT], order[-STEP_BINS_COUNT:]
         if not older:
@@ -217,7 +210,7 @@ class ClockEstimator:
             self.started_anew_count += 1
 
     def _fit(self) -> None:
-        """Lay the line under all points that is nearest to them: the edge of their lower hull below their middle."""
+        """Fit the lower hull's edge below the points' middle."""
         points = [(one.at, one.low) for _, one in sorted(self._bins.items())]
         span = points[-1][0] - points[0][0]
         if span >= DRIFT_SPAN_MIN_MS:
@@ -232,11 +225,7 @@ class ClockEstimator:
         return self._level + self._slope * at
 
     def _uncertainty(self, at: float) -> float:
-        """Return how far off the line may be, in ms.
-
-        The stamps' own millisecond, how far the bins' least delays scatter, what the least of so many delays would
-        miss were they spread evenly up to the longest, and the drift since the middle of what was seen.
-        """
+        """Return the line's uncertainty in ms: stamp rounding, scatter, delay spread, drift."""
         middle = (min(self._bins) + max(self._bins) + 1) * BIN_MS / 2
         return 1 + self._spread + DELAY_MAX_MS / (self._samples + 1) + self._drift_doubt * abs(at - middle)
 
@@ -246,7 +235,7 @@ def _tolerance(uncertainty_ms: float) -> float:
 
 
 def _middle_slope(points: list[tuple[float, float]]) -> float:
-    """Return the slope of the lower hull's edge below the points' mean time; points in time order, two at least."""
+    """Return the lower hull's slope at mean time; two time-ordered points minimum."""
     hull: list[tuple[float, float]] = []
     for at, low in points:
         while len(hull) > 1 and (hull[-1][0] - hull[-2][0]) * (low - hull[-2][1]) <= (hull[-1][1] - hull[-2][1]) * (
@@ -262,18 +251,15 @@ def _middle_slope(points: list[tuple[float, float]]) -> float:
 
 @dataclass(slots=True)
 class _Reader:
-    """One origin of readings: its clock, and what waits until it is clear whether that was set."""
-
     clock: ClockEstimator = field(default_factory=ClockEstimator)
     held: list[Sighting] = field(default_factory=list)
 
 
 class RunClocks:
-    """The clocks of a run: the camera's, and one for each origin of sightings, `READERS_MAX_COUNT` at most.
+    """Clocks of camera and at most `READERS_MAX_COUNT` sighting origins.
 
-    Gives back frames as they are, and sightings moved onto the camera's timeline. What does not fit waits (at most
-    `CONFIRM_COUNT` events a stream) until it is clear that the clock was set, and is refused, counted in `refused`, if
-    it was not. `shortened_count` readings were too long. An event without a time of receipt is taken at its word.
+    Moves sightings to camera time; doubtful events wait (`CONFIRM_COUNT` per stream), then pass or count in `refused`.
+    Without receipt time, stamps are trusted.
     """
 
     def __init__(self) -> None:
@@ -285,7 +271,7 @@ class RunClocks:
         self._readers: dict[str, _Reader] = {}  # the one heard last stands last
 
     def admit(self, event: Event) -> list[Event]:
-        """Take an event in order of receipt and return those that may go on."""
+        """Add an event in receipt order; return those released."""
         if event.received_at_ms is not None:
             self.newest_ms = event.received_at_ms
         if isinstance(event, Frame):
@@ -293,7 +279,7 @@ class RunClocks:
         return list(self._admit_sighting(event))
 
     def flush(self) -> None:
-        """Refuse what is still in doubt: nothing more will arrive."""
+        """Refuse doubtful events, at the end of input."""
         self.refused["frame-time"] += len(self._held_frames)
         self._held_frames.clear()
         for reader in self._readers.values():
@@ -301,11 +287,11 @@ class RunClocks:
 
     @property
     def camera_offset_ms(self) -> int:
-        """The host's clock minus the camera's as far as it is known now, 0 before that."""
+        """Host clock minus camera clock, 0 while unknown."""
         return round(self.camera.offset_at(self.newest_ms or 0) or 0.0)
 
     def estimates(self) -> dict[str, ClockEstimate]:
-        """Return the newest estimates: `camera`, and `reader ORIGIN` for each; none for what told no time of receipt."""
+        """Return newest estimates by `camera` and `reader ORIGIN`."""
         at = self.newest_ms if self.newest_ms is not None else 0
         found = {f"reader {origin}".rstrip(): one.clock.estimate(at) for origin, one in sorted(self._readers.items())}
         found["camera"] = self.camera.estimate(at)
@@ -332,7 +318,7 @@ class RunClocks:
         return [self._move(one, reader.clock) for one in self._sort(sighting, standing, reader.held, "sighting-time")]
 
     def _reader_of(self, origin: str) -> _Reader:
-        """Return an origin's reader; for a new one too many, that is forgotten which was not heard for longest."""
+        """Return an origin's reader, evicting the longest silent one."""
         reader = self._readers.pop(origin, None) or _Reader()
         if len(self._readers) >= READERS_MAX_COUNT:
             self._refuse_held(self._readers.pop(next(iter(self._readers))))
@@ -358,7 +344,6 @@ class RunClocks:
         return [event]
 
     def _move(self, sighting: Sighting, clock: ClockEstimator) -> Sighting:
-        """Return a sighting on the camera's timeline."""
         received_ms = sighting.received_at_ms or 0
         to_camera = -round(self.camera.offset_at(received_ms) or 0.0)
         shift = round(clock.offset_at(received_ms) or 0.0) + to_camera

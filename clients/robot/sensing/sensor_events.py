@@ -1,7 +1,6 @@
-"""What sensors tell a robot: frames and sightings, as plain values in memory.
+"""Sensor events in memory: frames and sightings.
 
-A `Sighting` carries the tag's UID. It must never be written, logged or sent: outside the robot's memory a tag is
-known by the alias that was drawn for it in this run.
+A `Sighting`'s tag UID is never written, logged or sent; only run aliases leave memory.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Facing(StrEnum):
-    """Which way the antenna that read a tag looks, seen from the camera."""
+    """An antenna's direction, seen from the camera."""
 
     FRONT = "front"
     BACK = "back"
@@ -35,9 +34,9 @@ class Facing(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One depth image: uint16 millimetres along the optical axis, shape (height, width), 0 = no measurement.
+    """A depth image: uint16 mm, (height, width), 0: no measurement.
 
-    `captured_at_ms` is the camera's stamp; `received_at_ms` is the host's, None where the source cannot tell.
+    `captured_at_ms` by camera; `received_at_ms` by host or None.
     """
 
     captured_at_ms: int
@@ -48,12 +47,10 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """One reading of a tag, over the interval in which the reader saw it.
+    """One tag reading over the reader's interval.
 
-    `distance_m` is from the camera to the tag, with standard deviation `sigma_m`; both are None when the reader
-    cannot tell. First and last seen are the reader's stamps; `received_at_ms` is the host's, None where the source
-    cannot tell. `origin` says whose stamps they are: a topic, or a reader's address. The UID is left out of the printed
-    form on purpose.
+    `distance_m` from camera, standard deviation `sigma_m`, None if unknown; `received_at_ms`: host or None; `origin`:
+    topic or reader. UID is left out of repr.
     """
 
     first_seen_ms: int
@@ -70,7 +67,6 @@ class Sighting:
 
     @property
     def middle_ms(self) -> int:
-        """The time that stands for the whole reading."""
         return (self.first_seen_ms + self.last_seen_ms) // 2
 
 
@@ -79,10 +75,7 @@ Event = Frame | Sighting
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColourFrame:
-    """One colour image: uint8, shape (height, width, 3), red first.
-
-    `registered` says that it shows what the depth camera shows, pixel for pixel.
-    """
+    """uint8 RGB, (height, width, 3); `registered`: pixel-aligned with depth."""
 
     at_ms: int
     sequence: int
@@ -93,7 +86,7 @@ class ColourFrame:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """One estimate about the person before the robot, such as an emotional state, with its confidence if known."""
+    """An estimate about the person, such as emotion, with any confidence."""
 
     at_ms: int
     sequence: int
@@ -104,7 +97,7 @@ class Label:
 
 @dataclass(frozen=True, slots=True)
 class AudioClip:
-    """A stretch of sound: 16-bit samples (little-endian, channels side by side) that began at `at_ms`."""
+    """16-bit little-endian interleaved sound, starting at `at_ms`."""
 
     at_ms: int
     sequence: int
@@ -115,16 +108,12 @@ class AudioClip:
 
     @property
     def ends_ms(self) -> int:
-        """When the stretch ends."""
         return self.at_ms + len(self.samples) * 1000 // (2 * self.channels * self.rate_hz)
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A message that could not be used: what it should have been (`frame`, `sighting`, `rgb`, ...), and why.
-
-    `detail` is a sentence about it, of what the topics file and the types say: never what the message holds.
-    """
+    """An unusable message's kind and reason; `detail` never quotes its content."""
 
     at_ms: int
     kind: str
@@ -137,7 +126,7 @@ SourceEvent = Event | SensorSample | Refused
 
 
 def check_depth(depth: npt.NDArray[np.generic], *, shape: tuple[int, int] | None = None) -> Depth:
-    """Return `depth` if it is a two-dimensional uint16 image (of `shape`, if given); raises FRAME_INVALID otherwise."""
+    """Return `depth` if 2-D uint16 (of `shape`). Raises FRAME_INVALID."""
     if depth.dtype != np.uint16 or depth.ndim != 2:
         raise BlockRobotError("FRAME_INVALID", "A depth frame must be a two-dimensional image of 16-bit millimetres.")
     height, width = depth.shape

@@ -1,1 +1,1 @@
-"""Where a robot's events come from. Each source is one module behind the `Source` of `source.py`."""
+"""A robot's event sources, each behind `Source` of `source.py`."""

@@ -1,7 +1,6 @@
-"""What the pipeline needs of a source of events, and how the events of a recording are played in real time.
+"""Event source interface and real-time playing.
 
-A source gives frames, sightings, other senses, and a `Refused` for each message that it could not use: one bad
-message never ends a stream. It must never write what it reads.
+A source yields frames, sightings, other senses, and `Refused` per unusable message, without ending.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ NS_PER_MS = 1_000_000
 
 
 class Clock(Protocol):
-    """What real-time playing needs of a clock."""
+    """Clock for real-time playing."""
 
     def now_ms(self) -> int:
         """Return the time in milliseconds."""
@@ -31,23 +30,21 @@ class SystemClock:
     """The machine's clock."""
 
     def now_ms(self) -> int:
-        """Return the wall-clock time in milliseconds since 1970."""
+        """Return wall-clock milliseconds since 1970."""
         return time.time_ns() // NS_PER_MS
 
     async def sleep_until(self, at_ms: int) -> None:
-        """Return at or after a time, at once (but after letting others run) if it has passed."""
         await asyncio.sleep(max(0.0, (at_ms - self.now_ms()) / 1000))
 
 
 class StoppableClock(SystemClock):
-    """The machine's clock until `stop` is set, which wakes every sleeper; at `ends_ms` it is set by itself."""
+    """System clock stopped by `stop`, which is set at `ends_ms`."""
 
     def __init__(self, stop: asyncio.Event, ends_ms: int | None = None) -> None:
         self._stop = stop
         self._ends_ms = ends_ms
 
     async def sleep_until(self, at_ms: int) -> None:
-        """Return at or after a time, or when it is time to stop."""
         until_ms = at_ms if self._ends_ms is None else min(at_ms, self._ends_ms)
         left_ms = until_ms - self.now_ms()
         if left_ms <= 0:
@@ -60,38 +57,35 @@ class StoppableClock(SystemClock):
 
 
 class Source(Protocol):
-    """A stream of events with one depth camera and one timeline.
-
-    `events` raises BAG_DAMAGED where a recording breaks off, after everything that stands before the break.
-    """
+    """Events with one depth camera and timeline. `events` raises BAG_DAMAGED at a break, after earlier events."""
 
     @property
     def start_ms(self) -> int:
-        """When the first event happened, shifts included."""
+        """Time of the first event, shifts included."""
 
     @property
     def focal_px(self) -> float | None:
-        """The depth camera's focal length in pixels, None if the source does not know it."""
+        """Focal length in pixels, None if unknown."""
 
     @property
     def focal_from(self) -> str:
-        """Where `focal_px` is from: `topics` (the user's word), `camera-info` or `scenario`."""
+        """Origin of `focal_px`: `topics` (set by the user), `camera-info` or `scenario`."""
 
     def shift_to(self, start_ms: int) -> None:
-        """Move the timeline so that the first event happens at `start_ms`; a live source takes no notice."""
+        """Shift the timeline to begin at `start_ms`; live sources ignore it."""
 
     def empty_frames(self) -> list[Depth]:
-        """Return frames of the scene without people, all of one size. Raises EMPTY_SCENE_MISSING."""
+        """Return frames without people, all of one size. Raises EMPTY_SCENE_MISSING."""
 
     def events(self) -> Iterator[SourceEvent]:
-        """Yield everything as fast as it can be had, frames numbered from 0, in the order in which it came."""
+        """Yield events unthrottled in arrival order, frames numbered from 0."""
 
     def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Yield the same, each no earlier than `clock` says it came."""
+        """Yield events no earlier than their arrival on `clock`."""
 
 
 def happened_ms(event: SourceEvent) -> int:
-    """Return when an event came: by the host's stamp if there is one, else by its own."""
+    """Return an event's host timestamp if present, else its own."""
     if isinstance(event, Frame):
         own = event.captured_at_ms
     elif isinstance(event, Sighting):
@@ -103,7 +97,7 @@ def happened_ms(event: SourceEvent) -> int:
 
 
 async def play_events(events: Iterator[SourceEvent], clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-    """Yield `events`, each no earlier than `clock` (the machine's, if none is given) says it came."""
+    """Yield events no earlier than their arrival on `clock` (default: system)."""
     ticking = clock or SystemClock()
     for event in events:
         await ticking.sleep_until(happened_ms(event))

@@ -1,7 +1,4 @@
-"""The topics file: which topic of a recording holds what, and where in its messages each field stands.
-
-Read from TOML and checked here, once, before anything is read.
-"""
+"""The topics file (TOML): which topic and message field holds what."""
 
 from __future__ import annotations
 
@@ -43,7 +40,7 @@ _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,252})|[0-9A-Fa-f:.]{2,45}")
 
 @dataclass(frozen=True, slots=True)
 class TagTopic:
-    """A topic of tag readings: its map, and the type that its messages must have (empty: any)."""
+    """A tag topic: field map and required message type (empty: any)."""
 
     topic: str
     map: TagMap
@@ -52,7 +49,7 @@ class TagTopic:
 
 @dataclass(frozen=True, slots=True)
 class LabelTopic:
-    """A topic of estimates: the paths of the text and, if there is one, of the confidence."""
+    """A topic of estimates: paths of the text and optional confidence."""
 
     topic: str
     text: str = "data"
@@ -61,7 +58,7 @@ class LabelTopic:
 
 @dataclass(frozen=True, slots=True)
 class AudioTopic:
-    """A topic of sound: the path of the samples (16 bits) or of WAV files, and what the samples are."""
+    """A sound topic: path of 16-bit samples or WAV files, and their format."""
 
     topic: str
     data: str = "data"
@@ -71,10 +68,7 @@ class AudioTopic:
 
 @dataclass(frozen=True, slots=True)
 class LlrpReader:
-    """A tag reader that is asked by itself, over LLRP: `front` are its antennas, by number, that look as the camera looks.
-
-    `back` are those that look away from it.
-    """
+    """An LLRP reader; `front` antennas face the camera's way, `back` away."""
 
     host: str
     port: int = LLRP_PORT
@@ -83,17 +77,13 @@ class LlrpReader:
 
     @property
     def address(self) -> str:
-        """The reader's name for people: host and port."""
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
 @dataclass(frozen=True, slots=True)
 class Topics:
-    """What to read. `clock` says whether frames and readings bear their message's stamp or the recording's time.
-
-    `focal_px` is the depth camera's focal length in pixels; None: the recording says it, or nobody does.
-
-    `definitions` holds the text of message types that the recording does not define itself; `llrp` readers count live only.
+    """What to read. `clock` selects message or recording time; `focal_px` None: from the recording or unknown; `llrp`
+    is live-only.
     """
 
     depth: str = DEPTH_TOPIC
@@ -110,7 +100,7 @@ class Topics:
 
     @property
     def wanted(self) -> dict[str, str]:
-        """Each topic that makes events, and what for: `depth`, `tags`, `rgb`, `labels` or `audio`."""
+        """Map each topic to its role: `depth`, `tags`, `rgb`, `labels` or `audio`."""
         wanted = {tags.topic: "tags" for tags in self.tags} | {self.depth: "depth"}
         if self.rgb:
             wanted[self.rgb] = "rgb"
@@ -136,7 +126,7 @@ def load_topics(path: Path) -> Topics:
 
 
 def parse_topics(text: str) -> Topics:
-    """Return the topics that a file's text names. Raises TOPICS_INVALID, naming the setting."""
+    """Raises TOPICS_INVALID."""
     try:
         table = _Table(read_toml_text(text), "")
     except TextInvalidError as error:
@@ -167,7 +157,7 @@ def parse_topics(text: str) -> Topics:
 
 
 def check_topics(topics: Topics) -> Topics:
-    """Return `topics` if no topic is named for two things. Raises TOPICS_INVALID."""
+    """Raise TOPICS_INVALID if a topic has two roles."""
     if not topics.depth:
         raise _wrong("The topic of depth images has no name.")
     names = [topics.depth, *(tags.topic for tags in topics.tags), topics.rgb]
@@ -185,10 +175,7 @@ def check_topics(topics: Topics) -> Topics:
 
 
 def tags_by_type(topic: str, type_name: str) -> TagTopic:
-    """Return how a topic of a known type is read: RfidDetection, or a string that is the tag's UID.
-
-    Raises TOPICS_INVALID for any other type, of which only a topics file can say where its fields stand.
-    """
+    """Return the field map for RfidDetection or a string UID; else raises TOPICS_INVALID."""
     if type_name == SIGHTING_TYPE:
         return TagTopic(topic, DETECTION_MAP, SIGHTING_TYPE)
     if type_name == STRING_TYPE:
@@ -197,17 +184,17 @@ def tags_by_type(topic: str, type_name: str) -> TagTopic:
 
 
 def with_topic(topics: Topics, **changes: Any) -> Topics:
-    """Return `topics` with some of them named anew; None leaves one as it is. Raises TOPICS_INVALID."""
+    """Return `topics` with replacements; None keeps one. Raises TOPICS_INVALID."""
     return check_topics(replace(topics, **{name: value for name, value in changes.items() if value is not None}))
 
 
 def rooted(name: str) -> str:
-    """Return a topic's name as a running robot advertises it: ROS takes one without a leading slash from the root."""
+    """Return a topic's name with ROS's leading slash."""
     return f"/{name}" if name and not name.startswith(("/", "~")) else name
 
 
 def with_rooted_names(topics: Topics) -> Topics:
-    """Return `topics` with every name as a running robot advertises it. Raises TOPICS_INVALID if two are the same."""
+    """Return `topics` with rooted names. Raises TOPICS_INVALID on duplicates."""
     return with_topic(
         topics,
         depth=rooted(topics.depth),
@@ -296,7 +283,7 @@ def _audio(table: _Table) -> AudioTopic:
 
 
 class _Table:
-    """One table of the file; `close` refuses what nobody asked for, since a misspelt setting is silent otherwise."""
+    """One table of the file; `close` rejects unknown settings."""
 
     def __init__(self, values: Mapping[str, Any], name: str) -> None:
         self._values = dict(values)

@@ -1,1 +1,1 @@
-"""A synthetic corridor with walking people and a depth camera's noise; rendered beforehand, never live."""
+"""Synthetic corridor with walking people and depth noise, rendered offline."""

@@ -1,7 +1,4 @@
-"""The two ROS messages that recordings of our own are made of: sensor_msgs/Image (16UC1) and RfidDetection.
-
-Turns frames and sightings into CDR; reading any recording is the matter of `sources`.
-"""
+"""CDR encoding of frames (sensor_msgs/Image, 16UC1) and sightings (RfidDetection)."""
 
 from __future__ import annotations
 
@@ -34,14 +31,13 @@ NS_PER_MS = 1_000_000
 
 
 def typestore() -> Typestore:
-    """Return the message types: ROS 2's own and RfidDetection."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(SIGHTING_DEFINITION, SIGHTING_TYPE))
     return store
 
 
 class MessageCodec:
-    """Encodes the two message types, with one typestore."""
+    """Encodes both message types."""
 
     def __init__(self) -> None:
         self.store = typestore()
@@ -52,14 +48,13 @@ class MessageCodec:
         self._time: Any = types["builtin_interfaces/msg/Time"]
 
     def encode_image(self, depth: Depth, at_ms: int) -> memoryview:
-        """Return the CDR bytes of a 16UC1 image."""
         height, width = depth.shape
         data = np.ascontiguousarray(depth).view(np.uint8).reshape(-1)
         message = self._image(self._stamped(at_ms, "camera"), height, width, "16UC1", 0, width * 2, data)
         return self.store.serialize_cdr(message, IMAGE_TYPE)
 
     def encode_sighting(self, sighting: Sighting, at_ms: int) -> memoryview:
-        """Return the CDR bytes of an RfidDetection; unknown distance is NaN."""
+        """Return an RfidDetection's CDR bytes; unknown distance is NaN."""
         message = self._sighting(
             self._stamped(at_ms, f"antenna_{sighting.antenna}"),
             sighting.uid,

@@ -1,4 +1,4 @@
-"""A person as capsules: build, gait, attitude and heading turned into line segments with a radius. Pure."""
+"""People as capsules: build, gait, posture and heading. Pure."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ Points = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Capsules:
-    """Segments from `start` to `end` (shape (n, 3): right, up from the floor, ahead; metres) with `radius` (n,).
-
-    The last `props` of them are the person's aid, not the person.
+    """Segments `start` to `end` (shape (n, 3): right, up, ahead; metres) with `radius` (n,). The last `props` belong to
+    the aid.
     """
 
     start: Points
@@ -32,7 +31,7 @@ class Capsules:
 
 
 def chest_distance_m(person: Person, at_s: float, camera_height_m: float) -> float | None:
-    """Return the distance from a camera at the origin to the tag on the person's chest, or None while not there."""
+    """Return the camera's distance to the chest tag; None while absent."""
     place = person.place(at_s)
     if place is None:
         return None
@@ -40,7 +39,7 @@ def chest_distance_m(person: Person, at_s: float, camera_height_m: float) -> flo
 
 
 def pose(person: Person, at_s: float) -> Capsules | None:
-    """Return the person's body and aid at a time, or None while not there."""
+    """Return body and aid at a time; None while absent."""
     place = person.place(at_s)
     if place is None:
         return None
@@ -59,7 +58,6 @@ def pose(person: Person, at_s: float) -> Capsules | None:
 
 
 def _body(person: Person, phase: float, swing: float, sway: float) -> list[Row]:
-    """Return the body's capsules in the attitude that the aid asks for."""
     if person.aid == "wheelchair":
         return _seated(person, sway)
     if person.aid == "bed":
@@ -68,7 +66,7 @@ def _body(person: Person, phase: float, swing: float, sway: float) -> list[Row]:
 
 
 def _upright(person: Person, phase: float, swing: float, sway: float) -> list[Row]:
-    """Return capsule rows (right, up, ahead of both ends, radius) in the person's own frame."""
+    """Return rows (right, up, ahead of both ends, radius) in the person's frame."""
     h, g = person.height_m, person.girth
     hip, shoulder = 0.52 * h, 0.80 * h
     bob = 0.015 * swing * math.cos(2 * phase) - 0.03 * person.limp * swing * math.cos(phase)
@@ -107,7 +105,6 @@ def _torso(person: Person, hip: float, shoulder: float, bob: float, sway: float)
 
 
 def _leant(rows: list[Row], hip: float, angle: float) -> list[Row]:
-    """Return rows turned forward about the hips."""
     if angle == 0:
         return rows
     cos, sin = math.cos(angle), math.sin(angle)
@@ -135,7 +132,6 @@ def _leg(h: float, g: float, side: float, hip: float, angle: float) -> list[Row]
 
 
 def _arm(person: Person, side: float, shoulder: float, sway: float, angle: float) -> list[Row]:
-    """Return upper arm and forearm: swinging, or held as `arms` and the aid say."""
     h, g = person.height_m, person.girth
     x = side * 0.125 * h * g * person.shoulders + sway
     upper, fore = 0.175 * h, 0.20 * h
@@ -181,7 +177,6 @@ def _held(person: Person, side: float) -> tuple[Offset, Offset] | None:
 
 
 def _seated(person: Person, sway: float) -> list[Row]:
-    """Return the body on a wheelchair's seat: hips on it, thighs ahead, shins down to the foot rests."""
     h, g = person.height_m, person.girth
     hip = SEAT_M + 0.07 * h * g
     sunk = 0.52 * h - hip
@@ -199,7 +194,6 @@ def _seated(person: Person, sway: float) -> list[Row]:
 
 
 def _lying(person: Person, sway: float) -> list[Row]:
-    """Return the body on its back on a bed, feet ahead, under a blanket up to the chest."""
     h = person.height_m
     upright = _upright(person, 0.0, 0.0, sway)
     rows: list[Row] = [

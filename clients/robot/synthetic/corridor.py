@@ -1,4 +1,4 @@
-"""The empty corridor as true depth, and the drawing of capsules into it. Pure geometry; must never add noise."""
+"""Noise-free depth of the empty corridor, and capsule rendering. Pure geometry."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FURNITURE_M = (
 
 
 class Camera:
-    """A pinhole at the robot's height; `rays` are (x, y down) for z = 1. `at` moves and turns it (radians, right)."""
+    """A pinhole camera; `rays` are (x, y down) at z = 1, angles in radians, right."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.height_m = scenario.camera_height_m
@@ -42,7 +42,7 @@ class Camera:
         self.at: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def seen(self, points: Image) -> Image:
-        """Return points (n, 3: right, up, ahead in the corridor) in the camera's frame (right, down, ahead)."""
+        """Transform points (n, 3: right, up, ahead) into camera coordinates (right, down, ahead)."""
         x, z, yaw = self.at
         right, ahead = points[:, 0], points[:, 2]
         if self.at != (0.0, 0.0, 0.0):
@@ -53,7 +53,7 @@ class Camera:
 
 
 def empty_corridor(camera: Camera) -> Image:
-    """Return the depth in metres of the corridor without people, from where the camera is."""
+    """Return the empty corridor's depth in metres from the camera."""
     ry = np.broadcast_to(camera.ray_y, camera.shape)
     with np.errstate(divide="ignore"):
         vertical = np.where(ry > 0, camera.height_m / ry, (camera.height_m - CEILING_M) / ry)
@@ -73,7 +73,6 @@ def empty_corridor(camera: Camera) -> Image:
 
 
 def _corridor_from(camera: Camera, ry: Image, vertical: Image) -> Image:
-    """Return the empty corridor for a camera that has moved or turned."""
     x, z, _ = camera.at
     dx, dz = directions(camera)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -91,7 +90,7 @@ def _corridor_from(camera: Camera, ry: Image, vertical: Image) -> Image:
 
 
 def directions(camera: Camera) -> tuple[Image, Image]:
-    """Return each column's ray in the corridor (right, ahead), for one metre along the optical axis."""
+    """Return column rays (right, ahead) per metre along the optical axis."""
     cos, sin = np.float32(math.cos(camera.at[2])), np.float32(math.sin(camera.at[2]))
     dx = np.broadcast_to(camera.ray_x * cos + sin, camera.shape)
     dz = np.broadcast_to(cos - camera.ray_x * sin, camera.shape)
@@ -99,7 +98,6 @@ def directions(camera: Camera) -> tuple[Image, Image]:
 
 
 def _box_at(camera: Camera, dx: Image, dz: Image, ry: Image, box: tuple[tuple[float, float], ...]) -> Image:
-    """Return the depth of a box, given relative to the camera's place, for rays in any direction."""
     (x0, x1), (up0, up1), (z0, z1) = box
     entry = np.zeros(dx.shape, dtype=np.float32)
     leave = np.full(dx.shape, np.inf, dtype=np.float32)
@@ -125,7 +123,7 @@ def _box(rx: Image, ry: Image, height_m: float, box: tuple[tuple[float, float], 
 
 
 def draw(camera: Camera, depth: Image, labels: Labels, capsules: Capsules, label: int, aid: int = 0) -> None:
-    """Draw a body (`label`) and its aid (label `aid`) into `depth` (metres) where nearer than what is there. In place."""
+    """Draw body and aid into `depth` (metres) where nearest. In place."""
     starts, ends = camera.seen(capsules.start), camera.seen(capsules.end)
     body = len(starts) - capsules.props
     for number, (a, b) in enumerate(zip(starts, ends, strict=True)):
@@ -154,7 +152,7 @@ def _draw_capsule(
 
 
 def _hit_capsule(rx: Image, ry: Image, a: Image, b: Image, radius: np.float32) -> Image:
-    """Return the depth at which rays through the origin meet a capsule; infinity where they miss."""
+    """Return the depth where rays hit a capsule; infinity on miss."""
     ba = b - a
     baba = float(ba @ ba) + 1e-9
     baoa = -float(ba @ a)

@@ -1,7 +1,4 @@
-"""What a structured-light depth camera does to true depth: jitter, axial noise, disparity steps, holes.
-
-The same noise is laid on empty and peopled frames. Deterministic: one seed and one index make one noise.
-"""
+"""Structured-light depth camera noise: jitter, axial noise, disparity steps, holes. Deterministic by seed and index."""
 
 from __future__ import annotations
 
@@ -27,7 +24,7 @@ HOLE_SIZE_PX = 1.6
 
 
 class CameraNoise:
-    """Fields of random numbers drawn once and shifted anew for each frame, which is 20 times cheaper."""
+    """Random fields drawn once and shifted for each frame, for speed."""
 
     def __init__(self, shape: tuple[int, int], focal_px: float, seed: int, holes: float = 0.0) -> None:
         self._shape = shape
@@ -49,7 +46,7 @@ class CameraNoise:
         self._holes = [_blotches(large, holes, rng) for _ in range(POOL_COUNT)] if holes > 0 else []
 
     def apply(self, depth: Image, labels: Labels | None, index: int) -> tuple[Depth, Labels | None]:
-        """Return the frame in millimetres as the camera would publish it, and `labels` moved along with its pixels."""
+        """Return the noisy frame in millimetres, and `labels` shifted alike."""
         rng = np.random.default_rng([self._seed, 1, index])
         disparity = self._disparity / depth
         lost = self._shadow(disparity)
@@ -79,7 +76,6 @@ class CameraNoise:
 
     @staticmethod
     def _shadow(disparity: Image) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Return where a nearer surface to the right keeps the projector's pattern away."""
         lost = np.zeros(disparity.shape, dtype=bool)
         for step in SHADOW_STEPS_PX:
             lost[:, :-step] |= (disparity[:, step:] - disparity[:, :-step]) > step
@@ -87,6 +83,5 @@ class CameraNoise:
 
 
 def _blotches(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Image:
-    """Return 1 in blotches of a few pixels that cover a share of the field, else 0."""
     rough = np.asarray(cv2.GaussianBlur(rng.standard_normal(shape, dtype=np.float32), (0, 0), HOLE_SIZE_PX))
     return np.asarray(rough > np.quantile(rough, 1 - share), dtype=np.float32)

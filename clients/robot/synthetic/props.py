@@ -1,7 +1,4 @@
-"""What people bring along, as capsules in their own frame: wheelchair, rollator, stick, IV pole, bed, bag. Pure.
-
-Must not depend on the time: an aid moves with the person whose it is.
-"""
+"""Aids as capsules: wheelchair, rollator, stick, IV pole, bed, bag. Pure, time-independent."""
 
 from __future__ import annotations
 
@@ -17,7 +14,6 @@ WHEEL_SPOKES_COUNT = 10
 
 
 def aid_rows(person: Person) -> list[Row]:
-    """Return the capsules of the person's aid; none without one."""
     if person.aid == "stick":
         return _stick(person)
     if person.aid == "iv-pole":
@@ -41,7 +37,6 @@ def _bag(person: Person) -> list[Row]:
 
 
 def _wheel(x: float, centre_m: float, ahead: float, radius: float) -> list[Row]:
-    """Return a ring of short capsules upright in the direction of travel."""
     rows: list[Row] = []
     for spoke in range(WHEEL_SPOKES_COUNT):
         a, b = (2 * math.pi * (spoke + step) / WHEEL_SPOKES_COUNT for step in (0, 1))
@@ -94,7 +89,6 @@ def _iv_pole(person: Person) -> list[Row]:
 
 
 def _bed() -> list[Row]:
-    """Return a hospital bed, its foot end ahead."""
     rows: list[Row] = [(x, 0.60, -0.95, x, 0.60, 0.95, 0.075) for x in (-0.38, -0.25, -0.12, 0.0, 0.12, 0.25, 0.38)]
     for end, top in ((-1.02, 1.02), (1.02, 0.88)):
         rows += [(-0.42, up, end, 0.42, up, end, 0.035) for up in (0.58, 0.70, 0.82, top)]
@@ -105,7 +99,7 @@ def _bed() -> list[Row]:
 
 
 def bed_rows(bed: Bed) -> list[Row]:
-    """Return a bed that stands in the corridor, in the corridor's frame, its foot end towards the robot."""
+    """Return a bed in corridor coordinates, foot end to the robot."""
     return [
         (bed.x_m + x0, u0, bed.z_m - a0, bed.x_m + x1, u1, bed.z_m - a1, radius)
         for x0, u0, a0, x1, u1, a1, radius in _bed()

@@ -1,4 +1,4 @@
-"""Renders a scenario: frames, empty frames, true silhouettes and tag readings. Offline, ahead of use."""
+"""Offline scenario rendering: frames, empty frames, true silhouettes, tag readings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RSSI_AT_1M_DBM = -48.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """A frame and what it shows: `labels` says whose each pixel is (0 = nobody), `props` which of them are an aid's."""
+    """A frame with `labels` (0 = nobody) and `props` (pixels of an aid)."""
 
     depth: Depth
     labels: Labels
@@ -30,7 +30,7 @@ class Truth:
 
 
 class Renderer:
-    """Draws any frame of a scenario by its index; the same scenario gives the same bytes in any process."""
+    """Renders frames by index, byte-identical across processes."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -39,16 +39,15 @@ class Renderer:
         self._noise = _noise_of(self.camera.shape, scenario.focal_px, scenario.seed, scenario.surroundings.holes)
 
     def frame(self, index: int) -> Depth:
-        """Return frame `index` as uint16 millimetres."""
+        """Return a frame as uint16 millimetres."""
         return self.frame_with_truth(index)[0]
 
     def frame_with_truth(self, index: int) -> tuple[Depth, Labels]:
-        """Return frame `index` and its truth: 0 = nobody, n = the n-th person of the scenario (from 1) or their aid."""
+        """Return frame and labels: 0 = nobody, n = n-th person or their aid."""
         truth = self.truth(index)
         return truth.depth, truth.labels
 
     def truth(self, index: int) -> Truth:
-        """Return frame `index` with whose each pixel is and which of them are an aid's."""
         at_s = index / self.scenario.frame_rate
         depth = self._corridor(at_s)
         labels = np.zeros(self.camera.shape, dtype=np.uint8)
@@ -67,11 +66,10 @@ class Renderer:
         return Truth(image, own, np.where(moved >= AID_BIT, own, np.uint8(0)))
 
     def empty_frame(self, index: int) -> Depth:
-        """Return one frame of the corridor before anyone came, from where the robot stood first."""
+        """Return an unpeopled frame from the robot's first position."""
         return self._noise.apply(self._empty_of(0.0), None, EMPTY_FRAME_OFFSET + index)[0]
 
     def _empty_of(self, at_s: float) -> Image:
-        """Return the corridor without people, in whose floor nobody is mirrored."""
         depth = self._corridor(at_s)
         share = self.scenario.surroundings.mirror_floor
         if share > 0:
@@ -79,7 +77,6 @@ class Renderer:
         return depth
 
     def _corridor(self, at_s: float) -> Image:
-        """Return the corridor with its doors and beds at a time, from where the robot is then."""
         at = self.scenario.camera_at(at_s)
         if at != self.camera.at:
             self.camera.at = at
@@ -91,12 +88,11 @@ class Renderer:
 
 @lru_cache(maxsize=4)
 def _noise_of(shape: tuple[int, int], focal_px: float, seed: int, holes: float) -> CameraNoise:
-    """Return a camera's noise; a scene and its control, or scenes with one seed, share it."""
     return CameraNoise(shape, focal_px, seed, holes)
 
 
 class Reading:
-    """One synthetic tag reading: when it was made and when it arrives, alias and what the reader measured."""
+    """One synthetic tag reading: times of measurement and arrival, alias, measurements."""
 
     __slots__ = ("alias", "antenna", "arrives_s", "at_s", "distance_m", "facing", "rssi_dbm", "sigma_m")
 
@@ -122,7 +118,7 @@ class Reading:
 
 
 def readings(scenario: Scenario) -> list[Reading]:
-    """Return all tag readings that arrive, in the order of their arrival; who is absent has none."""
+    """Return received readings in arrival order, without absent people's."""
     made = []
     for number, person in enumerate(scenario.people):
         if person.alias in scenario.absent:

@@ -1,7 +1,4 @@
-"""A scenario: who walks where in front of a synthetic robot, with what and with whom, and when their tags are read.
-
-Read from TOML and checked here, once. A scenario names people by alias; it must never hold a tag's UID.
-"""
+"""Scenarios (TOML): people, paths, aids and tag readings. They hold aliases, no tag UIDs."""
 
 from __future__ import annotations
 
@@ -53,7 +50,7 @@ MANNER_ARMS: dict[str, tuple[Arms, Arms]] = {  # of the companion, of the one wh
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """The synthetic tag reader: its distance error, its antennas, and how often it errs, misses or is late."""
+    """Synthetic tag reader: distance error, antennas, error rates."""
 
     distance_sigma_m: float
     antenna_front: int
@@ -65,10 +62,8 @@ class Reader:
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """One person: build, gait, clothes, aid and path (waypoints t, x, z), and the readings of the tag if they wear one.
-
-    `facing` holds (t, radians), 0 = towards the robot; without it a person faces where they walk, and the robot
-    when they stand. A companion's path and facing are worked out from those of `accompanies` when it is read.
+    """One person with waypoints (t, x, z) and tag readings. `facing` is (t, radians), 0 = to the robot; companions
+    follow `accompanies`.
     """
 
     alias: str
@@ -92,18 +87,16 @@ class Person:
 
     @property
     def tagged(self) -> bool:
-        """Whether this person wears a tag that is read in this scenario."""
         return bool(self.readings_s)
 
     @property
     def chest_height_m(self) -> float:
-        """How high above the floor the tag on the chest is."""
         if self.aid == "wheelchair":
             return SEATED_CHEST_M + SEATED_CHEST_SHARE * self.height_m
         return LYING_CHEST_M if self.aid == "bed" else CHEST_HEIGHT_SHARE * self.height_m
 
     def place(self, at_s: float) -> tuple[float, float] | None:
-        """Return (x, z) in metres at a time, or None while the person is not there."""
+        """Return (x, z) in metres at a time; None while absent."""
         times = [point[0] for point in self.path]
         if not times[0] <= at_s <= times[-1]:
             return None
@@ -113,7 +106,7 @@ class Person:
         )
 
     def heading(self, at_s: float) -> tuple[float, float]:
-        """Return (heading in radians, 0 = towards the robot; speed in m/s), from the path just before and after."""
+        """Return (heading in radians, 0 = to the robot; speed in m/s)."""
         before = self.place(max(at_s - HEADING_STEP_S, self.path[0][0]))
         after = self.place(min(at_s + HEADING_STEP_S, self.path[-1][0]))
         if before is None or after is None:
@@ -128,14 +121,12 @@ class Person:
         return math.atan2(dx, -dz), speed
 
     def walked_m(self, at_s: float) -> float:
-        """Return the length of the path walked until a time, which drives the gait."""
         times = np.array([point[0] for point in self.path])
         steps = np.diff(np.array([point[1:] for point in self.path]), axis=0)
         lengths = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
         return float(np.interp(at_s, times, lengths))
 
     def reading_times_s(self) -> list[float]:
-        """Return all times of reading: the listed ones and, between first and last, every `also_every_s`."""
         if not self.readings_s:
             return []
         times = list(self.readings_s)
@@ -148,7 +139,7 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """A door in a side wall between `z_m` and `z_m + width_m`, its leaf swinging into the corridor when it opens."""
+    """A side-wall door from `z_m` to `z_m + width_m`, opening inwards."""
 
     side: Side
     z_m: float
@@ -159,7 +150,7 @@ class Door:
 
 @dataclass(frozen=True, slots=True)
 class Bed:
-    """An empty bed along a wall: its middle, and from when it stands there (0: in the empty frames too)."""
+    """An empty bed along a wall, from a time (0: always)."""
 
     x_m: float
     z_m: float
@@ -168,10 +159,7 @@ class Bed:
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """What makes the corridor hard: a floor that mirrors, surfaces that return nothing, doors, beds, a moving robot.
-
-    `camera_path` holds (t, x, z, yaw in radians to the right); empty: the robot stands still.
-    """
+    """Difficulties of the corridor. `camera_path`: (t, x, z, yaw in radians, right); empty: standing."""
 
     mirror_floor: float = 0.0
     holes: float = 0.0
@@ -182,10 +170,7 @@ class Environment:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A whole scene. `digest` is the SHA-256 of its file, which names the recording made from it.
-
-    `absent` names people who are left out of pictures and readings while all else stays as it would be with them.
-    """
+    """A scene; `digest` is its file's SHA-256; `absent` people are omitted, all else unchanged."""
 
     name: str
     duration_s: float
@@ -204,16 +189,14 @@ class Scenario:
 
     @property
     def frame_count(self) -> int:
-        """How many frames the camera publishes."""
         return round(self.duration_s * self.frame_rate)
 
     @property
     def tagged_aliases(self) -> tuple[str, ...]:
-        """Aliases of the people whose tags are read, for whom UIDs must be given."""
         return tuple(person.alias for person in self.people if person.tagged and person.alias not in self.absent)
 
     def camera_at(self, at_s: float) -> tuple[float, float, float]:
-        """Return the robot's (x, z, yaw) at a time; all zero while it stands still."""
+        """Return the robot's (x, z, yaw); zeros while standing still."""
         path = self.surroundings.camera_path
         if not path:
             return 0.0, 0.0, 0.0
@@ -222,7 +205,7 @@ class Scenario:
         return x, z, yaw
 
     def seen_from_robot(self, person: Person, at_s: float) -> tuple[float, float, float] | None:
-        """Return the tag's place (right, up, ahead; metres) in the camera's frame, or None while not there."""
+        """Return the tag's (right, up, ahead) metres from the camera; None while absent."""
         place = person.place(at_s)
         if place is None:
             return None
@@ -233,7 +216,7 @@ class Scenario:
 
 
 def without(scenario: Scenario, *aliases: str) -> Scenario:
-    """Return the same scene with some people never there: same seed, noise, labels and readings of all others."""
+    """Return the scene without some people, all else unchanged."""
     known = {person.alias for person in scenario.people}
     if not set(aliases) <= known:
         raise BlockRobotError("CONFIGURATION_INVALID", "Nobody in the scenario has that alias.")
@@ -243,7 +226,6 @@ def without(scenario: Scenario, *aliases: str) -> Scenario:
 
 
 def joined(people: tuple[Person, ...]) -> tuple[Person, ...]:
-    """Return people with each companion's path, facing and arms worked out, and those of whom they accompany."""
     by_alias = {person.alias: person for person in people}
     for person in people:
         if not person.accompanies:
@@ -263,7 +245,6 @@ def joined(people: tuple[Person, ...]) -> tuple[Person, ...]:
 
 
 def _beside(person: Person, leader: Person) -> Person:
-    """Return a companion with a path that keeps its place beside the leader's."""
     right, ahead, turned = MANNERS[person.manner]
     if leader.aid == "bed":
         ahead -= 0.55
@@ -284,7 +265,7 @@ def _beside(person: Person, leader: Person) -> Person:
 
 
 def parse_scenario(text: str) -> Scenario:
-    """Return the scenario of a TOML text; raises CONFIGURATION_INVALID with the first thing that is wrong."""
+    """Parse a TOML scenario. Raises CONFIGURATION_INVALID at the first error."""
     try:
         table = read_toml_text(text)
         scenario = _scenario(table, hashlib.sha256(text.encode()).hexdigest())
@@ -301,7 +282,7 @@ def parse_scenario(text: str) -> Scenario:
 
 
 def load_scenario(path: Path) -> Scenario:
-    """Return the scenario of a file; raises CONFIGURATION_INVALID."""
+    """Load a scenario file. Raises CONFIGURATION_INVALID."""
     try:
         if path.stat().st_size > SCENARIO_FILE_MAX_BYTES:
             raise BlockRobotError("CONFIGURATION_INVALID", "The scenario file is too large.")
@@ -312,7 +293,7 @@ def load_scenario(path: Path) -> Scenario:
 
 
 def published_run_1() -> Scenario:
-    """Return the scenario that ships with the robot: the prototype's first published run."""
+    """Return the bundled scenario: the prototype's first published run."""
     file = resources.files("clients.robot") / "scenarios" / "published-run-1.toml"
     return parse_scenario(file.read_text(encoding="utf-8"))
 
@@ -421,7 +402,7 @@ def _flag(row: dict[str, Any], key: str) -> bool:
 
 
 def check_scenario(scenario: Scenario) -> None:
-    """Refuse what could not be rendered; raises CONFIGURATION_INVALID naming the field or the person."""
+    """Raise CONFIGURATION_INVALID for unrenderable scenarios."""
     reader, around = scenario.reader, scenario.surroundings
     problems = (
         (not 0 < scenario.duration_s <= DURATION_MAX_S, "duration_s must be above 0 and at most an hour"),

@@ -1,8 +1,4 @@
-"""Makes a scenario's ROS bag (rosbag2, MCAP, zstd chunks) and keeps it in a cache named by what it was made from.
-
-The bag holds tags' UIDs, as any robot's recording would: it is an input for tests and demonstrations, and must never
-be made from real people.
-"""
+"""Scenario bags (rosbag2, MCAP, zstd), cached by content. They hold tag UIDs; synthetic people only."""
 
 from __future__ import annotations
 
@@ -42,12 +38,12 @@ Rendered = list[tuple[int, bytes]]
 
 
 def frame_time_ms(scenario: Scenario, index: int) -> int:
-    """Return when frame `index` was captured, on the bag's own timeline."""
+    """Return a frame's capture time on the bag's timeline."""
     return RUN_START_MS + round(index * 1000 / scenario.frame_rate)
 
 
 def bag_key(scenario: Scenario, uids: Mapping[str, str]) -> str:
-    """Return the name of the bag in the cache: a hash of scenario, renderer, format and tags."""
+    """Return the cache name: hash of scenario, renderer, format and tags."""
     parts = [scenario.digest, str(RENDERER_VERSION), str(BAG_VERSION)]
     parts += [f"{alias}={uids[alias]}" for alias in scenario.tagged_aliases]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
@@ -56,11 +52,8 @@ def bag_key(scenario: Scenario, uids: Mapping[str, str]) -> str:
 def make_bag(
     scenario: Scenario, uids: Mapping[str, str], cache: Path, *, progress: Progress | None = None, workers: int = 0
 ) -> Path:
-    """Return the path of the scenario's bag, rendering it first if the cache does not hold it.
-
-    `uids` maps each tagged alias to its tag's UID. `progress(done, total)` is called per batch of frames, also once
-    when the bag was already there. `workers` processes render (0: one for each core). Raises CONFIGURATION_INVALID
-    when a UID is missing.
+    """Return the scenario's bag, rendered if not cached. `workers` 0: one per core; `progress` is per batch. Raises
+    CONFIGURATION_INVALID.
     """
     missing = [alias for alias in scenario.tagged_aliases if not uids.get(alias)]
     if missing:
@@ -83,7 +76,7 @@ def make_bag(
 
 
 def _remove_abandoned(cache: Path) -> None:
-    """Remove unfinished bags whose makers are dead: a process that is killed leaves what it has written behind."""
+    """Remove unfinished bags left by killed processes."""
     for path in cache.iterdir():
         found = _UNFINISHED.fullmatch(path.name)
         if found and not is_process_alive(int(found[1])) and path.is_dir() and not path.is_symlink():
@@ -95,7 +88,6 @@ def _silent(done: int, total: int) -> None:
 
 
 def _settle(unfinished: Path, target: Path) -> None:
-    """Move a finished bag to its place; another maker may have been first, which is as good."""
     if target.exists() and not (target / "metadata.yaml").is_file():
         shutil.rmtree(target)
     try:
@@ -133,7 +125,7 @@ def _put(writer: Writer, connection: Connection, at_ms: int, data: bytes) -> Non
 
 
 def scene_sightings(scenario: Scenario, uids: Mapping[str, str]) -> list[tuple[int, Sighting]]:
-    """Return the scenario's readings as (time of arrival, sighting), in order of arrival, on the bag's timeline."""
+    """Return (arrival time, sighting) in arrival order, on the bag's timeline."""
     made = []
     for reading in readings(scenario):
         at_ms = RUN_START_MS + round(reading.at_s * 1000)
@@ -156,7 +148,7 @@ def _sightings(scenario: Scenario, uids: Mapping[str, str], codec: MessageCodec)
 
 
 def _render_batches(scenario: Scenario, workers: int) -> Iterator[Rendered]:
-    """Yield encoded frames in time order, empty ones (negative indices) first; rendered in several processes."""
+    """Yield encoded frames in time order, empty ones (negative indices) first."""
     first = -scenario.empty_frames
     jobs = [
         range(start, min(start + BATCH_FRAMES_COUNT, scenario.frame_count))
@@ -179,15 +171,12 @@ def _render_batches(scenario: Scenario, workers: int) -> Iterator[Rendered]:
 
 
 class _Worker:
-    """One renderer with its codec, in whatever process it lives."""
-
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
         self._renderer = Renderer(scenario)
         self._codec = MessageCodec()
 
     def render(self, job: range) -> Rendered:
-        """Return (time, CDR bytes) of each frame; a negative index is an empty frame."""
         made = []
         for index in job:
             at_ms = frame_time_ms(self._scenario, index) - (EMPTY_LEAD_MS if index < 0 else 0)

@@ -1,7 +1,4 @@
-"""The tags of synthetic scenes: drawn once on this machine, whatever is recorded with them.
-
-They stand in a file readable by its user only, as a registrar's list of cards would.
-"""
+"""Tags of synthetic scenes, drawn once per machine, in a file private to its user."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ _UID_BYTES = 12  # an EPC-96
 
 
 def load_or_draw_tags(folder: Path, scenario: Scenario) -> dict[str, str]:
-    """Return alias -> UID (upper-case hexadecimal) of at least a scenario's tags, drawing those that are new."""
+    """Return alias -> UID (upper-case hex), drawing missing ones."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     path = folder / _TAGS_FILE
     known: dict[str, str] = read_json_text(path.read_text(encoding="utf-8")) if path.exists() else {}

@@ -1,4 +1,4 @@
-"""Draws short random scenes by stratum, to train and to judge hiding on. The same seed gives the same scene."""
+"""Short random scenes by stratum, for training and evaluation. Deterministic by seed."""
 
 from __future__ import annotations
 
@@ -75,10 +75,8 @@ def draw_scene(
     child: bool | None = None,
     third: bool | None = None,
 ) -> Scenario:
-    """Return a random scene: the person whose picture is wanted is "owner" (tagged), others are "other" and "third".
-
-    Half of the others are tagged too. In `bearer-behind` the owner walks behind the robot and the other before it.
-    `manner` and `child` choose the companion, `third` whether a third person walks by; drawn where not given.
+    """Return a random scene of "owner" (tagged), "other" (half are tagged), "third". `bearer-behind`: owner behind the
+    robot.
     """
     rng = np.random.default_rng([seed, STRATA.index(stratum), 0xC0221D02])
     people = _cast(rng, stratum, duration_s, manner, child)
@@ -107,7 +105,6 @@ def draw_scene(
 def _cast(
     rng: np.random.Generator, stratum: Stratum, duration_s: float, manner: Manner | None, child: bool | None
 ) -> tuple[Person, ...]:
-    """Return the owner and, in strata of two, the other."""
     if stratum == "companion":
         return _companions(rng, duration_s, manner, child)
     aids: dict[str, Aid] = {name: name for name in ("wheelchair", "rollator", "stick", "iv-pole", "bed")}
@@ -128,7 +125,6 @@ def _cast(
 
 
 def _walking_aid(rng: np.random.Generator) -> Aid:
-    """Return a random aid that a walking person has."""
     aids: tuple[Aid, ...] = ("rollator", "stick", "iv-pole", "bag")
     return aids[int(rng.integers(len(aids)))]
 
@@ -136,7 +132,6 @@ def _walking_aid(rng: np.random.Generator) -> Aid:
 def _companions(
     rng: np.random.Generator, duration_s: float, manner: Manner | None, child: bool | None
 ) -> tuple[Person, ...]:
-    """Return an owner and who keeps to them; either of the two may be the owner."""
     fitting = [row for row in COMPANIONS if manner in (None, row[0]) and child in (None, row[1] == "child")]
     if not fitting:
         fitting = [(manner or "arm-in-arm", "child" if child else "adult", 1.0)]
@@ -158,7 +153,6 @@ def _companions(
 
 
 def _drawn_person(rng: np.random.Generator, alias: str, path: Path, *, aid: Aid = "", child: bool = False) -> Person:
-    """Return a person of random build, gait and clothes."""
     height = rng.uniform(0.95, 1.45) if child else np.clip(rng.normal(1.70, 0.095), 1.48, 1.98)
     old = aid in ("rollator", "stick") or rng.random() < 0.12
     free: tuple[Arms, ...] = ("folded", "raised", "forward")
@@ -187,7 +181,6 @@ def _tagged(person: Person, duration_s: float) -> Person:
 
 
 def _walk(rng: np.random.Generator, duration_s: float) -> Path:
-    """Return a path of walking, standing and walking back that stays in the picture."""
     times, points = [0.0], [_spot(rng)]
     while times[-1] < duration_s:
         if rng.random() < 0.3:
@@ -220,7 +213,6 @@ def _cut_off(times: list[float], points: list[tuple[float, float]], duration_s: 
 
 
 def _turning(rng: np.random.Generator, duration_s: float) -> tuple[tuple[float, float], ...]:
-    """Return a facing that turns once, slowly."""
     start = float(rng.uniform(-math.pi, math.pi))
     turn_s = float(rng.uniform(0.2, 0.6)) * duration_s
     end = start + float(rng.uniform(-math.pi, math.pi))
@@ -228,7 +220,6 @@ def _turning(rng: np.random.Generator, duration_s: float) -> tuple[tuple[float, 
 
 
 def _paths(rng: np.random.Generator, stratum: Stratum, owner: Path, duration_s: float) -> tuple[Path, Path]:
-    """Return the owner's and the other's path so that they are to each other as the stratum says."""
     if stratum in ("apart", "moving-robot"):
         return _apart(rng, duration_s)
     if stratum == "bearer-behind":
@@ -243,7 +234,6 @@ def _paths(rng: np.random.Generator, stratum: Stratum, owner: Path, duration_s: 
 
 
 def _apart(rng: np.random.Generator, duration_s: float) -> tuple[Path, Path]:
-    """Return two walks on either side of the corridor, more than a metre apart in range for most of the time."""
     near_z, far_z = float(rng.uniform(1.8, 2.5)), float(rng.uniform(3.6, 4.8))
     side = float(rng.choice([-1.0, 1.0]))
     made = []
@@ -257,7 +247,6 @@ def _apart(rng: np.random.Generator, duration_s: float) -> tuple[Path, Path]:
 
 
 def _crossing(rng: np.random.Generator, duration_s: float) -> tuple[Path, Path]:
-    """Return two walks across the picture in opposite directions, one before the other."""
     near_z = float(rng.uniform(1.9, 2.8))
     far_z = near_z + float(rng.uniform(0.6, 1.8))
     made = []
@@ -274,7 +263,6 @@ def _crossing(rng: np.random.Generator, duration_s: float) -> tuple[Path, Path]:
 
 
 def _third(rng: np.random.Generator, people: tuple[Person, ...], duration_s: float) -> Person:
-    """Return a third person who walks about far behind the others."""
     deepest = max(z for person in people for _, _, z in person.path) if people else FARTHEST_M
     z = max(4.8, min(deepest + 1.0, 6.4))
     times = [float(t) for t in np.linspace(0, duration_s, 5)]
@@ -283,7 +271,6 @@ def _third(rng: np.random.Generator, people: tuple[Person, ...], duration_s: flo
 
 
 def _surroundings(rng: np.random.Generator, stratum: Stratum, duration_s: float) -> Environment:
-    """Return a random corridor: doors, a bed along the wall, a floor that mirrors, holes; a robot that moves."""
     doors: tuple[Door, ...] = ()
     if rng.random() < 0.25:
         opens = float(rng.uniform(0.1, 0.6)) * duration_s
@@ -297,7 +284,6 @@ def _surroundings(rng: np.random.Generator, stratum: Stratum, duration_s: float)
 
 
 def _drive(rng: np.random.Generator, duration_s: float) -> tuple[tuple[float, float, float, float], ...]:
-    """Return a robot that stands, drives a little ahead, and turns."""
     begin = float(rng.uniform(0.0, 0.3)) * duration_s
     ahead, yaw = float(rng.uniform(0.15, 0.6)), math.radians(float(rng.uniform(-12, 12)))
     return (

@@ -1,7 +1,4 @@
-"""What changes in the corridor itself: doors that open, beds that stand there, a floor that mirrors. Pure geometry.
-
-Must draw nobody: what is drawn here belongs to no person and has no label.
-"""
+"""Doors, beds and reflective floor. Pure geometry; draws no people or labels."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ PATCH_SIZE_PX = 4.0
 
 
 def door_angle(door: Door, at_s: float) -> float:
-    """Return how far a door is open at a time, in radians."""
+    """Return a door's opening angle at a time, in radians."""
     opened = (at_s - door.opens_s) / DOOR_SWING_S
     closed = (at_s - door.closes_s) / DOOR_SWING_S
     share = min(max(opened, 0.0), 1.0) - min(max(closed, 0.0), 1.0)
@@ -34,7 +31,6 @@ def door_angle(door: Door, at_s: float) -> float:
 
 
 def furnish(camera: Camera, depth: Image, surroundings: Environment, at_s: float) -> None:
-    """Draw doors and beds as they are at a time. In place."""
     for door in surroundings.doors:
         angle = door_angle(door, at_s)
         if angle > 0:
@@ -47,7 +43,6 @@ def furnish(camera: Camera, depth: Image, surroundings: Environment, at_s: float
 
 
 def _draw_door(camera: Camera, depth: Image, door: Door, angle: float) -> None:
-    """Draw the room behind the doorway and the leaf, which hangs at the far end and swings into the corridor."""
     x, z, _ = camera.at
     wall = HALF_WIDTH_M if door.side == "right" else -HALF_WIDTH_M
     inwards = -1.0 if door.side == "right" else 1.0
@@ -73,10 +68,7 @@ def _draw_door(camera: Camera, depth: Image, door: Door, angle: float) -> None:
 
 
 def mirror(camera: Camera, depth: Image, labels: Labels, bodies: list[Capsules], share: float, seed: int) -> None:
-    """Let a share of the floor's pixels see bodies upside down in it, and a part of them see nothing. In place.
-
-    What is seen in the floor is farther than the floor, has no label, and is the same pixels in every frame.
-    """
+    """Mirror bodies in part of the floor, with holes. In place; reflections are unlabelled, at fixed pixels."""
     ry = np.broadcast_to(camera.ray_y, camera.shape)
     with np.errstate(divide="ignore"):
         floor = np.where(ry > 0, camera.height_m / ry, np.inf)
@@ -94,7 +86,6 @@ def mirror(camera: Camera, depth: Image, labels: Labels, bodies: list[Capsules],
 
 @lru_cache(maxsize=4)
 def _patches(shape: tuple[int, int], share: float, seed: int) -> tuple[Mask, Mask]:
-    """Return where the floor mirrors and where it returns nothing at all: patches that stay where they are."""
     fields = []
     for number, part in ((0x317, share), (0x318, share * MIRROR_DROP)):
         rng = np.random.default_rng([seed, number])

@@ -14,10 +14,8 @@ from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 
 @dataclass(frozen=True, slots=True)
 class Announcement:
-    """One opened visit: owner key O, ephemeral key R, the robot's key (33 bytes each), the one-byte view tag.
-
-    `number` counts from 0 in the order of the chain; `bucket_ms` begins the visit's five minutes. With `root` (the first
-    owner key of a visit; otherwise empty) it is no new visit: `owner` decides of that one from now on.
+    """A visit: keys O, R, robot (33 bytes each), one-byte view tag; `number` from 0, `bucket_ms` begins five minutes.
+    With `root` (first owner key), a handover to `owner`.
     """
 
     number: int
@@ -31,7 +29,7 @@ class Announcement:
 
 @dataclass(frozen=True, slots=True)
 class AnnouncementPage:
-    """Consecutive announcements. `count` is how many there are in all, `next_number` the first after this page."""
+    """Consecutive announcements; `count` is the total."""
 
     count: int
     items: tuple[Announcement, ...]
@@ -39,10 +37,7 @@ class AnnouncementPage:
 
 
 def read_announcements(trust: ProofVerifier, answer: ProofsAnswer, first: int, limit: int) -> AnnouncementPage:
-    """Check a page: the count is proved, and so is every item that the count says is due.
-
-    Raises PROOF_INVALID, PROOF_STALE and what a wrong finality proof raises.
-    """
+    """Check a page for completeness. Raises PROOF_INVALID, PROOF_STALE."""
     if not answer.proofs:
         raise BlockRobotError("PROOF_INVALID", "The page does not prove how many announcements there are.")
     claimed = len(answer.proofs) - 1

@@ -1,7 +1,4 @@
-"""Reads one transaction out of the final block that holds it.
-
-What is returned has the id that was named; that it is final, and what became of it, its receipt's proof tells.
-"""
+"""Read one transaction from its block, checked only by id; finality needs the receipt's proof."""
 
 from __future__ import annotations
 
@@ -16,16 +13,13 @@ from consensus.primitives.keys import PrivateKey
 
 
 class BlockAnswer(Answer, frozen=True):
-    """One block, in its canonical bytes."""
+    """One block in canonical bytes."""
 
     block: str
 
 
 async def read_transaction(client: NetworkClient, key: PrivateKey, height: int, txid: bytes) -> Transaction:
-    """Return a transaction as it was sent, in the session of `key`, a member's.
-
-    Raises PROOF_INVALID if the node's block does not hold it, BLOCK_PRUNED if no node has that block any more.
-    """
+    """Return a transaction, in a member's session. Raises PROOF_INVALID, BLOCK_PRUNED."""
 
     async def ask(node: NodeAddress) -> Transaction:
         content = await client.ask_node(node, "GET", f"/v1/blocks/{height}", key=key)

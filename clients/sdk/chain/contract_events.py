@@ -1,8 +1,4 @@
-"""Reads contract events in order, from a place on, at whichever node answers.
-
-A place is height:index; it means the same at every node. What a page holds is the word of the node that served it: who
-needs a proof of one event asks for the receipt of its transaction.
-"""
+"""Read contract events in order from a place (height:index). Pages are unproved; receipts prove events."""
 
 from __future__ import annotations
 
@@ -22,7 +18,7 @@ PAGE_MAX_COUNT = 100
 
 @dataclass(frozen=True, slots=True, order=True)
 class Place:
-    """Where an event stands: the block's height, and its index among the block's events."""
+    """An event's place: block height, and index among the block's events."""
 
     height: int
     index: int
@@ -52,7 +48,7 @@ class EventsAnswer(Answer, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class FoundEvent:
-    """An event with its place, the transaction that it is of, and its data, decoded."""
+    """A decoded event with place and transaction."""
 
     place: Place
     contract: str
@@ -63,7 +59,7 @@ class FoundEvent:
 
 @dataclass(frozen=True, slots=True)
 class EventPage:
-    """Events in order, and the place to go on from. `head` is the newest block of the node that answered."""
+    """Ordered events and the next place; `head` is the node's newest block."""
 
     events: tuple[FoundEvent, ...]
     next: Place
@@ -71,7 +67,7 @@ class EventPage:
 
 
 def read_place(text: str) -> Place:
-    """Return the place that a text names. Raises VALUE_INVALID."""
+    """Parse a place. Raises VALUE_INVALID."""
     height, _, index = text.partition(":")
     if not (text.isascii() and height.isdigit() and index.isdigit() and len(height) <= 15 and len(index) <= 9):
         raise BlockRobotError("VALUE_INVALID", f"{text[:40]!r} is no place of events: it has the form height:index.")
@@ -79,7 +75,7 @@ def read_place(text: str) -> Place:
 
 
 def _read_page(content: bytes, first: Place | None) -> EventPage:
-    """Read an answer. Raises ENCODING_INVALID for one that goes back or is out of order: another node may do better."""
+    """Raise ENCODING_INVALID if out of order, to try another node."""
     answer = read_answer(content, EventsAnswer)
     found = tuple(
         FoundEvent(
@@ -111,10 +107,7 @@ async def read_events(
     limit: int = PAGE_MAX_COUNT,
     wait_ms: int = 0,
 ) -> EventPage:
-    """Return a page of events from `first` on (None: from the oldest that is kept), in the session of `key`.
-
-    Without events the answer is held back up to `wait_ms`. Raises BLOCK_PRUNED if no node has them from there on.
-    """
+    """Return events from `first` (None: oldest kept), long-polling up to `wait_ms`. Raises BLOCK_PRUNED."""
     query: dict[str, str | int] = {"limit": limit, "wait_ms": wait_ms}
     chosen = {"from": None if first is None else str(first), "contract": contract, "name": name}
     query.update({field: value for field, value in chosen.items() if value is not None})

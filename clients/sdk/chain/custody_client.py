@@ -1,4 +1,4 @@
-"""Clips and empty frames at custodians."""
+"""Client for clips and empty frames at custodians."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TRANSFER_TIMEOUT_MS = 60_000
 
 
 class RequestFn(Protocol):
-    """How one request is made (`NetworkClient.ask_node`)."""
+    """One request (`NetworkClient.ask_node`)."""
 
     async def __call__(
         self,
@@ -33,9 +33,7 @@ class RequestFn(Protocol):
         media_type: str = "application/json",
         query: dict[str, str | int] | None = None,
         timeout_ms: int = TRANSFER_TIMEOUT_MS,
-    ) -> bytes:
-        """Return the answer's body, or raise the refusal."""
-        ...
+    ) -> bytes: ...
 
 
 StateProver = Callable[[Sequence[bytes], PrivateKey], Awaitable[ProvedState]]
@@ -43,24 +41,19 @@ StateProver = Callable[[Sequence[bytes], PrivateKey], Awaitable[ProvedState]]
 
 
 class CustodyClient:
-    """The custodians of a network, each asked by itself: an upload goes to all of them, a download to any."""
+    """A network's custodians: upload to all, download from any."""
 
     def __init__(self, find: Callable[[], tuple[NodeAddress, ...]], ask: RequestFn, prove: StateProver) -> None:
-        """`find` names those who are custodians now."""
         self._find = find
         self._ask = ask
         self._prove = prove
 
     @property
     def custodians(self) -> tuple[NodeAddress, ...]:
-        """The custodians, as far as this client knows; that may change while it runs."""
         return self._find()
 
     async def upload_clip(self, node: NodeAddress, upload: ClipUpload, key: PrivateKey) -> None:
-        """Stage a clip at one custodian, in the robot's session. Repeating is harmless.
-
-        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, STORE_UNAVAILABLE, NODE_UNREACHABLE.
-        """
+        """Stage a clip; idempotent. Raises UPLOAD_INVALID, UPLOAD_CONFLICT, STORE_UNAVAILABLE, NODE_UNREACHABLE."""
         await self._ask(
             node,
             "PUT",
@@ -75,9 +68,8 @@ class CustodyClient:
     async def download_clip(
         self, node: NodeAddress, record_id: bytes, access_id: bytes, key: PrivateKey
     ) -> ClipDownload:
-        """Fetch a clip from one custodian, in the session of its owner key. Check it with `check_clip_download`.
-
-        Raises ACCESS_NOT_GRANTED, CLIP_NOT_CONFIRMED, CLIP_ERASED, NOT_FOUND, UPLOAD_INVALID.
+        """Fetch a clip, to verify with `check_clip_download`. Raises ACCESS_NOT_GRANTED, CLIP_NOT_CONFIRMED,
+        CLIP_ERASED, NOT_FOUND, UPLOAD_INVALID.
         """
         content = await self._ask(
             node,
@@ -93,10 +85,7 @@ class CustodyClient:
         return clip
 
     async def upload_grant(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:
-        """Stage one custodian's parts of a shared record, in the session of its owner key. Repeating is harmless.
-
-        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, STORE_UNAVAILABLE, NODE_UNREACHABLE.
-        """
+        """Stage a custodian's parts of a shared record. Raises as `upload_clip`."""
         await self._ask(
             node,
             "PUT",
@@ -110,9 +99,8 @@ class CustodyClient:
     async def download_shared(
         self, node: NodeAddress, grant_id: bytes, request: SharedRequest, key: PrivateKey
     ) -> SharedDownload:
-        """Fetch from one custodian what it has of a shared record, in the session of the grant's key.
-
-        Raises ACCESS_NOT_GRANTED, GRANT_ENDED, GRANTEE_NOT_A_MEMBER, CLIP_NOT_CONFIRMED, CLIP_ERASED, UPLOAD_INVALID.
+        """Fetch a custodian's part. Raises ACCESS_NOT_GRANTED, GRANT_ENDED, GRANTEE_NOT_A_MEMBER, CLIP_NOT_CONFIRMED,
+        CLIP_ERASED, UPLOAD_INVALID.
         """
         content = await self._ask(
             node,
@@ -129,7 +117,7 @@ class CustodyClient:
         return shared
 
     async def put_background(self, node: NodeAddress, content: bytes, key: PrivateKey) -> bytes:
-        """Store a recorded empty frame at one custodian and return its SHA-256."""
+        """Store an empty frame at one custodian; return its SHA-256."""
         digest = sha256(content)
         await self._ask(
             node,
@@ -145,9 +133,8 @@ class CustodyClient:
     async def find_background(
         self, digest: bytes, key: PrivateKey, missing: dict[bytes, BlockRobotError]
     ) -> bytes | None:
-        """Return an empty frame by its hash, or None: `missing` says why then, and what it names is not asked for again.
-
-        EMPTY_FRAME_WITHDRAWN stands there only if the chain proves that no robot may publish the frame any more.
+        """Return an empty frame, or None with the reason in `missing` (skipped later). EMPTY_FRAME_WITHDRAWN there is
+        proven.
         """
         if digest in missing:
             return None
@@ -164,10 +151,7 @@ class CustodyClient:
         return None
 
     async def get_background(self, digest: bytes, key: PrivateKey) -> bytes:
-        """Fetch an empty frame by its hash from whichever custodian has it whole.
-
-        If none does, raises one custodian's refusal: NOT_FOUND only if all say so.
-        """
+        """Fetch an empty frame from any custodian. Raises NOT_FOUND only if all do."""
         failure = BlockRobotError("NOT_FOUND", "There is no custodian to ask for the empty frame.")
         for node in self.custodians:
             try:
@@ -177,7 +161,7 @@ class CustodyClient:
         raise failure
 
     async def get_background_of(self, node: NodeAddress, digest: bytes, key: PrivateKey) -> bytes:
-        """Fetch an empty frame from one custodian. Raises UPLOAD_HASH_MISMATCH for a damaged one, NOT_FOUND."""
+        """Fetch an empty frame. Raises UPLOAD_HASH_MISMATCH, NOT_FOUND."""
         path = f"/v1/backgrounds/{digest.hex()}"
         content = await self._ask(node, "GET", path, key=key, timeout_ms=TRANSFER_TIMEOUT_MS)
         if sha256(content) != digest:

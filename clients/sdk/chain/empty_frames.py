@@ -1,4 +1,4 @@
-"""Which empty frames a robot may publish: read with proof, approved and withdrawn by its organisation."""
+"""Empty frames a robot may publish: proved reads, approval and withdrawal."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from consensus.state.records import EMPTY_FRAMES, EmptyFrameRow
 
 
 async def read_approved(client: NetworkClient, robot: bytes, reader: PrivateKey) -> list[EmptyFrameRow]:
-    """Return what is approved for a robot, the oldest first, as the chain proves it."""
+    """Return a robot's proved approvals, oldest first."""
     return await proved_row(in_session(client, reader), EMPTY_FRAMES, robot) or []
 
 
 async def approve_frames(
     client: NetworkClient, approver: PrivateKey, robot: bytes, frames: Sequence[bytes]
 ) -> FinalReceipt | None:
-    """Approve what is not approved yet; return the last receipt, or None if nothing was left to do."""
+    """Approve new frames; return the last receipt, None if none."""
     known = {frame.digest for frame in await read_approved(client, robot, approver)}
     wanted = [frame for frame in dict.fromkeys(frames) if frame not in known]
     return await _decide(client, approver, "approve_empty_frames", robot, wanted)
@@ -29,7 +29,7 @@ async def approve_frames(
 async def withdraw_frames(
     client: NetworkClient, key: PrivateKey, robot: bytes, frames: Sequence[bytes]
 ) -> FinalReceipt | None:
-    """Withdraw approvals; every custodian deletes what is left to no robot."""
+    """Withdraw approvals; custodians delete frames that no robot has left."""
     return await _decide(client, key, "withdraw_empty_frames", robot, list(dict.fromkeys(frames)))
 
 

@@ -1,4 +1,4 @@
-"""Registers a member with the code on a card, the same for wallet and robot."""
+"""Member registration with a card's code, for wallet and robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from consensus.state.identity import HANDLE, MEMBER, MemberRow
 
 @dataclass(frozen=True, slots=True)
 class NewMember:
-    """The keys of who registers: M as a private key, S and V (33 bytes), X (32 bytes) as public ones."""
+    """A registrant's keys: M private; S, V (33 bytes) and X (32 bytes) public."""
 
     identity: PrivateKey
     spend: bytes
@@ -25,10 +25,7 @@ class NewMember:
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """A final registration: its transaction, and the member key that the chain recovered and holds (33 bytes).
-
-    `txid` is empty if the member had registered with this card before.
-    """
+    """A final registration and the member key (33 bytes). `txid` is empty if registered before."""
 
     txid: bytes
     member: bytes
@@ -36,7 +33,7 @@ class Registration:
 
 
 def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purposes: list[str]) -> list[Any]:
-    """Return the arguments of `identity.register`, bound to these keys by the card's signature."""
+    """Return `identity.register` arguments, bound to the keys by the card."""
     signature = sign_card(
         card,
         chain_id=chain_id,
@@ -60,7 +57,7 @@ def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purpo
 
 
 async def find_registration(client: NetworkClient, identity: PrivateKey) -> MemberRow | None:
-    """Return what the chain holds of a member key, proved, or None if it is no active member's."""
+    """Return a key's proved row, None if no active member's."""
     try:
         found = await proved_row(in_session(client, identity), MEMBER, identity.public_key)
     except BlockRobotError as error:
@@ -71,10 +68,7 @@ async def find_registration(client: NetworkClient, identity: PrivateKey) -> Memb
 
 
 async def register_member(client: NetworkClient, card: Card, member: NewMember, purposes: list[str]) -> Registration:
-    """Register and wait until it is final, then check that the chain maps handle to M. With the same card again: harmless.
-
-    Raises CALL_REFUSED with the contract's code if the chain refuses, PROOF_INVALID if it maps the handle elsewhere.
-    """
+    """Register and check that the handle maps to M; idempotent. Raises CALL_REFUSED, PROOF_INVALID."""
     known = await find_registration(client, member.identity)
     if known is not None and known.handle == card.handle:
         return Registration(txid=b"", member=member.identity.public_key)

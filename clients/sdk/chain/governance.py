@@ -1,7 +1,4 @@
-"""What organisations decide together, and how one of them speaks.
-
-`read_*` answer from proofs of the finalized state; `Governor` signs an admin's calls and tells what took effect.
-"""
+"""Joint decisions of organisations: proved reads, and `Governor` for admin calls."""
 
 from __future__ import annotations
 
@@ -54,13 +51,13 @@ _ERROR_OF = {
 
 
 class ProposalRow(GovernanceProposalRow, frozen=True):
-    """A proposal with its id (32 bytes). Of the approvals those whose organisation has other keys now are left out."""
+    """A proposal with its id (32 bytes); approvals by replaced keys are excluded."""
 
     id: bytes
 
 
 class CandidateRow(producers.CandidateRow, frozen=True):
-    """A candidate with its key. `turn` is its place in the schedule, None without a seat; `leads`: not a leaderless one."""
+    """A candidate with its key. `turn`: schedule position, None without seat; `leads`: not leaderless."""
 
     key: bytes
     turn: int | None
@@ -69,7 +66,7 @@ class CandidateRow(producers.CandidateRow, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class ProducersView:
-    """The epoch that is decided, the height at which it was, and all candidates: those with a seat first."""
+    """The decided epoch, its decision height, and candidates, seated first."""
 
     height: int
     timestamp_ms: int
@@ -82,7 +79,7 @@ class ProducersView:
 
 @dataclass(frozen=True, slots=True)
 class MembershipView:
-    """All active organisations and nodes, and the open proposals, at one height."""
+    """Active organisations and nodes, and open proposals, at one height."""
 
     height: int
     timestamp_ms: int
@@ -92,14 +89,12 @@ class MembershipView:
 
     @property
     def majority(self) -> int:
-        """How many organisations a proposal needs behind it."""
         return len(self.organisations) // 2 + 1
 
 
 async def _proved(
     client: NetworkClient, keys: Sequence[bytes], reader: PrivateKey
 ) -> tuple[dict[bytes, Any], int, int]:
-    """Return proved values by flat key, with the height and time (ms) of the newest proof."""
     values: dict[bytes, Any] = {}
     height = timestamp_ms = 0
     for first in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
@@ -115,14 +110,13 @@ def _epoch_of(row: producers.EpochRow) -> Epoch:
 
 
 def _proposal(proposal_id: bytes, row: GovernanceProposalRow, keys_numbers: Mapping[str, int | None]) -> ProposalRow:
-    """Make a row; of the approvals only those count whose organisation still has the keys that gave them."""
     said = row.keys_numbers
     good = [name for name in row.approvals if name in keys_numbers and said[name] == keys_numbers[name]]
     return ProposalRow(**msgspec.structs.asdict(row) | {"approvals": good}, id=proposal_id)
 
 
 async def read_membership(client: NetworkClient, reader: PrivateKey) -> MembershipView:
-    """Return organisations, nodes and open proposals, proved, in the session of `reader`. Raises PROOF_INVALID etc."""
+    """Return proved organisations, nodes and open proposals. Raises PROOF_INVALID etc."""
     await client.catch_up(reader)
     found, _, _ = await _proved(client, [ORGANISATIONS.flat, NODES.flat, OPEN.flat], reader)
     names, nodes = ORGANISATIONS.among(found) or [], NODES.among(found) or []
@@ -146,7 +140,6 @@ async def read_membership(client: NetworkClient, reader: PrivateKey) -> Membersh
 
 
 async def read_producers(client: NetworkClient, reader: PrivateKey) -> ProducersView:
-    """Return the epoch that is decided and every candidate, proved, in the session of `reader`."""
     await client.catch_up(reader)
     index = [producers.EPOCH.flat, producers.MAX_PRODUCERS.flat, producers.KEYS.flat]
     found, _, _ = await _proved(client, [*index, *map(QUOTA.key, QUOTA_NAMES)], reader)
@@ -179,17 +172,13 @@ async def read_producers(client: NetworkClient, reader: PrivateKey) -> Producers
 
 
 def settings_in_force(view: ProducersView) -> dict[str, int | str]:
-    """Return every setting by name, with `max_producers` and the quotas of uploads."""
     values = {name: getattr(view.epoch.settings, name) for name in ChainSettings.__struct_fields__}
     quotas = {name: getattr(view.quotas, name) for name in QUOTA_NAMES}
     return {**values, "max_producers": view.max_producers, **quotas}
 
 
 def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
-    """Return the open proposal whose id (hex) begins with this text, at least six digits of it.
-
-    Raises GOVERNANCE_PROPOSAL_CLOSED if there is none, or more than one.
-    """
+    """Find by id prefix (six or more hex digits). Raises GOVERNANCE_PROPOSAL_CLOSED if none or several."""
     wanted = text.strip().lower()
     found = [row for row in proposals if len(wanted) >= ID_PREFIX_MIN_CHARS and row.id.hex().startswith(wanted)]
     if len(found) != 1:
@@ -198,7 +187,6 @@ def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
 
 
 async def find_closed(client: NetworkClient, reader: PrivateKey, text: str) -> ProposalRow | None:
-    """Return the proposal whose id begins with this text among those that were closed lately, or None."""
     wanted = text.strip().lower()
     closed = CLOSED.among((await _proved(client, [CLOSED.flat], reader))[0]) or []
     found = [one for one in closed if len(wanted) >= ID_PREFIX_MIN_CHARS and one.hex().startswith(wanted)]
@@ -210,11 +198,8 @@ async def find_closed(client: NetworkClient, reader: PrivateKey, text: str) -> P
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What became of a call: at which height it is final, the proposal's id if it opened one, what took effect.
-
-    `executed` tells that a proposal took effect with this call; `due_height` is that at which a contract then changes,
-    `due_kind` (activate or disable) and `due_version` are how; `epoch` is the number of the epoch that the block at
-    `height` decides, if it does: the producers and settings of that epoch hold for every block after it.
+    """Result of a final call. `executed`: a proposal took effect; `due_height`, `due_kind` (activate, disable),
+    `due_version`: pending contract change; `epoch`: decided by block `height`.
     """
 
     height: int
@@ -245,14 +230,14 @@ def _decision_of(receipt: FinalReceipt) -> Decision:
 
 
 class Governor:
-    """An admin of one organisation. Each call waits until it is final and its receipt is proved."""
+    """An organisation's admin. Calls return after a proved final receipt."""
 
     def __init__(self, client: NetworkClient, key: PrivateKey) -> None:
         self._client = client
         self._key = key
 
     async def _call(self, contract: str, entry: str, arguments: list[Any]) -> Decision:
-        """Raises GOVERNANCE_* with the contract's own sentence, or what the network refuses with."""
+        """Raises GOVERNANCE_*, or the network's error."""
         transaction = self._client.transactions.build(self._key, contract, entry, arguments)
         try:
             receipt = await self._client.submit_and_wait(transaction)
@@ -268,45 +253,41 @@ class Governor:
         return _decision_of(receipt)
 
     async def propose_membership(self, kind: str, arguments: dict[str, Any]) -> Decision:
-        """Propose a change of membership (see the reference of the system contracts for kinds and arguments)."""
+        """Propose a membership change."""
         return await self._call("membership", "propose", [kind, arguments])
 
     async def propose_setting(self, name: str, value: int | str) -> Decision:
-        """Propose a value for a setting."""
         return await self._call("settings", "propose", [name, value])
 
     async def upload_part(self, source_hash: bytes, parts: int, place: int, data: bytes) -> Decision:
-        """Upload one part of a contract's source (at most 6,000 bytes); `source_hash` is that of the whole."""
+        """Upload one source part (at most 6,000 bytes); `source_hash` covers the whole."""
         return await self._call("lifecycle", "upload", [source_hash, parts, place, data])
 
     async def check_upload(self, source_hash: bytes) -> Decision:
-        """Have a source that is uploaded whole compiled, once: what is wrong with it is told on a proposal."""
+        """Compile an uploaded source once; proposals report its errors."""
         return await self._call("lifecycle", "check_upload", [source_hash])
 
     async def propose_contract(self, kind: str, arguments: dict[str, Any]) -> Decision:
-        """Propose to deploy, activate, disable or keep a contract (see the reference of the system contracts)."""
+        """Propose to deploy, activate, disable or keep a contract."""
         return await self._call("lifecycle", "propose", [kind, arguments])
 
     async def approve(self, proposal: ProposalRow) -> Decision:
-        """Stand behind an open proposal."""
         return await self._call(proposal.contract, "approve", [proposal.id])
 
     async def withdraw(self, proposal: ProposalRow) -> Decision:
-        """Take back an open proposal of one's own organisation."""
         return await self._call("membership", "withdraw", [proposal.id])
 
     async def propose_producer(self, key: bytes) -> Decision:
-        """Make a node's producer key (33 bytes) a candidate, with one's own vote."""
+        """Make a producer key (33 bytes) a candidate, with one's vote."""
         return await self._call("producers", "propose", [key])
 
     async def approve_producer(self, key: bytes) -> Decision:
-        """Vote for a candidate, or for the return of a suspended one."""
+        """Vote for a candidate, or a suspended producer's return."""
         return await self._call("producers", "approve", [key])
 
     async def withdraw_producer(self, key: bytes) -> Decision:
-        """Take one's vote for a candidate back."""
         return await self._call("producers", "withdraw", [key])
 
     async def remove_producer(self, key: bytes) -> Decision:
-        """Stand for the removal of a producer; for one of one's own organisation that suffices."""
+        """Vote to remove a producer; for one's own, one vote suffices."""
         return await self._call("producers", "remove", [key])

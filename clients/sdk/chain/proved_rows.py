@@ -1,4 +1,4 @@
-"""Reads rows of the state, proved, and puts queries to them."""
+"""Read proved rows of the state, and run queries over them."""
 
 from __future__ import annotations
 
@@ -17,15 +17,13 @@ Read = Callable[[Sequence[bytes]], Awaitable[dict[bytes, Any]]]
 
 
 class ProvingClient(Protocol):
-    """What proves values of the state: `clients.sdk.network_client.NetworkClient`."""
+    """Proves state values."""
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
-        """Return proved values of up to 128 flat keys, all from one finalized state, in the session of `key`."""
+        """Return up to 128 proved values of one state."""
 
 
 def in_session(client: ProvingClient, key: PrivateKey) -> Read:
-    """Return what reads in the session of `key`, in as many questions as it takes."""
-
     async def read(keys: Sequence[bytes]) -> dict[bytes, Any]:
         found: dict[bytes, Any] = {}
         for start in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
@@ -36,12 +34,11 @@ def in_session(client: ProvingClient, key: PrivateKey) -> Read:
 
 
 async def proved_row(read: Read, rows: Prefix[T], *parts: bytes | str | int) -> T | None:
-    """Return the row with these parts, or None if it is absent."""
     return rows.among(await read([rows.key(*parts)]), *parts)
 
 
 async def proved_rows(read: Read, rows: Prefix[T], ids: Sequence[bytes]) -> list[T]:
-    """Return the rows under these ids. Raises PROOF_INVALID if one is proved absent."""
+    """Return rows by id. Raises PROOF_INVALID if one is absent."""
     values = await read([rows.key(each) for each in ids])
     found = [rows.among(values, each) for each in ids]
     if None in found:
@@ -50,14 +47,14 @@ async def proved_rows(read: Read, rows: Prefix[T], ids: Sequence[bytes]) -> list
 
 
 async def proved_list(read: Read, count: StateKey[int], numbers: Prefix[bytes]) -> list[bytes]:
-    """Return the ids that a contract numbers from 0, all of them, in order. Raises PROOF_INVALID if one is absent."""
+    """Return all ids numbered from 0, in order. Raises PROOF_INVALID on gaps."""
     total = count.among(await read([count.flat])) or 0
     values = await read([numbers.key(number) for number in range(total)])
     return [numbers.convert(values[numbers.key(number)]) for number in range(total)]
 
 
 async def put_query(read: Read, query: Callable[[Reader], T]) -> T:
-    """Answer a query of `consensus.state` from proved values: what it misses is read, and then it is put again."""
+    """Run a `consensus.state` query, reading missing values and retrying."""
     values: dict[bytes, Any] = {}
     while True:
         try:

@@ -15,10 +15,7 @@ from consensus.visible_text import one_entry
 
 @dataclass(frozen=True, slots=True)
 class FinalReceipt:
-    """What became of a transaction, proved final. `ok` is False if the contract refused; then `code` says why.
-
-    `evidence` is what proved it, for who wants to hand the proof on; `transaction` is there for who sent it just now.
-    """
+    """A proved outcome; if `ok` is False, `code` says why. `transaction` is present only right after sending."""
 
     txid: bytes
     height: int
@@ -36,17 +33,15 @@ class FinalReceipt:
 
     @property
     def sentence(self) -> str:
-        """Return why a call was refused: the code, and the contract's words, whose further lines are marked as such."""
         return one_entry(f"{self.code}: {self.message}" if self.message else self.code)
 
     def require_ok(self) -> FinalReceipt:
-        """Return the receipt itself. Raises CALL_REFUSED with the contract's code if the call failed."""
+        """Return the receipt. Raises CALL_REFUSED with the contract's code."""
         if not self.ok:
             raise BlockRobotError("CALL_REFUSED", self.sentence, contract_code=self.code)
         return self
 
     def event_data(self, contract: str, name: str) -> list[Any]:
-        """Return the decoded data of the events of this name, in order."""
         return [decode_value(event.data) for event in self.events if (event.contract, event.name) == (contract, name)]
 
 
@@ -59,7 +54,6 @@ def final_receipt(
     timestamp_ms: int,
     evidence: EvidenceDocument | None = None,
 ) -> FinalReceipt:
-    """Join a proved receipt with the place where it was proved to stand."""
     return FinalReceipt(
         txid=receipt.txid,
         height=height,
@@ -77,6 +71,5 @@ def final_receipt(
 
 
 def not_final_in_time(txid: bytes) -> BlockRobotError:
-    """Name the transaction: whoever submitted it wants to look it up."""
     text = f"The transaction {txid.hex()} was not final within the time given."
     return BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME", text, txid=txid.hex())

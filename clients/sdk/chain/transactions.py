@@ -1,4 +1,4 @@
-"""Signs transactions: fills in chain, expiry and salt."""
+"""Transaction signing; fills in chain, expiry and salt."""
 
 from __future__ import annotations
 
@@ -18,16 +18,13 @@ LIFETIME_DEFAULT_MS = 2 * 60_000
 class Clock(Protocol):
     """The client's wall clock."""
 
-    def now_ms(self) -> int:
-        """Return milliseconds since 1970 UTC."""
-        ...
+    def now_ms(self) -> int: ...
 
 
 class SystemClock:
-    """The clock of this machine."""
+    """The machine's clock."""
 
     def now_ms(self) -> int:
-        """Return milliseconds since 1970 UTC."""
         return time.time_ns() // 1_000_000
 
 
@@ -47,10 +44,7 @@ class TransactionBuilder:
         *,
         lifetime_ms: int = LIFETIME_DEFAULT_MS,
     ) -> Transaction:
-        """Return a signed call that is valid for `lifetime_ms` from now. Each call makes a new txid.
-
-        Raises TRANSACTION_TOO_FAR_AHEAD beyond ten minutes, VALUE_INVALID for arguments that the ledger cannot hold.
-        """
+        """Return a signed call with a new txid. Raises TRANSACTION_TOO_FAR_AHEAD (over ten minutes), VALUE_INVALID."""
         if not 0 < lifetime_ms <= TRANSACTION_LIFETIME_MAX_MS:
             raise BlockRobotError("TRANSACTION_TOO_FAR_AHEAD")
         return sign_transaction(

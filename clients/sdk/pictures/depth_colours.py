@@ -1,7 +1,5 @@
-"""The one colour scale for distances: near is bright, far is dark, grey was not measured. Wallet, page and robot use it.
-
-The anchors are those of viridis (Nathaniel J. Smith and Stefan van der Walt, CC0): even steps to the eye, and legible to
-the colour-blind. A bundle's pictures are compared by their pixels, so that colours are made of integers alone.
+"""Distance colours, near bright, far dark, grey unmeasured: viridis (Smith, van der Walt, CC0). Integers only, since
+pixels are compared.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ _NARROW_PX = 320
 
 
 def _make_table() -> Pixels:
-    """Return the colour of each level from near to far, as OpenCV orders its channels."""
+    """Return level colours, near to far, in OpenCV's channel order."""
     anchors, steps = [bytes.fromhex(each)[::-1] for each in ANCHORS], len(ANCHORS) - 1
     rows = []
     for level in range(_LEVELS):
@@ -42,7 +40,7 @@ _TABLE = _make_table()
 
 
 def colour_pixels(depth: Depth) -> Pixels:
-    """Return a depth image in colours (height x width x 3: blue, green, red)."""
+    """Return depth in colours (height x width x 3: blue, green, red)."""
     within = np.clip(depth, NEAR_MM, FAR_MM).astype(np.uint32) - NEAR_MM
     colours = _TABLE[within * (_LEVELS - 1) // (FAR_MM - NEAR_MM)]
     colours[depth == 0] = UNMEASURED_GREY
@@ -50,7 +48,6 @@ def colour_pixels(depth: Depth) -> Pixels:
 
 
 def draw_legend(width: int) -> Pixels:
-    """Return the strip below a picture: the colours with their distances, and the grey of what was not measured."""
     strip = np.full((LEGEND_HEIGHT_PX, width, 3), 255, dtype=np.uint8)
     is_narrow = width < _NARROW_PX
     left, right = 12, max(13, int(width * (0.52 if is_narrow else 0.68)))
@@ -65,12 +62,10 @@ def draw_legend(width: int) -> Pixels:
 
 
 def scale_json() -> dict[str, Any]:
-    """Return the scale for a page that paints by itself."""
     return {"near_mm": NEAR_MM, "far_mm": FAR_MM, "anchors": list(ANCHORS), "unmeasured": UNMEASURED_GREY}
 
 
 def scale_css() -> str:
-    """Return the scale as a gradient from near to far."""
     return f"linear-gradient(90deg, {', '.join(f'#{each}' for each in ANCHORS)})"
 
 

@@ -1,4 +1,4 @@
-"""The folder in which a robot leaves its empty frames to be approved, and the one picture that shows them all."""
+"""Folder of empty frames awaiting approval, and their combined preview."""
 
 from __future__ import annotations
 
@@ -17,10 +17,7 @@ PREVIEW_MAX_PIXELS = 64 * 1024 * 1024
 
 
 def draw_preview(pngs: Sequence[bytes]) -> bytes:
-    """Return one colour PNG of depth pictures in their order, whole and unscaled, eight to a row.
-
-    Raises BACKGROUND_NOT_A_PICTURE for what is no depth picture, BACKGROUND_INVALID beyond `PREVIEW_MAX_PIXELS`.
-    """
+    """Return one colour PNG, unscaled, eight per row. Raises BACKGROUND_NOT_A_PICTURE, BACKGROUND_INVALID."""
     sizes = [check_depth_png(png) for png in pngs]
     width, height = max(size[0] for size in sizes), max(size[1] for size in sizes)
     columns = min(PREVIEW_COLUMNS, len(pngs))

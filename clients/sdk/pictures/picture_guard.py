@@ -1,8 +1,4 @@
-"""Makes a stranger's picture file harmless before a decoder sees it.
-
-A decoder of PNG takes room for a part as long as the part says to be, whether it is there or not; one of JPEG walks the
-whole picture again for every scan, and a scan may be of 30 bytes. Every part costs time, and may be of 4 bytes.
-"""
+"""Sanitise untrusted pictures before decoding, against huge declared PNG parts and many JPEG scans."""
 
 from __future__ import annotations
 
@@ -23,11 +19,7 @@ _JPEG_TABLES = frozenset((0xC4, 0xCC, 0xDB, 0xDD, 0xFE, *range(0xE0, 0xF0)))
 
 
 def keep_pixels(png: bytes) -> bytes | None:
-    """Return a PNG with the parts that its pixels need and no other.
-
-    None if a part is longer than the file, if there are too many, or if it has not one header, at its beginning, and
-    an end.
-    """
+    """Return a PNG's essential parts; None if malformed."""
     place, parts, headers_count = len(PNG_SIGNATURE), [PNG_SIGNATURE], 0
     for _ in range(most_parts(len(png))):
         if place + 12 > len(png):
@@ -47,10 +39,7 @@ def keep_pixels(png: bytes) -> bytes | None:
 
 
 def jpeg_size(jpeg: bytes) -> tuple[int, int] | None:
-    """Return the width and height in pixels of a JPEG; None if no encoder writes such parts before the first scan.
-
-    Decoders differ in which parts have a length, so that each would find another picture behind one (ITU-T T.81, B.2).
-    """
+    """Return a JPEG's size in pixels; None for unusual parts before the first scan (ITU-T T.81, B.2)."""
     place, found = 2, None
     for _ in range(JPEG_PARTS_MAX_COUNT):
         if not jpeg.startswith(JPEG_SIGNATURE) or place + 9 > len(jpeg) or jpeg[place] != 0xFF:
@@ -68,5 +57,4 @@ def jpeg_size(jpeg: bytes) -> tuple[int, int] | None:
 
 
 def has_few_scans(jpeg: bytes) -> bool:
-    """Tell whether decoding a JPEG walks its picture no more often than an encoder has reason to."""
     return jpeg.count(_SCAN) <= JPEG_SCANS_MAX_COUNT

@@ -1,8 +1,4 @@
-"""The names of the files into which wallets write pictures.
-
-A robot numbers its frames over a whole visit and from 0; a person, and every command, counts the pictures of one record
-from 1. A name says both, and which is which: who reads a number off a file erases the picture in it.
-"""
+"""Picture file names, with robot frame number (from 0) and picture number (from 1)."""
 
 from __future__ import annotations
 
@@ -16,17 +12,17 @@ _PICTURE = re.compile(PICTURE_NAME)
 
 
 def name_picture(index: int, sequence: int, suffix: str) -> str:
-    """Return the name of a file: `picture-0005.frame-00000009.png` for the index 4 of the robot's frame 9."""
+    """Return the name, e.g. `picture-0005.frame-00000009.png` for index 4, frame 9."""
     return f"picture-{index + 1:04d}.frame-{sequence:08d}.{suffix}"
 
 
 def is_picture_name(name: str) -> bool:
-    """Tell whether a wallet writes, or wrote, a file of this name."""
+    """Return whether wallets write, or wrote, such names."""
     return _PICTURE.fullmatch(name) is not None
 
 
 def read_robot_frame(name: str) -> int:
-    """Return which of the robot's frames, counted from 0, a picture's file is of. Raises ValueError for other files."""
+    """Return a picture's robot frame number (from 0). Raises ValueError."""
     found = _PICTURE.fullmatch(name)
     if found is None:
         raise ValueError(f"{name!r} is no picture's file")

@@ -19,7 +19,7 @@ LABEL_MAX_BYTES = 4_096
 
 
 def sense_file(rendition: Rendition) -> tuple[str, bytes]:
-    """Return the file (its suffix and bytes) of a rendition of another sense. Raises RENDITION_CORRUPTED."""
+    """Return a non-depth rendition's suffix and bytes. Raises RENDITION_CORRUPTED."""
     if rendition.encoding == ENCODING_PNG_RGBA:
         box = (rendition.x, rendition.y, rendition.box_width, rendition.box_height)
         return "rgb.png", paint_colour(rendition.width, rendition.height, box, rendition.pixels)
@@ -42,7 +42,6 @@ def _check_wav(data: bytes) -> bytes:
 
 
 def _check_label(data: bytes) -> bytes:
-    """Return a label as JSON written anew, so that nothing else can hide in it."""
     try:
         told = read_json_text(data[:LABEL_MAX_BYTES].decode("utf-8"))
         if not isinstance(told, dict) or not isinstance(told.get("label"), str) or len(data) > LABEL_MAX_BYTES:
@@ -53,15 +52,12 @@ def _check_label(data: bytes) -> bytes:
 
 
 def own_pixels(rendition: Rendition) -> bytes:
-    """Return the owner's pixels alone on a whole frame, as 16-bit PNG in millimetres, 0 elsewhere.
-
-    Raises RENDITION_CORRUPTED if they do not have the size of their box.
-    """
+    """Return own pixels on a whole frame: 16-bit PNG, mm, 0 elsewhere. Raises RENDITION_CORRUPTED."""
     return encode_depth_png(own_depth(rendition))
 
 
 def own_depth(rendition: Rendition) -> Depth:
-    """Return the same as an image that is not packed."""
+    """Return the same as an unpacked image."""
     whole = np.zeros((rendition.height, rendition.width), dtype=np.uint16)
     box = decode_depth_png(rendition.pixels)
     if box.shape != (rendition.box_height, rendition.box_width):

@@ -1,7 +1,5 @@
-"""Turns a rendition back into a picture that a person can look at: the owner's box on the recorded empty frame.
-
-What comes in was stored elsewhere and is not trusted: a PNG is checked chunk by chunk before it is decoded. Must
-never repair or guess: a picture that is not whole is refused.
+"""Compose the owner's box on the empty frame. Input is untrusted: checked chunk by chunk, rejected rather than
+repaired.
 """
 
 from __future__ import annotations
@@ -24,16 +22,12 @@ PNG_LEVEL = 3
 
 
 def compose(empty_png: bytes, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
-    """Return the depth image (uint16 mm) of an empty frame with the owner's pixels in their box.
-
-    Pixels of the box that are 0 are not the owner's and show the empty frame. Raises RENDITION_CORRUPTED when either
-    PNG is damaged, is not 16-bit grey, or does not fit the box or the frame.
-    """
+    """Return depth (uint16 mm); the box's 0 pixels show the empty frame. Raises RENDITION_CORRUPTED."""
     return compose_on(decode_depth_png(empty_png), x, y, width, height, pixels_png)
 
 
 def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
-    """As `compose`, on an empty frame that was decoded before and is left as it is."""
+    """As `compose`, on a decoded frame, which is not modified."""
     picture = empty.copy()
     pixels = decode_depth_png(pixels_png)
     if pixels.shape != (height, width):
@@ -46,22 +40,19 @@ def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png
 
 
 def decode_depth_png(png: bytes) -> Depth:
-    """Return the uint16 image of a 16-bit grey PNG; raises RENDITION_CORRUPTED for anything else."""
+    """Decode a 16-bit grey PNG as uint16. Raises RENDITION_CORRUPTED."""
     size = _check_png(png, DEPTH)
     return np.array(_decode(png, size[::-1], np.uint16), dtype=np.uint16)
 
 
 def decode_colour_png(png: bytes) -> npt.NDArray[np.uint8]:
-    """Return the pixels of an 8-bit colour PNG without transparency; raises RENDITION_CORRUPTED for anything else."""
+    """Decode an 8-bit colour PNG without transparency. Raises RENDITION_CORRUPTED."""
     width, height = _check_png(png, COLOUR)
     return np.array(_decode(png, (height, width, 3), np.uint8), dtype=np.uint8)
 
 
 def paint_colour(width: int, height: int, box: tuple[int, int, int, int], pixels_png: bytes) -> bytes:
-    """Return a colour PNG of a whole frame, grey but for the owner's colour pixels in their `box` (x, y, width, height).
-
-    Raises RENDITION_CORRUPTED when the PNG is damaged, has no transparency, or does not fit the box or the frame.
-    """
+    """Return a grey frame with colour pixels in `box` (x, y, width, height). Raises RENDITION_CORRUPTED."""
     x, y, box_width, box_height = box
     if _check_png(pixels_png, COLOUR_WITH_ALPHA) != (box_width, box_height):
         raise _corrupted("The owner's pixels do not have the size of their box.")
@@ -74,7 +65,7 @@ def paint_colour(width: int, height: int, box: tuple[int, int, int, int], pixels
 
 
 def check_jpeg(data: bytes, width: int, height: int) -> bytes:
-    """Return a JPEG if it is a whole colour picture of that size. Raises RENDITION_CORRUPTED."""
+    """Check a colour JPEG of that size. Raises RENDITION_CORRUPTED."""
     if len(data) > PNG_MAX_BYTES or not data.startswith(b"\xff\xd8") or not data.endswith(b"\xff\xd9"):
         raise _corrupted("The picture is no JPEG, or not whole.")
     if max(width, height) > SIDE_MAX_PX:
@@ -90,7 +81,7 @@ def check_jpeg(data: bytes, width: int, height: int) -> bytes:
 
 
 def _decode(data: bytes, shape: tuple[int, ...], kind: type[np.generic]) -> npt.NDArray[Any]:
-    """Return the pixels of a picture whose size was checked before. Raises RENDITION_CORRUPTED."""
+    """Raises RENDITION_CORRUPTED."""
     is_png = data.startswith(PNG_SIGNATURE)
     bounded = keep_pixels(data) if is_png else data
     if bounded is None or not (is_png or has_few_scans(data)):
@@ -105,20 +96,19 @@ def _decode(data: bytes, shape: tuple[int, ...], kind: type[np.generic]) -> npt.
 
 
 def encode_depth_png(depth: Depth) -> bytes:
-    """Return a depth image (uint16, two-dimensional) as a 16-bit grey PNG, without loss."""
+    """Encode uint16 depth as lossless 16-bit grey PNG."""
     if depth.dtype != np.uint16 or depth.ndim != 2:
         raise BlockRobotError("FRAME_INVALID", "A depth picture must be two-dimensional and of 16 bits.")
     return _encode(depth)
 
 
 def colourise(depth: Depth, *, legend: bool = True) -> bytes:
-    """Return a colour PNG of a depth image: by `depth_colours`, with a legend in metres."""
+    """Return depth as colour PNG, with a legend in metres."""
     colours = colour_pixels(depth)
     return encode_colour_png(np.vstack([colours, draw_legend(depth.shape[1])]) if legend else colours)
 
 
 def encode_colour_png(pixels: npt.NDArray[np.uint8]) -> bytes:
-    """Return 8-bit colour pixels as a PNG."""
     return _encode(pixels)
 
 
@@ -130,7 +120,7 @@ def _encode(image: npt.NDArray[np.uint8] | Depth) -> bytes:
 
 
 def _check_png(png: bytes, kind: PngKind) -> tuple[int, int]:
-    """Return (width, height) of a whole PNG of a kind. Raises RENDITION_CORRUPTED."""
+    """Raises RENDITION_CORRUPTED."""
     if len(png) > PNG_MAX_BYTES:
         raise _corrupted("The picture is too large.")
     try:

@@ -1,4 +1,4 @@
-"""Output for terminals that do not speak UTF-8: accents and lines become ASCII."""
+"""ASCII output for terminals without UTF-8."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _SPACES = dict.fromkeys(map(ord, "\n\r\t"), " ")
 
 
 def to_plain(text: str) -> str:
-    """Return a text in ASCII: letters without their accents, lines as `-|+`, what has no likeness as `?`."""
+    """Return ASCII: unaccented letters, lines as `-|+`, else `?`."""
     bare = unicodedata.normalize("NFKD", text.translate(_LINES))
     kept = "".join(letter for letter in bare if not unicodedata.combining(letter))
     return kept.encode("ascii", "replace").decode("ascii")
 
 
 def printable(text: str, max_chars: int = STRANGE_MAX_CHARS) -> str:
-    """Return what somebody else wrote as a terminal may show it: one line, no control characters, not without end."""
+    """Make foreign text printable: one line, no controls, limited length."""
     return escape_controls(text[:max_chars].translate(_SPACES), "")[:max_chars]
 
 
@@ -71,7 +71,7 @@ codecs.register(_find)
 
 
 def is_utf8(stream: TextIO, environment: Mapping[str, str] | None = None) -> bool:
-    """Tell whether who reads a stream takes UTF-8: by its encoding, at a terminal also by what the locale says."""
+    """Return whether a stream takes UTF-8, by encoding and locale."""
     try:
         utf8 = codecs.lookup(getattr(stream, "encoding", None) or "ascii").name == "utf-8"
     except LookupError:
@@ -84,7 +84,6 @@ def is_utf8(stream: TextIO, environment: Mapping[str, str] | None = None) -> boo
 
 
 def prepare_output() -> None:
-    """Let standard output and standard error write plain letters where UTF-8 is not understood."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and not is_utf8(stream):
             stream.reconfigure(encoding=PLAIN_ENCODING)

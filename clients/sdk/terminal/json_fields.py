@@ -1,7 +1,4 @@
-"""How a command says which fields its `--json` answer has: the catalogues beside the commands are made of these.
-
-The reference page is written from them, and the tests hold what commands really answer against them.
-"""
+"""Descriptions of commands' `--json` fields, for the reference page and tests."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from dataclasses import dataclass
 
 
 class Kind(enum.Enum):
-    """What a field holds, in the words of the reference page."""
+    """A field's kind, as worded on the reference page."""
 
     TEXT = "text"
     HEX = "hexadecimal"
@@ -34,11 +31,7 @@ class Kind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of an answer, or of an object in it.
-
-    `null` and `absent` say when it is null, and when it is left out; without them it never is. `fields` are those of
-    the object, or of each object in the list or under a name; an object without any is described where `meaning` says.
-    """
+    """A field of an answer or object; `null` and `absent` say when, `fields` describe nested objects."""
 
     name: str
     kind: Kind
@@ -50,10 +43,8 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class CommandAnswer:
-    """What commands answer with `--json`: the same fields for all that are named.
-
-    `ok` is in every answer that `has_ok`. `not_ok` says when it is false without the command having been refused.
-    `lines` says what more is printed, or when, where that is not one object at the end.
+    """The `--json` answer of commands. `not_ok` explains when `ok` is false without error; `lines` describes further
+    output.
     """
 
     commands: tuple[str, ...]
@@ -79,7 +70,6 @@ def _rows(fields: Iterable[Field], above: str) -> list[str]:
 
 
 def write_section(answer: CommandAnswer) -> list[str]:
-    """Return the lines of Markdown that describe one answer."""
     lines = ["### " + ", ".join(f"`{command}`" for command in answer.commands), ""]
     if answer.lines:
         lines += [answer.lines, ""]

@@ -1,7 +1,4 @@
-"""A group of commands that are imported when they are called.
-
-Each place holds the first paragraph of its command's help, so that the list of commands costs no import.
-"""
+"""Command groups imported on first use."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ _ALIKE_MAX_COUNT = 3
 
 
 class CommandPlace(NamedTuple):
-    """Where a command lives (`module:attribute`), and the first paragraph of its help."""
+    """A command's location (`module:attribute`) and first help paragraph."""
 
     where: str
     summary: str
@@ -29,37 +26,31 @@ class CommandPlace(NamedTuple):
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported on first use: `places` says where each is, in the order of the help."""
+    """A lazily importing group; `places` is in help order."""
 
     def __init__(self, *args: Any, places: Mapping[str, CommandPlace], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.places = dict(places)
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        """Return the names of all commands."""
         return list(self.places)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Import and return a command, or None for an unknown name."""
         if cmd_name not in self.places:
             return None
         command: click.Command = pkgutil.resolve_name(self.places[cmd_name].where)
         return command
 
     def summary(self, name: str, limit: int = _SUMMARY_MAX_CHARS) -> str:
-        """Return a command's first sentence, of so many letters at most."""
         return click.Command(None, help=self.places[name].summary).get_short_help_str(limit)
 
     def visible_commands(self) -> list[str]:
-        """Return the names of the commands that the help shows."""
         return [name for name, place in self.places.items() if not place.hidden]
 
     def command_sections(self) -> Mapping[str, Sequence[str]]:
-        """Return the headings of the help, and the commands under each."""
         return {"Commands": self.visible_commands()}
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the commands with a sentence on each, whole, section by section."""
         width = max(map(len, self.visible_commands()))
         for heading, names in self.command_sections().items():
             with formatter.section(heading):
@@ -68,7 +59,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command that is called; for an unknown one name those that are spelt alike, see click.Group."""
+        """Find the command; suggest similar spellings for unknown ones."""
         try:
             return super().resolve_command(ctx, args)
         except click.NoSuchCommand as unknown:
@@ -77,7 +68,6 @@ class LazyGroup(click.Group):
             ) from None
 
     def _say_unknown(self, name: str, ctx: click.Context) -> str:
-        """Say that there is no such command, as click does, but with the nearest first."""
         alike = sorted(self.commands_meant(ctx), key=lambda meant: -_likeness(name, meant))
         near = [meant for meant in alike if _likeness(name, meant) >= _LIKE_MIN][:_ALIKE_MAX_COUNT]
         guesses = ", ".join(map(repr, near))
@@ -85,11 +75,10 @@ class LazyGroup(click.Group):
         return f"No such command {name!r}.{hint}"
 
     def commands_meant(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - a root group looks further
-        """Return the commands among which an unknown one is looked for."""
         return list(self.places)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Complete commands and options: to import every command would keep a shell waiting."""
+        """Complete without importing every command."""
         named = [
             CompletionItem(name, help=self.summary(name, _COMPLETION_MAX_CHARS))
             for name in self.visible_commands()
@@ -99,5 +88,4 @@ class LazyGroup(click.Group):
 
 
 def _likeness(name: str, meant: str) -> float:
-    """Return how alike a name and a command's last word are spelt, from 0 to 1."""
     return difflib.SequenceMatcher(None, name, meant.rpartition(" ")[2]).ratio()

@@ -1,8 +1,8 @@
-"""Says how many there are of something, as people say it: `1 record`, `2 records`."""
+"""Counts with singular or plural nouns."""
 
 from __future__ import annotations
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """Return a count with the word for one thing, or for several (`many`; by default `one` with an s)."""
+    """Return count and noun, e.g. `2 records`."""
     return f"{count} {one if count == 1 else many or one + 's'}"

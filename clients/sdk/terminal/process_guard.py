@@ -1,4 +1,4 @@
-"""Keep a command's secrets out of core files. Nodes have the same in `node.process_memory`: clients may not import it."""
+"""Keeps a command's secrets out of core files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _PR_SET_DUMPABLE = 4
 
 
 def guard_process() -> bool:
-    """Let this process leave no core file and be read by no other process of its user. Linux; tell whether it is so."""
+    """Forbid core files and same-user memory reads (Linux); return success."""
     if sys.platform != "linux":
         return False
     import resource  # noqa: PLC0415 - not there on every system

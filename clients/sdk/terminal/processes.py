@@ -1,4 +1,4 @@
-"""Other processes of this machine, by their number."""
+"""Other processes of this machine, by PID."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 
 
 def is_process_alive(pid: int) -> bool:
-    """Tell whether some process has this number now; it need not be the one that had it before."""
+    """Return whether a PID is in use; PIDs may be reused."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):

@@ -1,4 +1,4 @@
-"""QR codes: drawn for a terminal, a page or paper, and read from a picture."""
+"""QR codes: drawn for terminals and pages, read from pictures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _matrix(text: str) -> list[list[bool]]:
 
 
 def qr_lines(text: str) -> Text:
-    """Return a code for a terminal: two rows a line, black on white whatever the terminal's colours are."""
+    """Return a QR code, two rows per line, black on white."""
     rows = _matrix(text)
     if len(rows) % 2:
         rows.append([False] * len(rows[0]))
@@ -38,12 +38,11 @@ def qr_lines(text: str) -> Text:
 
 
 def qr_columns(text: str) -> int:
-    """Return how many columns a terminal needs for a code."""
     return len(_matrix(text))
 
 
 def qr_svg(text: str) -> str:
-    """Return a code as an SVG element for a page or a file, as large as its place."""
+    """Return a QR code as a scalable SVG element."""
     rows = _matrix(text)
     cells = "".join(f"M{x} {y}h1v1h-1z" for y, row in enumerate(rows) for x, cell in enumerate(row) if cell)
     side = len(rows)
@@ -54,10 +53,7 @@ def qr_svg(text: str) -> str:
 
 
 def read_qr(data: bytes) -> str:
-    """Return the text of the QR code in a picture (PNG, JPEG, WebP, BMP, GIF). Raises QR_UNREADABLE.
-
-    The picture is looked at in a process of its own, which a picture that asks for too much work takes along.
-    """
+    """Read a picture's QR code (PNG, JPEG, WebP, BMP, GIF) in a separate process. Raises QR_UNREADABLE."""
     if len(data) > PICTURE_MAX_BYTES:
         raise BlockRobotError("QR_UNREADABLE", f"The picture has more than {PICTURE_MAX_BYTES >> 20} MiB.")
     command = [sys.executable, "-I", "-m", "clients.sdk.terminal.qr_reading"]
@@ -78,11 +74,7 @@ def read_qr(data: bytes) -> str:
 
 
 def read_given(given: str) -> str:
-    """Return what was given: itself, or for `@FILE` what the file says, a text or a picture of a QR code.
-
-    So a secret need not stand on a command line, where everybody on the machine reads it. Raises FILE_UNUSABLE,
-    QR_UNREADABLE.
-    """
+    """Return the text, or for `@FILE` its text or QR code. Raises FILE_UNUSABLE, QR_UNREADABLE."""
     if not given.startswith("@"):
         return given
     try:

@@ -1,7 +1,4 @@
-"""Finds the text of a QR code in a picture on standard input: a process of its own, for one picture.
-
-How long the detector works is up to whoever drew the picture, and nothing ends it within a process.
-"""
+"""QR reader process for one picture on standard input; isolated since decoding time is unbounded."""
 
 from __future__ import annotations
 
@@ -28,11 +25,10 @@ _PICTURES = ("PNG", "JPEG", "WEBP", "BMP", "GIF")
 
 
 class NoPictureError(Exception):
-    """What was given is no picture in which a code is looked for; the text says why."""
+    """The input is not a usable picture."""
 
 
 def find_text(data: bytes) -> str:
-    """Return the text of the QR code in a picture, empty if there is none. Raises `NoPictureError`."""
     if data.startswith(JPEG_SIGNATURE) and not has_few_scans(data):
         raise NoPictureError("The picture asks for more work than its pixels need.")
     try:
@@ -55,7 +51,7 @@ def find_text(data: bytes) -> str:
 
 
 def _limit_process() -> None:
-    """Take from this process what a picture could have it take: time, memory, files, and a core file with the code."""
+    """Limit the process's time, memory, files and core dumps."""
     for what, most in (
         (resource.RLIMIT_CPU, CPU_MAX_S),
         (resource.RLIMIT_AS, MEMORY_MAX_BYTES),
@@ -71,7 +67,7 @@ def _limit_process() -> None:
 
 
 def main() -> int:
-    """Answer with one object in JSON: the `text`, or the `detail` of why there is none."""
+    """Print JSON with the `text`, or the error's `detail`."""
     _limit_process()
     cv2.setNumThreads(1)
     try:

@@ -1,4 +1,4 @@
-"""Log lines of commands: on standard error, with the controls of others' text escaped."""
+"""Command logs on standard error, with foreign control characters escaped."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ _OF_FAULTS = frozenset({"exc_info", "stack_info"})
 
 
 def escape_values(_logger: Any, _method: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    """Make what a log line says safe to show (a processor of structlog)."""
+    """Escape a log line (structlog processor)."""
     return {
         escape_controls(name, ""): value if name in _OF_FAULTS else _escaped(value) for name, value in event.items()
     }
 
 
 def show_log_lines_safely() -> None:
-    """Let log lines of a command go to standard error, alone and safe: what it answers goes to standard output."""
     *first, renderer = structlog.get_config()["processors"]
     if escape_values not in first:
         structlog.configure(

@@ -1,7 +1,6 @@
-"""What reaches a terminal: our own colours and pictures, and of everything else no control character but the line's end.
+"""Terminal output without foreign control characters.
 
-All output of a command goes through here: `SafeConsole` for what is styled, `SafeStream` in place of standard output and
-standard error for whatever else is written. Controls become `\\u001b`, as JSON writes them, so JSON keeps its values.
+All command output passes `SafeConsole` (styled) or `SafeStream`; controls become Unicode escapes as in JSON.
 """
 
 from __future__ import annotations
@@ -26,25 +25,23 @@ _ALLOWED = "\n\t"
 
 
 class SafeStream:
-    """A stream that writes controls as escapes; everything else is as the stream's own."""
+    """A stream that escapes control characters."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     @property
     def trusted(self) -> TextIO:
-        """The stream itself, for what was made safe, and for what we make up ourselves."""
+        """The raw stream, for text already safe."""
         return self._stream
 
     def write(self, text: str) -> int:
-        """Write a text; return how many of its characters (all of them)."""
         if not isinstance(text, str):
             raise TypeError("this stream takes text alone")
         self._stream.write(escape_controls(text, _ALLOWED))
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
-        """Write texts one after another."""
         for line in lines:
             self.write(line)
 
@@ -56,11 +53,10 @@ class SafeStream:
 
 
 class SafeConsole(Console):
-    """A console on which text of others stays text: no controls, no markup but our own tags."""
+    """A console that escapes controls and foreign markup."""
 
     @property
     def file(self) -> IO[str]:
-        """The stream below: what comes out of here is safe, and holds our own colours."""
         stream = super().file
         return stream.trusted if isinstance(stream, SafeStream) else stream
 
@@ -69,21 +65,21 @@ class SafeConsole(Console):
         self._file = new_file
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Return a text with its markup, if that is ours and whole; otherwise as it stands."""
+        """Return text with its markup only if valid and ours."""
         text = escape_controls(text, _ALLOWED)
         if options.get("markup") is False:
             return super().render_str(text, **options)
         return super().render_str(keep_own_tags(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Render with controls as escapes; what moves the cursor comes from segments of our own alone."""
+        """Render with escaped controls; only our own segments move the cursor."""
         for segment in super().render(renderable, options):
             safe = segment.text if segment.control else escape_controls(segment.text, _ALLOWED)
             yield segment if safe == segment.text else Segment(safe, segment.style)
 
 
 def keep_own_tags(text: str) -> str:
-    """Return markup in which only our own tags have a meaning, each closed after it was opened."""
+    """Return markup with only our own, balanced tags active."""
     opened: list[str] = []
 
     def keep(found: re.Match[str]) -> str:
@@ -102,13 +98,13 @@ def keep_own_tags(text: str) -> str:
 
 
 def write_trusted(text: str) -> None:
-    """Write what we made up ourselves to standard output, controls and all."""
+    """Write our own text unescaped to standard output."""
     stream = sys.stdout
     (stream.trusted if isinstance(stream, SafeStream) else stream).write(text)
 
 
 def overwrite_line(text: str = "", *, ends: bool = False) -> None:
-    """Write a line of standard error anew, as progress does; `ends` if the next one comes below it."""
+    """Overwrite standard error's line, as for progress; `ends` adds a newline."""
     stream = sys.stderr
     end = "\n" if ends else ""
     (stream.trusted if isinstance(stream, SafeStream) else stream).write(f"\r{escape_controls(text, '')}\x1b[K{end}")
@@ -117,7 +113,7 @@ def overwrite_line(text: str = "", *, ends: bool = False) -> None:
 
 @contextmanager
 def safe_streams() -> Iterator[None]:
-    """While inside, standard output and standard error write no control that we did not make up."""
+    """Escape foreign controls on standard output and error while inside."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (cast(TextIO, _safe(stream)) for stream in before)
     try:

@@ -1,7 +1,4 @@
-"""How every command speaks: lines or one JSON object; errors with code and next step.
-
-Exit codes: `consensus.exit_codes`; 2 (wrong usage) is click's own too.
-"""
+"""Command output: lines or one JSON object, and errors. Exit codes: `consensus.exit_codes`; 2 is click's wrong usage."""
 
 from __future__ import annotations
 
@@ -45,11 +42,7 @@ _ANSWERS_KEY = "blockrobot.answers"
 
 
 def home_folder() -> Path:
-    """Return the folder of this user's networks, wallets and robots: BLOCKROBOT_HOME, or the platform's own place.
-
-    Where the XDG base directories hold, that is below $XDG_DATA_HOME; a folder below $XDG_CONFIG_HOME, where versions
-    before kept all this, goes on being used as long as only it has any of it.
-    """
+    """Return BLOCKROBOT_HOME, else below $XDG_DATA_HOME, or legacy $XDG_CONFIG_HOME if only that has data."""
     named = os.environ.get("BLOCKROBOT_HOME")
     if named:
         return Path(named)
@@ -64,13 +57,13 @@ def home_folder() -> Path:
 
 
 def _is_home(folder: Path) -> bool:
-    """Tell whether a folder holds what cannot be made again. Other things of ours may lie there too, as caches."""
+    """Return whether a folder holds irreplaceable data, not just caches."""
     # `Path.exists` raises for a place that may not be entered; this one takes it for empty.
     return any(os.path.exists(folder / name) for name in _KEPT_AT_HOME)  # noqa: PTH110
 
 
 def load_genesis(path: Path) -> Genesis:
-    """Read a genesis file. Raises GENESIS_INVALID, also if there is none."""
+    """Read a genesis file. Raises GENESIS_INVALID, also if missing."""
     from consensus.chain.genesis import genesis_from_json  # noqa: PLC0415 - help needs no genesis
 
     try:
@@ -82,17 +75,15 @@ def load_genesis(path: Path) -> Genesis:
 
 
 def json_option(command: F) -> F:
-    """Add `--json`: print one JSON object instead of lines for people."""
     return click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")(command)
 
 
 def write_json(value: Any) -> str:
-    """Return a command's answer as it is printed: indented, and in ASCII alone where the output takes no more."""
+    """Return indented JSON, ASCII-only where the output requires it."""
     return json.dumps(value, indent=2, ensure_ascii=not is_utf8(sys.stdout))
 
 
 def print_json(value: Any) -> None:
-    """Print one JSON object on standard output."""
     click.echo(write_json(value))
 
 
@@ -105,7 +96,7 @@ def print_answer(answer: Answer, *, ok: bool = True) -> None:
 
 @contextmanager
 def status_line(text: str, *, as_json: bool) -> Iterator[Callable[[str], None]]:
-    """While inside, show on a terminal what is being done; yields what changes that line. Nobody else sees any of it."""
+    """Show status on a terminal only; yields a function to update it."""
     if as_json or not console.is_terminal:
         yield lambda _text: None
         return
@@ -115,7 +106,7 @@ def status_line(text: str, *, as_json: bool) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def _stopped_by_interrupt() -> Iterator[None]:
-    """While inside, the first Ctrl-C raises Abort. asyncio.run only cancels its task, which a question never notices."""
+    """Raise Abort at the first Ctrl-C, which asyncio.run only turns into cancellation."""
     try:
         running = asyncio.current_task()
     except RuntimeError:
@@ -137,10 +128,7 @@ def _stopped_by_interrupt() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """The words for yes and no of the person's language, what stands behind a question, and what is said to neither.
-
-    `declined` is said of a no: what was asked about is not done.
-    """
+    """Localised yes and no; `declined` is printed after a no."""
 
     yes: frozenset[str]
     no: frozenset[str]
@@ -150,16 +138,16 @@ class Answers:
 
 
 class Declined(click.Abort):
-    """Somebody said no to a question; `str` of it is what she is told then."""
+    """The user answered no; `str` is the message to print."""
 
 
 def let_answer(context: click.Context, answers: Answers) -> None:
-    """Let questions of the command that runs be answered in these words."""
+    """Set the running command's words for answers."""
     context.meta[_ANSWERS_KEY] = answers
 
 
 def ask(question: str, *, err: bool = False) -> None:
-    """Ask yes or no at the terminal, also within the event loop. Raises Abort for no, and at the first Ctrl-C."""
+    """Ask yes or no, also inside the event loop. Raises Abort."""
     context = click.get_current_context(silent=True)
     answers = None if context is None else context.meta.get(_ANSWERS_KEY)
     with _stopped_by_interrupt():
@@ -180,27 +168,24 @@ def _is_yes(question: str, answers: Answers, *, err: bool) -> bool:
 
 
 def ask_for(text: str) -> str:
-    """Ask for a line at the terminal, also within the event loop. Raises Abort at the first Ctrl-C."""
+    """Read a line, also inside the event loop. Raises Abort."""
     with _stopped_by_interrupt():
         return str(click.prompt(text))
 
 
 def ask_for_enter(text: str) -> None:
-    """Wait at the terminal until Enter is pressed. Raises Abort at the first Ctrl-C."""
+    """Wait for Enter. Raises Abort at Ctrl-C."""
     with _stopped_by_interrupt():
         click.prompt(text, default="", show_default=False)
 
 
 def is_at_terminal() -> bool:
-    """Tell whether somebody sits there for whom secrets are: what is typed and what is shown are both at a terminal.
-
-    Colour that is forced upon a pipe makes no terminal of it.
-    """
+    """Return whether input and output are both terminals, fit for secrets."""
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def clear_screen() -> None:
-    """Take secrets off the screen, and out of what can be scrolled back to; a terminal that cannot gets empty lines."""
+    """Clear screen and scrollback of secrets, or print empty lines."""
     if not console.is_terminal:
         return
     wiped = "\n" * _PLAIN_ROWS_COUNT if console.is_dumb_terminal else "\x1b[H\x1b[2J\x1b[3J"
@@ -209,7 +194,7 @@ def clear_screen() -> None:
 
 
 def say_errors(context: click.Context, saying: Callable[[BlockRobotError], str]) -> None:
-    """Let errors of the command that runs be told to people in words of its own. A program is told the same as ever."""
+    """Set the running command's error wording for people, not for JSON."""
     context.meta[_SAYING_KEY] = saying
 
 
@@ -220,12 +205,11 @@ def _say(error: BlockRobotError) -> str:
 
 
 def problem_json(error: BlockRobotError) -> dict[str, str]:
-    """Return an error as it stands in a command's JSON."""
     return {"code": error.code, "detail": error.detail, "next_step": error.next_step}
 
 
 def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
-    """Print what went wrong, its code and the next step, on standard error; return the exit code."""
+    """Print error, code and next step on standard error; return exit code."""
     if as_json:
         click.echo(json.dumps({"ok": False, "error": problem_json(error)}, ensure_ascii=not is_utf8(sys.stdout)))
     else:
@@ -234,7 +218,7 @@ def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
 
 
 def handle_errors(command: F) -> F:
-    """Turn a refusal, or a file that cannot be used, into a sentence, a code, a next step and an exit code."""
+    """Turn errors into message, code, next step and exit code."""
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> Any:

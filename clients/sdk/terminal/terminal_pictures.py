@@ -1,4 +1,4 @@
-"""Pictures on a terminal: by its own protocol where that is safely known, else as half blocks, else as letters."""
+"""Terminal pictures: native protocol where known safe, else half blocks or letters."""
 
 from __future__ import annotations
 
@@ -42,11 +42,7 @@ _SIXEL_TERMS = frozenset({"foot", "foot-extra", "mlterm", "contour", "contour-la
 
 
 def find_way(console: Console, environment: Mapping[str, str] | None = None) -> Way:
-    """Return how pictures are shown here: not at all but on a terminal, in no colour as letters.
-
-    A protocol is used only where the terminal names itself in TERM, which nothing hands on by chance. Within tmux or
-    screen, which swallow protocols, blocks are.
-    """
+    """Return the method: protocols only if TERM names them, blocks in tmux or screen, letters without colour."""
     environment = os.environ if environment is None else environment
     term = environment.get("TERM", "")
     if not console.is_terminal or console.width < COLUMNS_MIN or term in {"", "dumb", "unknown"}:
@@ -65,7 +61,7 @@ def find_way(console: Console, environment: Mapping[str, str] | None = None) -> 
 
 
 def show_picture(console: Console, picture: Image.Image, way: Way | None = None) -> None:
-    """Show a picture (RGB) as wide as the terminal allows. Shows nothing where it cannot be seen."""
+    """Show an RGB picture at most as wide as the terminal."""
     way = find_way(console) if way is None else way
     columns = min(console.width - 1, 120)
     if way is Way.NONE:
@@ -83,7 +79,6 @@ def show_picture(console: Console, picture: Image.Image, way: Way | None = None)
 
 
 def _cells(picture: Image.Image, columns: int, pixels_a_row: int) -> Image.Image:
-    """Return a picture with one pixel a column, and so many a row of the terminal; its cells are twice as high as wide."""
     wide = min(columns, max(1, picture.width))
     rows = max(1, round(picture.height * wide / picture.width / 2))
     if rows > ROWS_MAX:
@@ -98,7 +93,7 @@ def _pixel(small: Image.Image, x: int, y: int) -> tuple[int, int, int]:
 
 
 def half_blocks(picture: Image.Image, columns: int) -> Iterator[Text]:
-    """Return the rows of a picture: each cell holds two pixels. Colours are brought down to those the terminal has."""
+    """Return rows of two pixels per cell, in the terminal's colours."""
     small = _cells(picture, columns, 2)
     for y in range(0, small.height, 2):
         row = Text()
@@ -109,7 +104,7 @@ def half_blocks(picture: Image.Image, columns: int) -> Iterator[Text]:
 
 
 def letters(picture: Image.Image, columns: int) -> Iterator[Text]:
-    """Return the rows of a picture in letters alone: the brighter the denser."""
+    """Return rows of letters, denser for brighter."""
     small = _cells(picture, columns, 1).convert("L")
     for y in range(small.height):
         greys = small.crop((0, y, small.width, y + 1)).tobytes()
@@ -123,7 +118,7 @@ def _png(picture: Image.Image) -> bytes:
 
 
 def kitty(picture: Image.Image) -> str:
-    """Return a picture in Kitty's graphics protocol: a PNG in pieces, shown where the cursor stands, nothing answered."""
+    """Return Kitty graphics protocol: chunked PNG at the cursor, no replies."""
     data = base64.standard_b64encode(_png(picture)).decode("ascii")
     pieces = [data[start : start + _KITTY_CHUNK] for start in range(0, len(data), _KITTY_CHUNK)]
     last = len(pieces) - 1
@@ -134,14 +129,14 @@ def kitty(picture: Image.Image) -> str:
 
 
 def iterm(picture: Image.Image) -> str:
-    """Return a picture in iTerm2's protocol of inline images."""
+    """Return iTerm2's inline image protocol."""
     data = _png(picture)
     told = f"inline=1;size={len(data)};width={picture.width}px;height={picture.height}px;preserveAspectRatio=1"
     return f"\x1b]1337;File={told}:{base64.standard_b64encode(data).decode('ascii')}\x07"
 
 
 def sixel(picture: Image.Image) -> str:
-    """Return a picture as sixels (DEC STD 070): bands of six rows, each colour by itself."""
+    """Return sixels (DEC STD 070)."""
     packed = picture.quantize(_SIXEL_COLOURS)
     palette = packed.getpalette() or []
     width, height = packed.size

@@ -1,4 +1,4 @@
-"""The options that name a wallet, its network and its language."""
+"""Options naming a wallet, its network and language."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 
 def wallet_options(command: F) -> F:
-    """Add the options that name a wallet and its network, to a group."""
     place = click.Path(path_type=Path, file_okay=False)
     file = click.Path(path_type=Path, dir_okay=False)
     for option in (
@@ -65,7 +64,7 @@ def wallet_options(command: F) -> F:
 
 
 def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) -> tuple[Path, Path]:
-    """Return the files of a wallet and of its network's genesis, as a group's context holds them."""
+    """Return a wallet's file and its genesis file."""
     if not profile.replace("-", "").replace("_", "").isalnum():
         raise WrongUsage("profile")
     return (

@@ -1,9 +1,4 @@
-"""How this very wallet is called, so that every next step that is told can be typed as it stands.
-
-Texts and errors say `blockrobot wallet records`; whoever named a profile, a folder or the network's file for the command
-that runs is shown these too. What somebody else is to type at a
-wallet of their own is written without `blockrobot`: `wallet handle`.
-"""
+"""How this wallet is called, so that suggested commands keep its profile, folder and network options."""
 
 from __future__ import annotations
 
@@ -25,7 +20,6 @@ _PLACES = {"--wallet-dir": "wallet_dir", "--genesis": "genesis"}
 
 
 def _group() -> click.Context | None:
-    """Return the context that holds the options of the wallet for which a command runs, None outside of any."""
     context = click.get_current_context(silent=True)
     while context is not None and "profile" not in context.params:
         context = context.parent
@@ -33,19 +27,18 @@ def _group() -> click.Context | None:
 
 
 def genesis_place(named: Path | None) -> Path:
-    """Return the file of the network that is trusted: the one that was named, else this user's own."""
+    """Return the named genesis file, else the user's default."""
     return named or home_folder() / "network" / "genesis.json"
 
 
 def verify_command(file: Path | str) -> str:
-    """Return what checks a file that this wallet wrote against the network that this wallet trusts."""
     context = _group()
     trusted = genesis_place(None if context is None else context.params.get("genesis")).absolute()
     return f"blockrobot verify {shlex.quote(str(file))} --genesis {shlex.quote(str(trusted))}"
 
 
 def called(command: str = WALLET_COMMAND) -> str:
-    """Return how the wallet of the command that runs was called: with its profile, folder and genesis file, if named."""
+    """Return the command with profile, folder and genesis options, if given."""
     context = _group()
     if context is None:
         return command
@@ -59,10 +52,8 @@ def called(command: str = WALLET_COMMAND) -> str:
 
 
 def as_called(told: str, *, has_fields: bool = False) -> str:
-    """Return a text in which every command of the wallet is called as this very wallet is. Twice is as good as once.
-
-    Only for what a catalogue says: a path or a name that was put into a sentence could look like a command.
-    `has_fields`: the text is one that `str.format` fills afterwards.
+    """Expand wallet commands in a catalogue text; idempotent. Not for texts with filled-in names. `has_fields`:
+    `str.format` follows.
     """
     if WALLET_COMMAND not in told:
         return told

@@ -1,7 +1,4 @@
-"""`blockrobot wallet`: the wallet on the command line, in plain words.
-
-How a wallet is opened: `clients.wallet.cli.wallet_context`; the commands about consent: `clients.wallet.commands.consent_commands`.
-"""
+"""`blockrobot wallet`: the wallet on the command line."""
 
 # ruff: noqa: E501 - a table reads better in long lines
 

@@ -1,4 +1,4 @@
-"""Asks before something is done."""
+"""Confirmation prompts."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from clients.wallet.present.translations import WrongUsage
 
 
 def ask_or_say(question: str, *, yes: bool, as_json: bool = False, told: str = "") -> None:
-    """Say what is about to happen, if that is `told`, and ask, unless `--yes` said so.
-
-    Beside JSON, and after what is told, the question goes to standard error. Raises Abort for no, and UsageError where
-    there is nobody to ask.
+    """Announce `told` and ask, unless `yes`. Uses standard error beside JSON. Raises Abort, or UsageError without
+    terminal.
     """
     if yes:
         return

@@ -1,7 +1,5 @@
-"""What a shell completes: profiles, and records that were viewed here.
-
-A wallet's file is sealed, and nothing is written beside it for a shell to read: a list of record ids in the clear would
-say who was recorded. What completes are the folders that `view` wrote, because the person wanted those.
+"""Shell completion of profiles and viewed records. Only folders written by `view` are listed; no plaintext record list
+is kept.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ SHOWN_CHARS = 12
 
 
 def complete_profiles(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[str]:
-    """Return the names of wallets in the folder of wallets that begin so."""
     folder = ctx.params.get("wallet_dir") or home_folder() / "wallets"
     try:
         names = sorted(path.stem for path in Path(folder).glob("*.wallet"))
@@ -28,7 +25,7 @@ def complete_profiles(ctx: click.Context, _: click.Parameter, incomplete: str) -
 
 
 def complete_records(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[str]:
-    """Return the beginnings of ids of records that were written below `--out` (`pictures`)."""
+    """Return id prefixes of records written below `--out` (`pictures`)."""
     folder = Path(ctx.params.get("out") or "pictures")
     try:
         names = sorted(path.name for path in folder.iterdir() if _RECORD.fullmatch(path.name) and path.is_dir())

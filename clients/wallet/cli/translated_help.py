@@ -1,8 +1,5 @@
-"""The wallet's help, and how wrong usage is told, in the person's language.
-
-The English stands where click has it: in docstrings, in the help of options, in click itself. Translations are found by
-it (`help.` in the catalogue), paragraph by paragraph: what was changed in English since is said in English. What click
-says of a command line is found by its sentences; programs are told it in English.
+"""Localised help and usage errors. English texts are the lookup keys, by paragraph (`help.`); changed English stays
+untranslated, and programs get English.
 """
 
 from __future__ import annotations
@@ -65,12 +62,11 @@ _PLACEHOLDER = re.compile(r"\b[A-Z]{2,}(?:[_ ][A-Z]+)*\b")
 
 
 def paragraphs(english: str) -> list[str]:
-    """Return the paragraphs of a help text, each in one line."""
     return [" ".join(part.split()) for part in inspect.cleandoc(english).split("\n\n")]
 
 
 def placeholders(usage: str) -> list[str]:
-    """Return the words of a usage line or of an option's left column that stand for something (`FILE`)."""
+    """Return the placeholders (`FILE`) of a usage line or option."""
     return _PLACEHOLDER.findall(usage)
 
 
@@ -90,7 +86,6 @@ def _write_usage(ctx: click.Context, formatter: click.HelpFormatter) -> None:
 
 
 def _told_sentence(english: str) -> str:
-    """Return what click says of a command line in the language in use; what it is not known to say, as it is."""
     for sentence in CLICKS_SENTENCES:
         found = re.fullmatch(_FIELD.sub(r"(?P<\1>.+)", re.escape(sentence)), english, re.DOTALL)
         if found is not None:
@@ -104,7 +99,7 @@ def _told_sentence(english: str) -> str:
 
 
 class _SpokenUsageError(click.UsageError):
-    """Wrong usage as a person is told of it in her language; a program gets the English."""
+    """A usage error localised for people, English for programs."""
 
     def __init__(self, wrong: click.UsageError) -> None:
         super().__init__(wrong.format_message(), wrong.ctx)
@@ -117,12 +112,10 @@ class _SpokenUsageError(click.UsageError):
             self._told = f"{formatter.getvalue()}{hint}\n\n{self._told}"
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Tell it to a person, as click tells wrong usage."""
         click.echo(self._told, file=file, err=file is None)
 
 
 def _tell_wrong_usage(wrong: click.UsageError) -> NoReturn:
-    """Raise wrong usage so that it is told in the language in use. English, and help that is shown for it, stay."""
     with contextlib.nullcontext() if wrong.ctx is None else wrong.ctx.scope(cleanup=False):
         if language_in_use() == DEFAULT_LANGUAGE or isinstance(wrong, NoArgsIsHelpError):
             raise wrong
@@ -130,7 +123,6 @@ def _tell_wrong_usage(wrong: click.UsageError) -> NoReturn:
 
 
 def _told(english: str | None) -> str:
-    """Return a help text in the language in use; of an example only what stands for something else."""
     return "\n\n".join(
         f"{_said(EXAMPLE)}{_with_placeholders(part.removeprefix(EXAMPLE))}" if part.startswith(EXAMPLE) else _said(part)
         for part in paragraphs(english or "")
@@ -138,12 +130,10 @@ def _told(english: str | None) -> str:
 
 
 def _told_short(english: str | None, limit: int) -> str:
-    """Return a command's line in the list of its group, of so many letters at most."""
     return click.Command(None, help=_told(english)).get_short_help_str(limit)
 
 
 def _told_copy(command: click.Command, ctx: click.Context) -> click.Command:
-    """Return a command that does the same, with its help, its options' and its commands' in the language in use."""
     told = copy.copy(command)
     told.help = _told(command.help)
     told.params = [copy.copy(param) for param in command.get_params(ctx)]
@@ -159,17 +149,15 @@ def _told_copy(command: click.Command, ctx: click.Context) -> click.Command:
 
 
 def _shown_commands(group: click.Group) -> dict[str, str | None]:
-    """Return the English of each command that a group's help shows."""
     if isinstance(group, LazyGroup):
         return {name: group.places[name].summary for name in group.visible_commands()}
     return {name: each.short_help or each.help for name, each in group.commands.items() if not each.hidden}
 
 
 class SpokenContext(click.Context):
-    """The context of a command whose help is told in the person's language."""
+    """A command context with localised help."""
 
     def get_help(self) -> str:
-        """Return the help, made as click makes it."""
         if language_in_use() == DEFAULT_LANGUAGE:
             return super().get_help()
         command, formatter = self.command, self.make_formatter()
@@ -200,12 +188,11 @@ class SpokenContext(click.Context):
 
 
 class TranslatedGroup(LazyGroup):
-    """The group of commands that tell their help in the language of its `--language`, or of the environment."""
+    """A group with help in the language of `--language` or the environment."""
 
     context_class = SpokenContext
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command and let it, and its own commands, tell their help in the language."""
         command = super().get_command(ctx, cmd_name)
         below = [] if command is None else [command]
         while below:
@@ -217,14 +204,12 @@ class TranslatedGroup(LazyGroup):
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        """Make the context of a call; wrong usage of the group's own options is told in the language."""
         try:
             return super().make_context(info_name, args, parent, **extra)
         except click.UsageError as wrong:
             _tell_wrong_usage(wrong)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command that is called; wrong usage of it, and that it was stopped, are told in the language."""
         try:
             return super().invoke(ctx)
         except click.UsageError as wrong:
@@ -238,7 +223,7 @@ class TranslatedGroup(LazyGroup):
             ctx.exit(EXIT_FAILED)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Know the language before `--help` is answered, on whichever side of it that stands."""
+        """Determine the language before `--help`, regardless of option order."""
         if args:
             parser = self.make_parser(ctx)
             parser.ignore_unknown_options = True  # what is unknown is told below, in the language that this finds
@@ -250,14 +235,12 @@ class TranslatedGroup(LazyGroup):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Let a shell complete a command that says itself in the language."""
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None and ctx.resilient_parsing:
             command = _told_copy(command, ctx)
         return name, command, rest
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Complete commands and options, with what each does in the language."""
         told: Any = _told_copy(self, ctx)
         ctx.command = told
         return LazyGroup.shell_complete(told, ctx, incomplete)

@@ -1,7 +1,4 @@
-"""How every command opens a wallet: passphrase, genesis file, one run.
-
-The passphrase is asked for at a terminal, or read from the file that BLOCKROBOT_PASSPHRASE_FILE names.
-"""
+"""Open wallets for commands. The passphrase comes from the terminal or BLOCKROBOT_PASSPHRASE_FILE."""
 
 from __future__ import annotations
 
@@ -41,9 +38,8 @@ _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a va
 
 
 def read_only_wallet(command: F) -> F:
-    """Mark what a command does, next to its function: it may go on beside another program that has the wallet.
-
-    What it notes in the wallet then is dropped; it has to be something that is found again on the chain the next time.
+    """Mark a command as safe beside another program; its wallet changes are dropped, so they must be recoverable from
+    the chain.
     """
     setattr(command, _READS_ONLY_MARK, True)
     return command
@@ -51,7 +47,7 @@ def read_only_wallet(command: F) -> F:
 
 @contextlib.contextmanager
 def on_abort(ctx: click.Context, say: Callable[[], str]) -> Iterator[None]:
-    """Let a Ctrl-C, or a no, end the command with a word on what was done and what not; none: as any other ends."""
+    """On Ctrl-C or a no, report what was done."""
     try:
         yield
     except (click.Abort, KeyboardInterrupt):
@@ -62,10 +58,7 @@ def on_abort(ctx: click.Context, say: Callable[[], str]) -> Iterator[None]:
 
 
 def read_passphrase(*, from_keyring: bool = True) -> str:
-    """Return the passphrase from the file that is named for it, or ask at the terminal.
-
-    From the system's keyring, if the group was told so by `--keyring`, and what is to be done may be done with that.
-    """
+    """Return the passphrase from file or terminal, or the keyring with `--keyring`."""
     context = click.get_current_context(silent=True)
     if from_keyring and context is not None and context.meta.get(KEYRING_KEY):
         return read_from_keyring(context.obj[0])
@@ -74,10 +67,8 @@ def read_passphrase(*, from_keyring: bool = True) -> str:
 
 
 def read_new_passphrase() -> str:
-    """Return a passphrase for a new wallet file, from the file that is named for it or asked for twice at the terminal.
-
-    At the terminal it says what is wrong with one, five times at most, and what can be known of the one that it takes.
-    Raises PASSPHRASE_WEAK, PASSPHRASE_UNCONFIRMED.
+    """Return a new passphrase; at the terminal ask twice, five attempts. Raises PASSPHRASE_WEAK,
+    PASSPHRASE_UNCONFIRMED.
     """
     given = _passphrase_from_file()
     if given is not None:
@@ -104,7 +95,6 @@ def read_new_passphrase() -> str:
 
 
 def _passphrase_from_file() -> str | None:
-    """Return what the file holds that is named for it, None if none is. Raises UsageError without file and terminal."""
     path = os.environ.get(_PASSPHRASE_FILE)
     if path:
         return Path(path).read_text(encoding="utf-8").rstrip("\n")
@@ -118,16 +108,14 @@ def _ask_hidden(key: str) -> str:
 
 
 def require_new(out: Path | None) -> None:
-    """Refuse a place where something is already, be it a link to nowhere. Raises FILE_EXISTS."""
+    """Raise FILE_EXISTS for anything there, including dangling links."""
     if out is not None and (out.exists() or out.is_symlink()):
         raise refusal("FILE_EXISTS", "file_kept", path=str(out))
 
 
 def run_with_wallet(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
-    """Open the wallet that the group's options name and do something with it. Raises what that raises.
-
-    While another program has the wallet, a command that only reads goes on beside it and notes nothing; any other is told
-    who that is. Says on standard error, loudly, if the wallet's words turned out to make nobody a member any more.
+    """Open the wallet and run `action`; read-only commands run beside another program without saving. Warns if
+    membership ended.
     """
     path, genesis_path = ctx.obj
     require_wallet(path)
@@ -145,7 +133,7 @@ def run_with_wallet(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]
 
 
 def run_made(store: Keystore, genesis_path: Path, action: Callable[[Wallet], Awaitable[T]]) -> T:
-    """Do something with a wallet that was made just now. Raises what that raises, and GENESIS_INVALID."""
+    """Run `action` with a new wallet. Raises GENESIS_INVALID."""
     return _run(store, load_genesis(genesis_path), action)
 
 
@@ -162,20 +150,19 @@ def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable
 
 
 def tell_liars(troubles: Mapping[str, BlockRobotError]) -> None:
-    """Name the nodes whose answers were not what their proofs say, on standard error: others were asked instead."""
+    """Name nodes with false proofs on standard error."""
     for name, error in sorted(troubles.items()):
         if error.code in _LIES:
             click.echo(text("ask.lied", name=name, code=error.code), err=True)
 
 
 def tell_member_gone(opened: Wallet) -> None:
-    """Say, if so, that somebody else may be the member now, what this wallet still can do, and what to do next."""
     for line in member_gone_line(opened):
         error_console.print(text("former.warning", line=line), style="bold red", markup=False)
 
 
 def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:
-    """Return that warning in a sentence (`language` None: the one in use), none if there is nothing to warn of."""
+    """Return the warning of lost membership, if any (`language` None: current)."""
     if not opened.member_gone:
         return []
     told, lost = [text("former.gone", language=language)], len(opened.out_of_reach)

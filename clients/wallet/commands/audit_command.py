@@ -1,4 +1,4 @@
-"""`blockrobot wallet audit`: what happened to a person's records; and a probe of what custodians refuse."""
+"""`blockrobot wallet audit`: records' history, and a probe of custodians' refusals."""
 
 from __future__ import annotations
 
@@ -95,6 +95,5 @@ def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
 
 
 def _own_owner(opened: Wallet) -> list[tuple[str, PrivateKey]]:
-    """Return the owner key of this wallet's first visit, if it has one."""
     visits = opened.store.content.visits
     return [("owner of another visit", opened.owner_key(visits[0]))] if visits else []

@@ -1,4 +1,4 @@
-"""`blockrobot wallet consent`: a person's say in what is recorded of her."""
+"""`blockrobot wallet consent`: consent to recording."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _SAID_COLUMNS = 4
 
 
 def read_time(written: str | None, now_ms: int) -> int:
-    """Return a time in ms: `+30d`, `+12h`, `+45m`, a date or a date with a time of this machine's zone; 0 for none."""
+    """Parse `+30d`, `+12h`, `+45m`, or local date and time, to ms; 0 for none."""
     if written is None:
         return _NO_BOUND
     span = _SPAN.fullmatch(written.strip())
@@ -77,10 +77,7 @@ async def _tell(
     as_json: bool,
     more: dict[str, Any],
 ) -> None:
-    """Print what counts, and only then fetch the receipt and print what became of it. A program has both in one.
-
-    Of a word for another person (`person`) there is no receipt, which says whose key a person has: there is the trail.
-    """
+    """Print the final statement before fetching its receipt. Statements for a represented person have none."""
     if not as_json:
         if person is not None:
             console.print(text("mandates.said_for", name=encode_short(person.handle)))
@@ -97,7 +94,6 @@ async def _tell(
 
 
 def _named(codes: tuple[str, ...], kind: str, known: Mapping[str, str], none: str) -> str:
-    """Return codes with what they mean: `care (Care and treatment of the person herself.)`."""
     return ", ".join(f"{code} ({text(f'{kind}.{code}')})" if code in known else code for code in codes) or none
 
 
@@ -172,7 +168,6 @@ def give(
 def _given(
     purposes: tuple[str, ...], sensors: tuple[str, ...], from_ms: int, until_ms: int
 ) -> tuple[str, dict[str, Any]]:
-    """Return what was consented to, in words and for a program."""
     period = " " + text("consent.from", moment=show_moment(from_ms)) if from_ms else ""
     period += " " + text("consent.until", moment=show_moment(until_ms)) if until_ms else text("consent.open_end")
     named = {
@@ -287,7 +282,7 @@ def list_choices(
 
 
 def _without_depth(found: Choices, purposes: Collection[str]) -> list[str]:
-    """Return, for each purpose, by which sensors nothing is kept although she said yes to them: depth is missing."""
+    """Return, per purpose, sensors without effect because depth is not consented."""
     lines = []
     for purpose in sorted(purposes):
         lacking = sorted(row.sensor for row in found.lacking_depth if row.purpose == purpose)

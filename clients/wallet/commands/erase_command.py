@@ -1,7 +1,4 @@
-"""`blockrobot wallet erase`: what will be gone and what remains is said, asked, done.
-
-What erasing is: `clients.wallet.records.erasure`; what became of it: `clients.wallet.records.erasure_status`.
-"""
+"""`blockrobot wallet erase`: explain, confirm and request erasure."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ _NUMBER = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class _Wish:
-    """What the command line asks for. `record_ids` empty: all records; `frames` (indexes) empty: whole records."""
+    """Parsed options; empty `record_ids`: all records, empty `frames` (indexes): whole records."""
 
     record_ids: tuple[str, ...]
     frames: list[int]
@@ -45,7 +42,7 @@ class _Wish:
 
 @dataclass(slots=True)
 class _Done:
-    """What was asked for. `left_out` are pictures (indexes) that need no asking; `late` is why waiting was in vain."""
+    """Result; `left_out` are picture indexes already gone, `late` why waiting failed."""
 
     reports: list[ErasureReport] = field(default_factory=list)
     recipients: list[Share] = field(default_factory=list)
@@ -54,10 +51,7 @@ class _Done:
 
 
 def _read_frames(written: str | None) -> list[int]:
-    """Return the indexes of the pictures that were named by numbers from 1, in order; none if the option was not given.
-
-    Raises WrongUsage for anything else: an option that names no picture must not stand for the whole record.
-    """
+    """Return indexes of numbers from 1. Raises WrongUsage: an empty selection would mean the whole record."""
     if written is None:
         return []
     numbers = [part.strip(" ") for part in written.split(",")]
@@ -67,10 +61,7 @@ def _read_frames(written: str | None) -> list[int]:
 
 
 async def _select_pictures(erasing: Erasing, entry: RecordEntry, wish: _Wish) -> tuple[list[int], list[int], int]:
-    """Return which of the pictures that were named are left to erase, which are not, and how many the record has.
-
-    Raises WrongUsage for one that is not there.
-    """
+    """Return selected pictures left to erase, others, and the total. Raises WrongUsage."""
     count = await erasing.count_pictures(entry, wish.frames)
     missing = missing_pictures(wish.frames, count)
     if not count:
@@ -84,10 +75,7 @@ async def _select_pictures(erasing: Erasing, entry: RecordEntry, wish: _Wish) ->
 
 
 def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipients: Sequence[Share]) -> None:
-    """Say what will be gone, of whom else, and what remains, and ask. Raises Abort for no.
-
-    `frames` are pictures of the one record, which has `of`; none: all of it. The page says the same.
-    """
+    """Explain the erasure and confirm. Raises Abort."""
     if frames:
         (entry,) = entries
         times = {
@@ -113,7 +101,6 @@ def _ignore(_: Sequence[ErasureReport]) -> None:
 
 
 def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
-    """Return what says on standard error how many receipts have come in, whenever that has changed."""
     told: list[int] = []
 
     def tell(reports: Sequence[ErasureReport]) -> None:
@@ -169,7 +156,7 @@ def erase(
 
 
 async def _erase(wish: _Wish, opened: Wallet) -> _Done:
-    """Erase what is wished for, asking before. Raises Abort for no, WrongUsage for a picture that is not there."""
+    """Confirm and erase. Raises Abort, WrongUsage."""
     chosen = await choose_records(opened, wish.record_ids)
     entries = [entry for entry in chosen if entry.state.status == "active"]
     erasing, done, frames, of = Erasing(opened), _Done(), wish.frames, 0
@@ -216,7 +203,6 @@ def _print_json(done: _Done) -> None:
 
 
 def _print_done(done: _Done, *, is_told: bool) -> None:
-    """Say how far each erasure is, and who had received it unless that `is_told`: before she was asked."""
     if not done.reports:
         console.print(text("erase.nothing"))
     for report in done.reports:

@@ -32,7 +32,7 @@ _AGO_MS = {"h": 3_600_000, "d": 24 * 3_600_000}
 
 
 def read_past(written: str | None, now_ms: int) -> int:
-    """Return a time in ms: `-7d`, `-12h` (ago), a date or a date with a time of this machine's zone; 0 for none."""
+    """Parse `-7d`, `-12h` (ago), or local date and time, to ms; 0 for none."""
     if written is None:
         return 0
     ago = _AGO.fullmatch(written.strip())
@@ -58,7 +58,7 @@ def _read_ids(written: tuple[str, ...]) -> tuple[bytes, ...]:
 
 
 def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
-    """Return what the bundle would give away, in plain sentences."""
+    """Return sentences on what the bundle discloses."""
     wanted = plan.wanted
     visits = text("count.visits", count=len(plan.visits))
     lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.record_count))]
@@ -147,7 +147,7 @@ def export(
 
 
 def bundle_json(out: Path, verdict: Verdict) -> dict[str, Any]:
-    """Return what a bundle holds, and what it lacks, for a program."""
+    """Return a bundle's contents and gaps as JSON."""
     problems = verdict.manifest.problems
     return {
         "ok": True,
@@ -170,13 +170,12 @@ def bundle_json(out: Path, verdict: Verdict) -> dict[str, Any]:
 
 
 def _say_progress(hear: Heard) -> Heard:
-    """Return what hears of a step by its name and tells it in the person's language."""
     steps = section("export.step", language_in_use())
     return lambda what, done, of: hear(str(steps.get(what.replace(" ", "_"), what)), done, of)
 
 
 def say_problem(code: str, sentence: str, language: str | None = None) -> str:
-    """Return what a bundle lacks and why; in another language than English what the code means stands first."""
+    """Return the problem; outside English the code's meaning comes first."""
     return describe_error(BlockRobotError(code, sentence), language)[0] if code in CATALOGUE else sentence
 
 

@@ -1,7 +1,5 @@
-"""`blockrobot wallet inbox|look|confirm-deleted`: what was shared with one.
-
-An owner's erasure, correction or restriction shows in the inbox of whoever she shared with (Art. 19); so does what is
-wrong with one's own visits.
+"""`blockrobot wallet inbox|look|confirm-deleted`: records shared with this user, with later changes (Art. 19) and
+problems of their own visits.
 """
 
 from __future__ import annotations
@@ -47,10 +45,8 @@ _GONE = frozenset({KIND_ERASED, KIND_FRAMES_ERASED})
 
 @dataclass(frozen=True, slots=True)
 class Inbox:
-    """What one's inbox holds: what was shared, and one's own visits with something wrong.
-
-    `looks` are those of others at one's own records, `changed` the records that one found not to be as the robot took
-    them; both oldest first. `unread` are grants that could not be read, each with why.
+    """Grants received, and problems of own visits. `looks` (others' access) and `changed` (records found altered) are
+    oldest first; `unread` grants have errors.
     """
 
     receipts: tuple[Receipt, ...]
@@ -63,10 +59,7 @@ class Inbox:
 
 
 async def read_inbox(opened: Wallet) -> Inbox:
-    """Read everything that is shared with this person, and look through her own visits. Raises NOT_REGISTERED.
-
-    Whose membership ended hears what became of what she knew all the same.
-    """
+    """Read grants and own visits. Raises NOT_REGISTERED; former members still see known grants."""
     receiving = Receiving(opened)
     receipts = await receiving.inbox()
     try:
@@ -90,13 +83,12 @@ async def read_inbox(opened: Wallet) -> Inbox:
 
 
 def copies_left(receipt: Receipt, records: Sequence[bytes]) -> list[Path]:
-    """Return the folders on this machine that still hold pictures of these records."""
+    """Return local folders still holding pictures of these records."""
     places = [Path(copy.folder) / copy.record_id.hex() for copy in receipt.received.copies if copy.record_id in records]
     return [place for place in places if place.exists()]
 
 
 def receipt_json(receipt: Receipt) -> dict[str, Any]:
-    """Return one grant by names, for a program."""
     grant = receipt.grant
     return {
         "grant_id": grant.grant_id.hex(),
@@ -118,7 +110,6 @@ def receipt_json(receipt: Receipt) -> dict[str, Any]:
 
 
 def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
-    """Say one grant and what became of it, in plain sentences (None: in the language of the command that runs)."""
     say = functools.partial(text, language=language)
     grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
     records = say("count.records", count=len(grant.row.records))
@@ -148,12 +139,10 @@ def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
 
 
 def unread_json(unread: Unread) -> dict[str, Any]:
-    """Return a grant that could not be read by its name, and why not, for a program."""
     return {"grant_id": unread.received.grant_id.hex(), "code": unread.error.code, "detail": unread.error.detail}
 
 
 def unread_line(unread: Unread, language: str | None = None) -> str:
-    """Say that one grant could not be read, and why, in plain words (None: in the language of the command that runs)."""
     why, _ = describe_error(unread.error, language)
     return text("received.unread", language=language, grant=unread.received.grant_id.hex()[:12], why=why)
 
@@ -219,7 +208,6 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
 
 
 def _changed_line(entry: AuditEntry, finding: Finding) -> str:
-    """Say what she found: of which pictures, if of any. A verdict on the robot's count alone is of none."""
     record_id, _, frames = finding
     name, moment = record_id.hex(), show_moment(entry.time_ms)
     if not frames:
@@ -265,7 +253,7 @@ def _choose(receipt: Receipt, record_ids: Sequence[str], otherwise: Sequence[byt
 
 
 def _require_shown(receipt: Receipt, wanted: Sequence[bytes]) -> None:
-    """Raise GRANT_ENDED for records of which something was erased since: a look at them would stand there for nothing."""
+    """Raise GRANT_ENDED if anything was erased: the access would be logged in vain."""
     kinds = {notice.kind for notice in receipt.notices if notice.record_id in wanted and notice.kind in _GONE}
     if KIND_FRAMES_ERASED in kinds:
         raise refusal("GRANT_ENDED", "look_cut")
@@ -276,11 +264,10 @@ def _require_shown(receipt: Receipt, wanted: Sequence[bytes]) -> None:
 async def look_at(
     opened: Wallet, start: str, record_ids: Sequence[str], out: Path
 ) -> tuple[list[SharedView], list[bytes], list[Path], dict[bytes, BlockRobotError]]:
-    """Ask for the records of a grant on the chain, fetch, check and write them below `out`, an absolute folder.
+    """Request, fetch, verify and write a grant's records below `out` (absolute).
 
-    Returns also the records that are left out because their owner restricted them, and the files of earlier looks that
-    are not of this one, and why empty rooms are missing. A restricted record bars the others only if it was named.
-    Raises GRANT_ENDED and the like, CALL_REFUSED if all are restricted.
+    Returns views, restricted records left out, leftover files, and missing empty frames with reasons. Restricted
+    records fail only if named. Raises GRANT_ENDED, CALL_REFUSED.
     """
     receiving, receipt = await _find(opened, start)
     if not receipt.is_open:
@@ -352,7 +339,6 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
 
 
 def _ask_whether_deleted(places: Sequence[Path], records_count: int, *, yes: bool) -> None:
-    """Say what is deleted here and told on the ledger, and ask. Raises Abort for no."""
     records = text("count.records", count=records_count)
     if places:
         told = text("confirm_deleted.delete", folders=text("count.folders", count=len(places)), records=records)

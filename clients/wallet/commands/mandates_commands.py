@@ -1,4 +1,4 @@
-"""`blockrobot wallet mandates`: who acts for you, and for whom you act."""
+"""`blockrobot wallet mandates`: representatives and represented persons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`blockrobot wallet notice | register`, and what they and the words of consent tell."""
+"""`blockrobot wallet notice | register`, and showing notices before consent."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from pages.moments import show_moment
 
 
 def show_told(told: Told, *, err: bool = False) -> None:
-    """Print what people are told, word for word: it comes from the chain and may neither colour nor move anything."""
+    """Print a notice verbatim, without control characters or colours from the chain."""
     for line in told.lines():
         if err:
             click.echo(line, err=True)
@@ -32,21 +32,18 @@ def show_told(told: Told, *, err: bool = False) -> None:
 
 
 def is_at_terminal() -> bool:
-    """Tell whether somebody is there who can be asked."""
     return sys.stdin.isatty()
 
 
 def require_said(*, yes: bool) -> None:
-    """Raise UsageError where nobody can be asked, unless `yes` was said: no program consents for a person by itself."""
+    """Raise UsageError without terminal, unless `yes`: consent needs a person."""
     if not yes and not is_at_terminal():
         raise WrongUsage("no_terminal_read")
 
 
 def tell_first(notices: Notices | None, told: Told, question: str, *, yes: bool, as_json: bool) -> None:
-    """Show a notice before anything is signed, and ask at the terminal unless `yes`.
-
-    `notices` None: it is about another person, and nothing is remembered of what was shown.
-    A program that said yes has it in its answer: it counts as shown once that is printed (`note_shown`, `note_consented`).
+    """Show a notice before signing, and ask unless `yes`. `notices` None: another person's, not remembered. With `yes`
+    it is marked as shown once printed.
     """
     if as_json and (yes or not is_at_terminal()):
         return
@@ -59,13 +56,12 @@ def tell_first(notices: Notices | None, told: Told, question: str, *, yes: bool,
 
 @dataclass(frozen=True, slots=True)
 class Receipted:
-    """What became of the receipt of a word: it, or why it is not here."""
+    """A statement's receipt, or why it is missing."""
 
     receipt: CheckedReceipt | None
     refusal: BlockRobotError | None
 
     def as_json(self) -> dict[str, Any]:
-        """Return it for a program."""
         if self.receipt is None:
             return {"receipt": None, "receipt_error": self.refusal.code if self.refusal else None}
         published = self.receipt.published
@@ -73,7 +69,6 @@ class Receipted:
         return {"receipt": {"signed_by": self.receipt.node, "notice_version": version}, "receipt_error": None}
 
     def line(self) -> str:
-        """Return it in a sentence."""
         if self.receipt is None:
             why = describe_error(self.refusal)[0] if self.refusal is not None else ""
             return text("register.receipt_late", why=why)
@@ -84,7 +79,7 @@ class Receipted:
 
 
 async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
-    """Fetch the receipt of a word that is final. A word counts without it: no refusal and no full disk is raised."""
+    """Fetch a final statement's receipt; failures are not raised."""
     try:
         return Receipted(await ConsentReceipts(opened).obtain(txid), None)
     except BlockRobotError as error:
@@ -188,7 +183,7 @@ def _registered_line(purposes: tuple[str, ...]) -> str:
 
 
 def _unseen(receipted: Receipted, told: Told) -> str:
-    """Return what is said of a version that came in the moment in which she registered: the chain holds her to it."""
+    """Describe a notice version published during registration, to which the chain binds."""
     published = None if receipted.receipt is None else receipted.receipt.published
     if published is None or published.row.version <= told.version:
         return ""

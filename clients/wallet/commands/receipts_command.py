@@ -1,4 +1,4 @@
-"""`blockrobot wallet receipts`: what the wallet proves by itself of what it asked and said."""
+"""`blockrobot wallet receipts`: self-held proofs of requests and statements."""
 
 from __future__ import annotations
 

@@ -49,7 +49,6 @@ async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str
 
 
 def said_json(said: Said) -> dict[str, Any]:
-    """Return a word by names, for a program."""
     return {
         "visit": said.visit.owner.hex(),
         "records": [record_id.hex() for record_id in said.record_ids],
@@ -65,7 +64,7 @@ def _name(said: Said) -> str:
 
 
 def _all_of(spoken: Spoken) -> list[Said]:
-    """Return what was said of all; raise the refusal that ended it, after telling of what it was said before."""
+    """Return all results; report them before raising the refusal."""
     words, refusal = spoken
     if refusal is None:
         return words

@@ -1,7 +1,5 @@
-"""`blockrobot wallet serve`: the wallet as a page in one's own browser.
-
-The page is opened by a file that only this user can read; what the file holds works once. The command runs until it is
-stopped, until the page is locked, or until nobody has used it for a while: then the keys leave the memory with it.
+"""`blockrobot wallet serve`: the wallet as a local web page. Opened by a private one-time file; ends when stopped,
+locked or idle, dropping the keys.
 """
 
 from __future__ import annotations
@@ -81,7 +79,6 @@ def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool
 
 
 def _tell_unfinished(session: PageSession, *, as_json: bool) -> None:
-    """Say what was asked for last on the page and came to nothing, why, and the next step: no page is left to say it."""
     if as_json and (session.unfinished or session.was_not_begun):
         told = [{"kind": kind, "error": error and problem_json(error)} for kind, error in session.unfinished]
         print_json({"ok": False, "unfinished": told, "not_begun": session.was_not_begun})
@@ -95,7 +92,7 @@ def _tell_unfinished(session: PageSession, *, as_json: bool) -> None:
 
 
 async def _serve(wallet: Wallet, session: PageSession, idle_minutes: int, *, no_browser: bool, as_json: bool) -> str:
-    """Serve the page until it is to end; return why it ended, in a sentence."""
+    """Serve until the end; return the reason."""
     async with wallet as opened, session:
         with_endings = _end_in_order(session)
         page = make_page(session)
@@ -118,7 +115,6 @@ async def _serve(wallet: Wallet, session: PageSession, idle_minutes: int, *, no_
 
 
 async def _let_begin(session: PageSession, *, as_json: bool) -> None:
-    """Let begin what waits for its passphrase to be checked: the page stays until then. Say so if it does not begin."""
     session.was_not_begun = True
     try:
         session.was_not_begun = not await session.gate.settle()
@@ -128,7 +124,7 @@ async def _let_begin(session: PageSession, *, as_json: bool) -> None:
 
 
 def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
-    """Say where the page is, and open it. The address alone opens nothing."""
+    """Print the URL and open the page; the URL alone gives no access."""
     opened = not no_browser and open_in_browser(file)
     if as_json:
         print_json({"ok": True, "url": url, "redirect_file": str(file), "browser_opened": opened})
@@ -142,7 +138,6 @@ def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
 
 
 def _offer_links(page: LocalPage, *, as_json: bool) -> None:
-    """Write a new link whenever somebody at the terminal presses Enter."""
     if as_json or not sys.stdin.isatty():
         return
     making: set[asyncio.Task[None]] = set()
@@ -162,7 +157,7 @@ def _offer_links(page: LocalPage, *, as_json: bool) -> None:
 
 
 def _end_in_order(session: PageSession) -> Callable[[], None]:
-    """Let Ctrl-C and a request to end close the page in order; return what undoes that."""
+    """Handle Ctrl-C and SIGTERM gracefully; return the undo function."""
     loop = asyncio.get_running_loop()
     for number in ENDINGS:
         loop.add_signal_handler(number, session.ended.set)
@@ -175,7 +170,6 @@ def _end_in_order(session: PageSession) -> Callable[[], None]:
 
 
 async def _wait_until_over(session: PageSession, idle_minutes: int) -> str:
-    """Wait for the end: asked for by a signal or on the page, or because nobody has used it for so long."""
     while True:
         try:
             async with asyncio.timeout(_LOOK_S):

@@ -1,7 +1,4 @@
-"""`blockrobot wallet share|shares|revoke|handle`: the owner's side of sharing.
-
-What the grantee does is in `clients.wallet.commands.inbox_commands`.
-"""
+"""`blockrobot wallet share|shares|revoke|handle`: the owner's side of sharing."""
 
 from __future__ import annotations
 
@@ -49,7 +46,7 @@ _STEPS = {STEP_KEYS: "share.keys", STEP_SIGNING: "share.signing"}
 
 
 def read_end(span: str | None, until: datetime.datetime | None, now_ms: int) -> int:
-    """Return the end that was said, in ms: after a span (7d, 12h), or at a moment of the local clock."""
+    """Return the end in ms: after a span (7d, 12h), or at a local time."""
     if span is not None and until is not None:
         raise WrongUsage("end_twice")
     if span is None and until is None:
@@ -63,12 +60,10 @@ def read_end(span: str | None, until: datetime.datetime | None, now_ms: int) -> 
 
 
 def say_role(role: str) -> str:
-    """Return what a member is, in words."""
     return text(f"role.{role}") if role in ROLES else role
 
 
 def name_grantee(grantee: Grantee) -> str:
-    """Return with whom something is shared, in words."""
     return text(
         "share.grantee",
         name=grantee.label or text("share.nobody"),
@@ -79,7 +74,7 @@ def name_grantee(grantee: Grantee) -> str:
 
 
 def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int) -> str:
-    """Say what the other will see, for how long, and what cannot be undone. Raises PURPOSE_UNKNOWN."""
+    """Describe what is shared, how long, and what is irreversible. Raises PURPOSE_UNKNOWN."""
     require_purpose(purpose)
     pictures = sum(entry.pictures_left_count for entry in entries)
     gone = sum(entry.state.expires_at_ms < until_ms for entry in entries)
@@ -99,7 +94,6 @@ def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, unti
 
 
 def shared_json(shared: Shared) -> dict[str, Any]:
-    """Return a grant that was made, for a program."""
     return {
         "grant_id": shared.grant_id.hex(),
         "visit": shared.visit.owner.hex(),
@@ -113,7 +107,7 @@ def shared_json(shared: Shared) -> dict[str, Any]:
 
 
 def tell_of_first(error: BlockRobotError, done: Sequence[Shared], language: str = DEFAULT_LANGUAGE) -> BlockRobotError:
-    """Return a failure that also says what is shared already: of many records, each 64 are a grant of their own."""
+    """Extend a failure with completed grants; each holds up to 64 records."""
     if not done:
         return error
     names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
@@ -132,7 +126,7 @@ async def share_each(
     *,
     language: str = DEFAULT_LANGUAGE,
 ) -> list[Shared]:
-    """Share any number of records of one visit, as many grants as it takes. A failure says what is shared already."""
+    """Share records of one visit in as many grants as needed; failures name completed ones."""
     done: list[Shared] = []
     for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
         part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
@@ -144,7 +138,6 @@ async def share_each(
 
 
 def say_step(step: str) -> str:
-    """Return what sharing does at the moment, for who watches a terminal."""
     if step.startswith(STEP_PARTS):
         return text("share.parts", name=step.removeprefix(STEP_PARTS))
     return text(_STEPS[step])
@@ -232,7 +225,6 @@ def share(
 
 
 def share_json(share_: Share, now_ms: int) -> dict[str, Any]:
-    """Return one grant by names, for a program."""
     grant, given = share_.grant, share_.given
     return {
         "grant_id": grant.grant_id.hex(),
@@ -261,7 +253,6 @@ def _status(share_: Share, now_ms: int) -> str:
 
 
 def share_lines(share_: Share, now_ms: int) -> list[str]:
-    """Say one grant in plain sentences."""
     grant, until, status = share_.grant, show_moment(share_.grant.row.until_ms), _status(share_, now_ms)
     ends = {
         "open": text("shares.open", until=until),
@@ -321,7 +312,7 @@ def shares(ctx: click.Context, as_json: bool) -> None:
 
 
 def tell_recipients(found: Sequence[Share]) -> None:
-    """Say who had received records that are now to be erased (Art. 19), on standard output."""
+    """Print recipients of records to be erased (Art. 19)."""
     for each in found:
         moments = ", ".join(show_moment(each_look.time_ms) for each_look in each.looks)
         if moments:
@@ -331,7 +322,6 @@ def tell_recipients(found: Sequence[Share]) -> None:
 
 
 def tell_copies(found: Sequence[Share]) -> None:
-    """Say where those who had received erased records tell of their copies, if anybody had."""
     if found:
         console.print("  " + text("shares.copies"))
 

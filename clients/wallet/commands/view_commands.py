@@ -57,12 +57,11 @@ def _view_json(view: RecordView) -> dict[str, Any]:
 
 
 def missing_rooms_json(missing: Mapping[bytes, BlockRobotError]) -> dict[str, Any]:
-    """Return which empty frames nobody had, ready for JSON."""
     return {"missing_rooms": [{"sha256": digest.hex(), "code": error.code} for digest, error in missing.items()]}
 
 
 def tell_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> None:
-    """Say why pictures are shown without the room, each reason once."""
+    """Print why empty frames are missing, each reason once."""
     for reason in dict.fromkeys(describe_error(error)[0] for error in missing.values()):
         console.print(escape(text("view.no_room", reason=reason)))
 
@@ -92,10 +91,7 @@ def _print_views(views: list[RecordView]) -> None:
 
 
 def _find_earlier(album: Album, views: list[RecordView], *, of_all: bool) -> list[Path]:
-    """Return what earlier looks left: anywhere in the folder if all was looked at, else of these records.
-
-    The sheet of a whole visit shows more than these records: it is only told of where one of its pictures is gone.
-    """
+    """Return earlier files: all in the folder if `of_all`, else these records'."""
     if of_all:
         return find_earlier(album.out, album.written)
     gone = [view.entry for view in views if any(frame.status == STATUS_ERASED for frame in view.frames)]

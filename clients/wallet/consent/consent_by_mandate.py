@@ -1,4 +1,4 @@
-"""Words of consent for another person, by a mandate."""
+"""Consent statements for another person, by mandate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from clients.wallet.ledger.wallet import Wallet
 
 @dataclass(frozen=True, slots=True)
 class Represented:
-    """For whom one speaks: the handle, the mandate, and the organisation that registered the person."""
+    """A represented person: handle, mandate, registering organisation."""
 
     handle: bytes
     mandate: Mandate
@@ -21,11 +21,10 @@ class Represented:
 
     @property
     def until_ms(self) -> int:
-        """When the mandate ends: no consent under it may last longer."""
+        """The mandate's end; no consent may last longer."""
         return int(self.mandate.state.until_ms)
 
     def as_json(self) -> dict[str, Any]:
-        """Return it for a program."""
         return {"for": self.handle.hex(), "mandate_id": self.mandate.mandate_id.hex()}
 
 
@@ -40,10 +39,7 @@ def for_option(command: Any) -> Any:
 
 
 async def find_represented(opened: Wallet, wanted: str | None) -> Represented | None:
-    """Return for whom one speaks, None for oneself (nobody named).
-
-    Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND, MANDATE_MISSING.
-    """
+    """Return the represented person, None for oneself. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND, MANDATE_MISSING."""
     if wanted is None:
         return None
     mandates = Mandates(opened)
@@ -55,5 +51,4 @@ async def find_represented(opened: Wallet, wanted: str | None) -> Represented | 
 
 
 def handle_of(person: Represented | None) -> bytes | None:
-    """Return the handle of the person for whom one speaks, None for oneself."""
     return None if person is None else person.handle

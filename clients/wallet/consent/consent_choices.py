@@ -1,7 +1,5 @@
-"""A person's say in what is recorded of her: give, refuse, withdraw, and read it back.
-
-Whoever can give can take back, with fewer words. A word is signed with the member key, since it is about the person and
-no visit; the chain keeps it under her handle. Who acts for her by a mandate signs with the own member key.
+"""Give, refuse, withdraw and read consent. Statements are signed with the member key (a representative's own) and kept
+under the person's handle.
 """
 
 from __future__ import annotations
@@ -23,10 +21,8 @@ DEPTH = "depth"
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """What was said, final: its transaction, the block that holds it, and the height from which it holds.
-
-    `count` says how many choices it changed. One that takes back what nobody gave changes none, and still keeps a giving
-    that was said before, and is not final yet, from ever counting.
+    """A final statement: transaction, block, effective height. `count` is the choices changed; 0 may still cancel a
+    pending earlier consent.
     """
 
     txid: bytes
@@ -37,7 +33,7 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """One purpose and sensor: the last word, and whether a consent holds at this moment."""
+    """One purpose and sensor: last statement, and whether consent holds now."""
 
     purpose: str
     sensor: str
@@ -54,25 +50,25 @@ class Choices:
     rows: tuple[Choice, ...]
 
     def stands(self, row: Choice) -> bool:
-        """Whether the last word is a yes whose period is now; one that holds only from the next block on counts."""
+        """Whether the last statement is a yes, in its period, even if effective only from the next block."""
         last = row.last
         return last.status == GIVEN and last.from_ms <= self.time_ms and not 0 < last.until_ms <= self.time_ms
 
     @property
     def lacking_depth(self) -> list[Choice]:
-        """Each yes by which nothing is kept, since no yes to depth stands for the same purpose."""
+        """Each yes without effect, lacking depth for its purpose."""
         standing = [row for row in self.rows if self.stands(row)]
         seen = {row.purpose for row in standing if row.sensor == DEPTH}
         return [row for row in standing if row.purpose not in seen]
 
 
 def round_period(from_ms: int, until_ms: int) -> tuple[int, int]:
-    """Return a period on full five minutes, never longer than asked for: exact times would be a mark on the chain."""
+    """Shrink to full five minutes: exact times would identify it on chain."""
     return -(-from_ms // TIME_BUCKET_MS) * TIME_BUCKET_MS, until_ms - until_ms % TIME_BUCKET_MS
 
 
 class Consenting:
-    """The consents of one wallet's person, or of somebody (`represented`, a handle) for whom she acts by a mandate."""
+    """Consents of the wallet's owner, or of `represented` (a handle) by mandate."""
 
     def __init__(self, wallet: Wallet, represented: bytes | None = None) -> None:
         self._wallet = wallet
@@ -92,12 +88,10 @@ class Consenting:
         height: int = 0,
         seen_height: int | None = None,
     ) -> Word:
-        """Consent, in a period (0: no bound), from a height on (0: the block after the one that holds it).
+        """Consent within a period (0: unbounded) from a height (0: next block).
 
-        It names the newest block that she knew, so that it cannot be held back until after a later word, and holds under
-        the notice of that block: whoever showed her one passes the height that proved it as `seen_height`. Otherwise it
-        is the newest block that this wallet can prove final. Raises VALUE_INVALID for unknown codes, NOT_REGISTERED,
-        CALL_REFUSED with the contract's code (WORD_OLDER if something was said on another device meanwhile).
+        Signs over `seen_height`, which proved the notice shown (default: newest proved block), against delayed
+        delivery. Raises VALUE_INVALID, NOT_REGISTERED, CALL_REFUSED (WORD_OLDER).
         """
         self.require_known(purposes, sensors)
         await self._wallet.require_registered()
@@ -108,11 +102,11 @@ class Consenting:
         return await self._say("give", "given", purposes, sensors, *period, height, seen)
 
     async def refuse(self, purposes: list[str], sensors: list[str]) -> Word:
-        """Say no to purposes, by these sensors or (none named) by all. Raises as `give`."""
+        """Refuse purposes for sensors (none: all). Raises as `give`."""
         return await self._say("refuse", "refused", purposes, sensors)
 
     async def withdraw(self, purposes: list[str], sensors: list[str]) -> Word:
-        """Take back what was given for these purposes and sensors; none named: every one. Raises as `give`."""
+        """Withdraw consent for purposes and sensors (none: all). Raises as `give`."""
         return await self._say("withdraw", "withdrawn", purposes, sensors)
 
     async def _say(self, entry: str, event: str, purposes: list[str], sensors: list[str], *more: int) -> Word:
@@ -128,7 +122,7 @@ class Consenting:
         return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
 
     def require_known(self, purposes: list[str], sensors: list[str]) -> None:
-        """Raise PURPOSE_UNKNOWN, SENSOR_UNKNOWN for a code that is no purpose of this network, or no sensor."""
+        """Raise PURPOSE_UNKNOWN, SENSOR_UNKNOWN for unknown codes."""
         require_published(purposes, self._wallet.genesis.purposes)
         for code in sensors:
             require_sensor(code)
@@ -152,7 +146,6 @@ def _choice(purpose: str, sensor: str, steps: tuple[Step, ...], height: int, tim
 
 
 def choice_json(choice: Choice) -> dict[str, Any]:
-    """Return a choice by names, for a program."""
     last = choice.last
     return {
         "purpose": choice.purpose,

@@ -1,4 +1,4 @@
-"""What a person is told before anything is recorded, and what changed since: read, remembered, compared."""
+"""Privacy notices: read, remembered, compared with earlier versions."""
 
 from __future__ import annotations
 
@@ -30,10 +30,8 @@ from consensus.state.identity import MEMBER
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What a person is told now. `published` is None where nothing is published.
-
-    `before` is the version under which she consented last, if it is another one; `changes` what changed since then.
-    `height` is that of the block whose state proves that no later version had come.
+    """The current notice (`published` None: none). `before` is the differing version consented to, `changes` the
+    differences, `height` proves that none is newer.
     """
 
     organisation: str
@@ -44,38 +42,35 @@ class Told:
 
     @property
     def version(self) -> int:
-        """The version in force, 0 where there is none."""
+        """The version in force, 0 if none."""
         return 0 if self.published is None else self.published.row.version
 
     def askable(self, purposes: Sequence[str]) -> dict[str, list[str]]:
-        """Return of these purposes those to which she can agree, each with its sensors; all where nothing is published."""
         if self.published is None:
             return {code: sorted(SENSORS) for code in purposes}
         named = askable_pairs(self.published.notice)
         return {code: named[code] for code in purposes if code in named}
 
     def other_grounds(self) -> dict[str, str]:
-        """Return the purposes that rest on no consent, each with its ground of Art. 6."""
+        """Return purposes not based on consent, with their Art. 6 ground."""
         named = [] if self.published is None else self.published.notice.purposes
         return {purpose.code: purpose.lawful_basis for purpose in named if not purpose.rests_on_consent}
 
     def require_named(self, purposes: Sequence[str], sensors: Sequence[str]) -> None:
-        """Raise unless it names all these sensors for all these purposes, and asks: nobody can agree to anything else.
-
-        Where nothing is published she is told that, and may go on. Raises as `require_told`.
+        """Raise unless the notice asks consent for these purposes and sensors; passes without a notice. Raises as
+        `require_told`.
         """
         if self.published is not None:
             require_told(self.published, purposes, sensors)
 
     def lines(self) -> list[str]:
-        """Return it for people: the words, without what changed."""
         if self.published is None:
             return [text("notice.none_published", organisation=self.organisation)]
         head = text("notice.head", organisation=self.organisation, version=self.version)
         return [head, *(f"  {line}" for line in self.words(language_in_use()))]
 
     def words(self, language: str) -> list[str]:
-        """Return the words as they were published, with headings in a language; none where nothing is published."""
+        """Return the published text with localised headings, if any."""
         if self.published is None:
             return []
         labels = {key: str(label) for key, label in section("notice.line", language).items()}
@@ -83,7 +78,6 @@ class Told:
         return [*tell_notice(self.published.notice, labels), whose]
 
     def as_json(self) -> dict[str, Any]:
-        """Return it for a program."""
         row = None if self.published is None else self.published.row
         return {
             "organisation": self.organisation,
@@ -97,23 +91,19 @@ class Told:
 
 
 class Notices:
-    """What the organisations of one wallet's person tell her."""
+    """Notices of the owner's organisations."""
 
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
 
     async def for_card(self, code: str) -> Told:
-        """Return what the organisation that issued a card tells people, before anybody is registered.
-
-        Raises VOUCHER_INVALID, NOTICE_INVALID, PROOF_*.
-        """
+        """Return the card issuer's notice, before registration. Raises VOUCHER_INVALID, NOTICE_INVALID, PROOF_*."""
         organisation = await organisation_of_card(self._wallet.network, decode_card_code(code))
         return await self._read(organisation, registered=False)
 
     async def current(self) -> Told:
-        """Return what the person's organisation tells her now, and what changed since she consented.
-
-        Raises NOT_REGISTERED, NOTICE_INVALID, PROOF_*.
+        """Return the own organisation's notice and changes since consent. Raises NOT_REGISTERED, NOTICE_INVALID,
+        PROOF_*.
         """
         organisation = await self._organisation()
         told = await self._read(organisation, registered=True)
@@ -125,11 +115,11 @@ class Notices:
         return Told(organisation, told.published, told.height, before.row, tuple(changes))
 
     async def of_organisation(self, organisation: str) -> Told:
-        """Return what an organisation tells its people now, whoever reads it. Raises NOTICE_INVALID, PROOF_*."""
+        """Return an organisation's current notice. Raises NOTICE_INVALID, PROOF_*."""
         return await self._read(organisation, registered=True)
 
     async def changed_since_consent(self) -> NoticeRow | None:
-        """Return the version in force if it came after the one under which she consented; None otherwise."""
+        """Return the version in force if newer than the consented one, else None."""
         consented = self._wallet.store.content.notice_consented_version
         if not consented:
             return None
@@ -137,25 +127,20 @@ class Notices:
         return row if row is not None and row.version > consented else None
 
     async def due(self) -> Told | None:
-        """Return what she has to be told before she consents: a version that this wallet never showed; None if it did.
-
-        Where nothing was ever published there is nothing to show.
-        """
+        """Return the notice never shown by this wallet, or None."""
         told = await self.current()
         return told if self.is_new(told) else None
 
     def is_new(self, told: Told) -> bool:
-        """Tell whether this wallet never showed it."""
         return told.version > self._wallet.store.content.notice_shown_version
 
     def note_shown(self, told: Told) -> None:
-        """Remember that this was on her screen."""
         content = self._wallet.store.content
         content.notice_shown_version = max(content.notice_shown_version, told.version)
         self._wallet.store.save()
 
     def note_consented(self, told: Told) -> None:
-        """Remember that this was on her screen, and that she consented under it: what came later is new to her."""
+        """Record the notice as shown and consented to."""
         content = self._wallet.store.content
         content.notice_consented_version = max(content.notice_consented_version, told.version)
         self.note_shown(told)
@@ -175,7 +160,7 @@ class Notices:
         return Told(organisation, await self._version(organisation, row.version, registered=registered), height)
 
     async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeRow | None, int]:
-        """Return the version in force and the height as of which that is proved."""
+        """Return the version in force and its proof's height."""
         key = NOTICE.key(organisation)
         state = await self._values([key], registered=registered)
         return read_row(organisation, state.values[key]), state.height
@@ -188,7 +173,7 @@ class Notices:
         return found
 
     async def _values(self, keys: Sequence[bytes], *, registered: bool) -> ProvedState:
-        """Read in the member's session once there is one, in nobody's before."""
+        """Read in the member's session if registered, else in none."""
         network = self._wallet.network
         if registered:
             return await network.state_values(keys, self._wallet.keys.identity)

@@ -1,4 +1,4 @@
-"""Consent receipts to take along: those that the wallet keeps, and those that can still be had."""
+"""Consent receipts for export: kept ones and obtainable ones."""
 
 from __future__ import annotations
 
@@ -28,21 +28,17 @@ _Pair = tuple[CheckedReceipt, doc.ReceiptEntry]
 
 @dataclass(frozen=True, slots=True)
 class HeldReceipts:
-    """Checked receipts in the order of the chain, and what is missing."""
+    """Checked receipts in chain order, and what is missing."""
 
     pairs: tuple[_Pair, ...] = ()
     problems: tuple[doc.Problem, ...] = ()
 
     def document(self) -> doc.SignedReceipts | None:
-        """Return them as a bundle holds them: None where there is none."""
         return doc.SignedReceipts([entry for _, entry in self.pairs]) if self.pairs else None
 
 
 async def collect_receipts(wallet: Wallet, heard: Heard) -> HeldReceipts:
-    """Fetch what is due and what the ledger knows of besides, as `wallet consent receipts --search` does.
-
-    Nobody is asked who has no registration.
-    """
+    """Fetch pending receipts and others known to the ledger; none if unregistered."""
     member = wallet.keys.identity
     row = await proved_row(wallet.reading(member), MEMBER, member.public_key)
     if row is None:
@@ -54,8 +50,6 @@ async def collect_receipts(wallet: Wallet, heard: Heard) -> HeldReceipts:
 
 @dataclass
 class _Collecting:
-    """One collection, of the person with this row of the ledger."""
-
     wallet: Wallet
     row: MemberRow
     failures: dict[bytes, BlockRobotError] = field(default_factory=dict)
@@ -65,7 +59,6 @@ class _Collecting:
         self.problems.append(doc.Problem("", code, sentence))
 
     def _sound(self) -> tuple[dict[bytes, _Pair], list[BlockRobotError]]:
-        """Return the kept receipts that hold, by transaction, and why the others do not."""
         found: dict[bytes, _Pair] = {}
         refused = []
         chain = ProvedChain(self.wallet.genesis, ConsentReceipts(self.wallet).epochs())
@@ -83,7 +76,6 @@ class _Collecting:
         return found, refused
 
     async def fetch(self, heard: Heard) -> None:
-        """Ask for what is not kept, until too long in vain; each refusal is remembered."""
         kept, due = ConsentReceipts(self.wallet), list(self.wallet.store.content.receipts_due)
         known = self._sound()[0]
         wanted = [txid for txid in dict.fromkeys([*due, *await self._find_words(kept)]) if txid not in known]
@@ -110,7 +102,6 @@ class _Collecting:
             return []
 
     async def _obtain(self, kept: ConsentReceipts, txid: bytes, *, said_elsewhere: bool) -> BlockRobotError | None:
-        """Return why a receipt could not be had, or None if it is kept now."""
         try:
             await kept.obtain(txid, said_elsewhere=said_elsewhere)
         except BlockRobotError as error:
@@ -124,7 +115,6 @@ class _Collecting:
         return None
 
     def held(self) -> HeldReceipts:
-        """Return what there is now, the newest as far as a bundle takes them, and all problems."""
         found, refused = self._sound()
         for error in refused:
             self._note(

@@ -1,4 +1,4 @@
-"""The wallet's consent receipts: fetched from a node of one's own organisation, checked, signed, kept."""
+"""Consent receipts: fetched from own organisation's nodes, checked, countersigned, kept."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _MAY_COME = frozenset({"NOT_FOUND", "NODE_UNREACHABLE"})
 
 
 class SignedReceiptAnswer(Answer, frozen=True):
-    """What a node signed."""
+    """A node's signed receipt."""
 
     document: str
     key: str
@@ -45,7 +45,7 @@ class SignedReceiptAnswer(Answer, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Receipts:
-    """Receipts in the order of the chain, and why others that are due are not here (by transaction)."""
+    """Receipts in chain order, and errors of missing ones by transaction."""
 
     checked: tuple[CheckedReceipt, ...]
     entries: tuple[ReceiptEntry, ...]
@@ -53,19 +53,16 @@ class Receipts:
 
 
 class ConsentReceipts:
-    """The receipts of one wallet's person."""
+    """Consent receipts of the wallet's owner."""
 
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
 
     async def obtain(self, txid: bytes, *, said_elsewhere: bool = False) -> CheckedReceipt:
-        """Fetch, check, countersign and keep the receipt of one's own word; it is remembered as due until that worked.
+        """Fetch, check, countersign and keep a receipt; pending until done.
 
-        Its notice counts as the one that she consented under, but for a version that this wallet never showed; of a word
-        `said_elsewhere`, with another copy of the wallet, nobody here knows what was shown.
-
-        Raises CONSENT_RECEIPT_INVALID for one that is not what was said, CONSENT_RECEIPT_ELSEWHERE if no node of the
-        own organisation signs any, as `require_told` for a consent beyond the notice, and what nodes refuse with.
+        `said_elsewhere`: by another wallet copy. Raises CONSENT_RECEIPT_INVALID, CONSENT_RECEIPT_ELSEWHERE, as
+        `require_told`.
         """
         content = self._wallet.store.content
         if txid not in content.receipts_due:
@@ -96,7 +93,7 @@ class ConsentReceipts:
         return check_entry(ProvedChain(genesis, self.epochs()), genesis, entry, signed=signed)
 
     async def _require_own(self, checked: CheckedReceipt, txid: bytes) -> None:
-        """Raise CONSENT_RECEIPT_INVALID unless it is of this word of this person, by her own organisation."""
+        """Raises CONSENT_RECEIPT_INVALID."""
         word, member = checked.word, self._wallet.keys.identity
         if word.txid != txid or word.member != member.public_key:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another word, or of another person.")
@@ -125,11 +122,7 @@ class ConsentReceipts:
         )
 
     async def _ask(self, txid: bytes) -> SignedReceiptAnswer:
-        """Ask custodians in turn, and again while the word may not have reached them, for ten seconds at most.
-
-        Who does not answer in three is passed over: a custodian that keeps silent may not keep a no waiting. Raises the
-        last refusal.
-        """
+        """Ask custodians in turn, three seconds each, ten in all; raises the last refusal."""
         over_at = time.monotonic() + ASK_MAX_S
         failure = BlockRobotError("CONSENT_RECEIPT_ELSEWHERE", "No custodian of the network could be asked.")
         for left in reversed(range(ASK_PASSES_COUNT)):
@@ -164,13 +157,11 @@ class ConsentReceipts:
         return read_answer(content, SignedReceiptAnswer)
 
     def epochs(self) -> list[str]:
-        """Return the steps through the epochs that receipts are proved along."""
         return [encode(proof).hex() for proof in self._wallet.network.light_client.epochs]
 
     async def all(self, *, search: bool = False) -> Receipts:
-        """Return every receipt, checked anew; fetch those that are due, and with `search` all that the chain knows of.
-
-        Raises CONSENT_RECEIPT_INVALID if a kept one is damaged, NOT_REGISTERED.
+        """Return all receipts, rechecked; fetch pending ones, with `search` all on chain. Raises
+        CONSENT_RECEIPT_INVALID, NOT_REGISTERED.
         """
         await self._wallet.require_registered()
         content = self._wallet.store.content
@@ -203,10 +194,7 @@ class ConsentReceipts:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "A kept receipt was written by another version.") from None
 
     async def find_words(self) -> list[bytes]:
-        """Return the transactions in which this wallet's member key registered or spoke of her consent, oldest first.
-
-        Who registered without consenting said nothing of it: the node tells, and it is no longer due.
-        """
+        """Return this key's registration and consent transactions, oldest first."""
         member = self._wallet.keys.identity
         found: dict[bytes, int] = {}
         for contract, names in (("identity", ("registered",)), (CONSENT, ("given", "refused", "withdrawn"))):

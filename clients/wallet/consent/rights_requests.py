@@ -1,7 +1,5 @@
-"""A person's rights over what was recorded: restrict, object, correct, deny.
-
-What is about a visit is signed with that visit's owner key; only an objection to being recorded at all with her member
-key. Where one word goes to many visits, they are spoken to one by one, in an order and at moments that chance decides.
+"""Data subject rights: restrict, object, correct, deny. Visits are signed with their owner keys, one by one in random
+order and timing against linking; general objections with the member key.
 """
 
 from __future__ import annotations
@@ -40,20 +38,19 @@ Sleep = Callable[[float], Awaitable[None]]
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What of one visit is meant: these records, or (none) the whole visit."""
+    """Selected records of one visit; none means the whole visit."""
 
     visit: KnownVisit
     records: tuple[RecordEntry, ...] = ()
 
     @property
     def record_ids(self) -> list[bytes]:
-        """The ids, as the contract takes them."""
         return [entry.record_id for entry in self.records]
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A final word about one visit."""
+    """A final statement about one visit."""
 
     visit: KnownVisit
     record_ids: tuple[bytes, ...]
@@ -64,9 +61,8 @@ class Said:
 
 
 def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Sequence[str]) -> list[Chosen]:
-    """Return what is meant by record ids and by beginnings of visits' names (hexadecimal).
-
-    Raises RECORD_NOT_FOUND and VISIT_NOT_FOUND for what is not this person's, NAME_TOO_SHORT, NAME_AMBIGUOUS.
+    """Resolve record ids and visit name prefixes (hex). Raises RECORD_NOT_FOUND, VISIT_NOT_FOUND, NAME_TOO_SHORT,
+    NAME_AMBIGUOUS.
     """
     chosen = [Chosen(_find_visit(reports, start).visit) for start in visits]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
@@ -83,7 +79,7 @@ def _find_visit(reports: Sequence[VisitReport], start: str) -> VisitReport:
 
 
 class Rights:
-    """The rights of one wallet's person."""
+    """Rights of the wallet's owner."""
 
     def __init__(self, wallet: Wallet, *, sleep: Sleep = asyncio.sleep) -> None:
         self._wallet = wallet
@@ -97,23 +93,22 @@ class Rights:
         return Said(chosen.visit, named, receipt.txid, receipt.height, receipt.timestamp_ms, data)
 
     async def restrict(self, chosen: Chosen, ground: str) -> Said:
-        """Let nobody but her see records any more. Raises VALUE_INVALID, CALL_REFUSED with the contract's code."""
+        """Restrict records to the owner. Raises VALUE_INVALID, CALL_REFUSED."""
         if ground not in GROUNDS:
             raise refusal("VALUE_INVALID", "right_ground", given=ground, known=", ".join(GROUNDS))
         return await self._say(chosen, "restrict", [chosen.record_ids, ground], "restricted")
 
     async def lift(self, chosen: Chosen) -> Said:
-        """Lift a restriction. Raises CALL_REFUSED with the contract's code."""
+        """Lift a restriction. Raises CALL_REFUSED."""
         return await self._say(chosen, "lift", [chosen.record_ids], "lifted")
 
     async def deny(self, visit: KnownVisit) -> Said:
-        """Say that a visit shows somebody else. Raises CALL_REFUSED with the contract's code."""
+        """State that a visit shows somebody else. Raises CALL_REFUSED."""
         return await self._say(Chosen(visit), "wrong_person", [], "quarantined")
 
     async def correct(self, chosen: Chosen, kind: str, text: str) -> tuple[Said, Correction]:
-        """Append a correction; its text stays in this wallet. Raises VALUE_INVALID, CALL_REFUSED.
-
-        It is kept before it is said: if the chain took it and the answer was lost, text and salt are still there.
+        """Append a correction; text and salt are saved in the wallet before sending. Raises VALUE_INVALID,
+        CALL_REFUSED.
         """
         if kind not in CORRECTIONS:
             raise refusal("VALUE_INVALID", "right_correction", given=kind, known=", ".join(CORRECTIONS))
@@ -139,9 +134,8 @@ class Rights:
             raise
 
     async def object_to_recording(self, purposes: list[str], represented: bytes | None = None) -> int:
-        """Object to being recorded for purposes; return the height from which it counts. Raises VALUE_INVALID.
-
-        `represented` is the handle of somebody for whom she acts by a mandate.
+        """Object to recording; return the effective height. `represented` is a represented person's handle. Raises
+        VALUE_INVALID.
         """
         self._check(purposes)
         await self._wallet.require_registered()
@@ -152,9 +146,8 @@ class Rights:
         return height
 
     async def object_to_release(self, purposes: list[str], *, at_once: bool, tell: Tell) -> list[Said]:
-        """Object, visit by visit, to any release for purposes; visits that said so, or were denied, are passed over.
-
-        Between two visits lies up to four seconds, unless `at_once`: close together, they could be told to be one's.
+        """Object to release per visit, skipping done or denied ones. Random pauses up to four seconds prevent linking,
+        unless `at_once`.
         """
         self._check(purposes)
         visits = [visit for visit in await self._wallet.scan() if await self._is_to_be_told(visit, purposes)]
@@ -170,10 +163,7 @@ class Rights:
     async def say_each(
         self, chosen: Sequence[Chosen], say: Callable[[Chosen], Awaitable[Said]], *, at_once: bool, tell: Tell
     ) -> tuple[list[Said], BlockRobotError | None]:
-        """Say something of one visit, or of several as `object_to_release` does; the first refusal ends it.
-
-        Returns what is said, and that refusal: what is final already stays so.
-        """
+        """Apply `say` to each visit, paced as `object_to_release`, until a refusal. Returns results and that refusal."""
         order = list(chosen)
         secrets.SystemRandom().shuffle(order)
         said: list[Said] = []
@@ -202,12 +192,12 @@ class Rights:
 
 
 def write_correction(correction: Correction) -> bytes:
-    """Return a correction as JSON, for who is to act on it: with it anybody can check the commitment on the chain."""
+    """Return a correction as JSON, to verify its commitment on chain."""
     return msgspec.json.format(msgspec.json.encode(correction), indent=2) + b"\n"
 
 
 def read_correction(data: bytes) -> Correction:
-    """Read a correction that was handed on. Raises FILE_UNUSABLE."""
+    """Read a forwarded correction. Raises FILE_UNUSABLE."""
     try:
         correction = read_json_as(data, Correction)
         commit_correction(correction)
@@ -217,10 +207,7 @@ def read_correction(data: bytes) -> Correction:
 
 
 def describe_event(kind: str, data: dict[str, Any], language: str | None = None) -> str:
-    """Return what an entry of the audit says beyond its kind, in a few words; empty if that is all.
-
-    `language`: the one in use, if none is named. What a program gets is the English one.
-    """
+    """Return an audit entry's details in words, or empty. `language` None: the current one."""
     key = f"audit.said.{kind}"
     if key not in load(DEFAULT_LANGUAGE) or (kind == "access_requested" and "grant" not in data):
         return ""
@@ -230,7 +217,6 @@ def describe_event(kind: str, data: dict[str, Any], language: str | None = None)
 
 
 def _values_of(kind: str, data: dict[str, Any], language: str | None) -> dict[str, object]:
-    """Return what is put into the words for an entry."""
     values: dict[str, object] = dict(data)
     for name in ("ground", "purpose", "reason", "risk", "recipient", "outcome"):
         if name in data:

@@ -1,7 +1,5 @@
-"""Collects what a network holds of a person, with the proofs.
-
-First it looks what there is; pictures are asked for only afterwards, on the chain, as whenever somebody looks. Proofs are
-read last, so that they tell of the export too, and of what was erased meanwhile.
+"""Collect a person's data with proofs. Pictures are requested on chain only after planning; proofs are read last, to
+cover the export and concurrent erasures.
 """
 
 from __future__ import annotations
@@ -42,7 +40,7 @@ __all__ = ["Exporting", "Plan", "Wanted"]
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What somebody wants to take along. No `records`: all; 0 is no bound in time (ms, the robots' clocks)."""
+    """Export selection. Empty `records`: all; times in robot-clock ms, 0 unbounded."""
 
     records: tuple[bytes, ...] = ()
     from_ms: int = 0
@@ -53,18 +51,17 @@ class Wanted:
 
     @property
     def is_everything(self) -> bool:
-        """Whether nothing was chosen: whole visits go along, with all that happened to them."""
+        """Whether nothing was chosen; includes whole visits."""
         return not (self.records or self.from_ms or self.until_ms)
 
     def selection(self) -> doc.Selection:
-        """Return it as the manifest tells it."""
         ids = [record_id.hex() for record_id in self.records]
         return doc.Selection(ids, self.from_ms, self.until_ms, self.pictures, self.identity, self.purpose)
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenVisit:
-    """A visit that goes along: its records that can be opened, and the ids of all that are chosen (None: whole)."""
+    """An exported visit: readable records, and ids of all chosen (None: whole)."""
 
     visit: KnownVisit
     entries: tuple[RecordEntry, ...]
@@ -74,35 +71,32 @@ class ChosenVisit:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What would go along, before anything is asked for."""
+    """What would be exported, before any request."""
 
     wanted: Wanted
     visits: tuple[ChosenVisit, ...]
 
     @property
     def record_count(self) -> int:
-        """How many records can be opened."""
         return sum(len(chosen.entries) for chosen in self.visits)
 
 
 @dataclass
 class _Held:
-    """Committed frames and empty rooms in memory: the pictures never touch a disk but in the bundle."""
+    """Frames and empty frames in memory: pictures reach disk only in the bundle."""
 
     frames: dict[tuple[bytes, int], bytes] = field(default_factory=dict)
     rooms: dict[bytes, bytes | None] = field(default_factory=dict)
     size: int = 0
 
     def committed(self, name: str, record_id: bytes, index: int) -> bytes:  # noqa: ARG002
-        """Return the committed bytes of a record's frame."""
         return self.frames[record_id, index]
 
     def background(self, digest: bytes) -> bytes | None:
-        """Return the recorded empty frame of this hash, or None if it could not be had."""
         return self.rooms.get(digest)
 
     def add(self, content: bytes) -> bytes:
-        """Count what is held. Raises EXPORT_TOO_LARGE."""
+        """Account for memory. Raises EXPORT_TOO_LARGE."""
         self.size += len(content)
         if self.size > HELD_MAX_BYTES:
             raise refusal("EXPORT_TOO_LARGE", "export_too_large")
@@ -121,7 +115,7 @@ class Exporting:
         sleep: Sleep = asyncio.sleep,
         at_once: bool = False,
     ) -> None:
-        """`at_once` leaves out the pauses between visits: who reads the ledger can tell then that they are one's."""
+        """`at_once` skips pauses between visits, which lets ledger readers link them."""
         self._wallet = wallet
         self._sleep = sleep
         self._at_once = at_once
@@ -132,10 +126,7 @@ class Exporting:
         self._problems: list[doc.Problem] = []
 
     async def plan(self, wanted: Wanted) -> Plan:
-        """Look what there is of what is wanted; nothing is asked for, nobody is told.
-
-        Raises RECORD_NOT_FOUND for a record that is not this person's, or if nothing is left to take along.
-        """
+        """Plan an export without requests. Raises RECORD_NOT_FOUND, also if nothing is left."""
         reports = await self._wallet.records()
         known = {record_id for report in reports for record_id in _all_ids(report)}
         for record_id in wanted.records:
@@ -148,9 +139,8 @@ class Exporting:
         return Plan(wanted, visits)
 
     async def collect(self, plan: Plan, now_ms: int) -> Contents:
-        """Ask for the pictures, read the proofs, and return what makes a bundle, stated to be made at `now_ms`.
-
-        What cannot be had is named among the problems. Raises EXPORT_TOO_LARGE, and what reading proofs raises.
+        """Request pictures, read proofs, return contents dated `now_ms`; failures become problems. Raises
+        EXPORT_TOO_LARGE and proof errors.
         """
         for chosen in plan.visits:
             for record_id in chosen.unreadable_ids:
@@ -213,7 +203,7 @@ class Exporting:
     # Pictures
 
     async def _fetch_pictures(self, plan: Plan) -> None:
-        """Ask visit by visit, in an order and after pauses that chance decides: side by side they would tell too much."""
+        """Request visits in random order with pauses, against linking."""
         done = 0
         visits = [chosen for chosen in plan.visits if chosen.entries]
         secrets.SystemRandom().shuffle(visits)
@@ -228,7 +218,6 @@ class Exporting:
                     self._heard("records fetched", done, plan.record_count)
 
     async def _request(self, entries: list[RecordEntry], purpose: str) -> list[tuple[RecordEntry, bytes]]:
-        """Ask on the chain for all at once; if that is refused, one by one, so that one does not keep back the others."""
         try:
             access_id = await self._viewing.request_access(entries, purpose)
         except BlockRobotError as error:
@@ -278,7 +267,6 @@ class Exporting:
     def _open(
         self, entry: RecordEntry, values: dict[bytes, Any], sealing: tuple[bytes, ...]
     ) -> doc.RecordOpening | None:
-        """Return what opens a record, as the ledger has it now; nothing of one that was erased meanwhile."""
         state = RECORD.convert(values[RECORD.key(entry.record_id)])
         if QUARANTINE.among(values, entry.visit.owner) is not None:
             self._note(entry.record_id, "NOT_PERMITTED", "The visit is quarantined: it may show somebody else.")
@@ -299,7 +287,6 @@ class Exporting:
         return doc.RecordOpening(entry.record_id.hex(), encode(entry.metadata).hex(), box_key.hex(), leaves, salts)
 
     def _open_corrections(self, owner: bytes, values: dict[bytes, Any]) -> list[doc.CorrectionOpening]:
-        """Return what the person said in corrections of a visit, as far as this wallet kept it."""
         said = {commit_correction(each): each for each in self._wallet.store.content.corrections}
         rows = []
         for number in range(CORRECTION_COUNT.among(values, owner) or 0):
@@ -333,7 +320,6 @@ def _all_ids(report: VisitReport) -> list[bytes]:
 
 
 def _choose(report: VisitReport, wanted: Wanted) -> ChosenVisit | None:
-    """Return what of a visit is wanted, or None. What cannot be opened has no times but those of its visit."""
     if wanted.is_everything:
         return ChosenVisit(report.visit, report.records, None, report.unreadable_ids)
     opened = {entry.record_id: (entry.metadata.started_at_ms, entry.metadata.ended_at_ms) for entry in report.records}

@@ -1,7 +1,4 @@
-"""Reads proofs of a visit and of a person so that they can be handed on.
-
-Each visit is read in the session of its own owner key; what concerns the person in that of the member key.
-"""
+"""Collect transferable proofs, each visit in its owner key's session, the person in the member key's."""
 
 from __future__ import annotations
 
@@ -40,7 +37,7 @@ Signed = Sequence[tuple[CheckedReceipt, doc.ReceiptEntry]]
 
 @dataclass
 class StateCollector:
-    """Proofs of one session, and the values that they prove."""
+    """Proofs of one session, and their values."""
 
     wallet: Wallet
     key: PrivateKey
@@ -48,7 +45,7 @@ class StateCollector:
     _found: dict[bytes, tuple[bytes, doc.KeyProof]] = field(default_factory=dict)
 
     async def read(self, keys: Sequence[bytes]) -> None:
-        """Read keys that were not read before, in as many questions as it takes."""
+        """Read new keys, in batches."""
         fresh = [key for key in dict.fromkeys(keys) if key not in self.values]
         for start in range(0, len(fresh), PROOF_KEYS_MAX_COUNT):
             part = fresh[start : start + PROOF_KEYS_MAX_COUNT]
@@ -62,12 +59,10 @@ class StateCollector:
             self.values.update(state.values)
 
     def leave_out(self, key: bytes) -> None:
-        """Do not hand on the proof of a key that was read."""
         del self._found[key]
         del self.values[key]
 
     def document(self) -> doc.StateProofs:
-        """Return the proofs, by block and by key."""
         by_block: dict[bytes, list[doc.KeyProof]] = {}
         for _, (finality, proof) in sorted(self._found.items()):
             by_block.setdefault(finality, []).append(proof)
@@ -81,14 +76,13 @@ def _height_of(finality: bytes) -> int:
 
 @dataclass(frozen=True, slots=True)
 class VisitProofs:
-    """What proves a visit, and the values."""
+    """A visit's proofs and values."""
 
     document: doc.StateProofs
     values: dict[bytes, Any]
 
 
 async def collect_visit(wallet: Wallet, visit: KnownVisit, chosen: frozenset[bytes] | None) -> VisitProofs:
-    """Read everything that the ledger holds of a visit, or (`chosen`) of some of its records and of the visit itself."""
     collector = StateCollector(wallet, wallet.owner_key(visit))
     await collector.read(visit_check.trail_keys(visit.owner))
     count = COUNT.among(collector.values, visit.owner) or 0
@@ -108,7 +102,7 @@ async def collect_visit(wallet: Wallet, visit: KnownVisit, chosen: frozenset[byt
 
 @dataclass(frozen=True, slots=True)
 class PersonProofs:
-    """What proves who the person is and what she said; `sealing` are the keys that robots sealed to, as `keys` prove."""
+    """Proofs of identity and statements; `sealing` are keys robots sealed to, proved by `keys`."""
 
     state: doc.StateProofs | None
     receipts: tuple[doc.ReceiptProof, ...]
@@ -118,7 +112,7 @@ class PersonProofs:
 
 
 async def collect_person(wallet: Wallet, signed: Signed = ()) -> PersonProofs:
-    """Read the person's registration, her choices, and the receipts of what she said. Raises NOT_REGISTERED."""
+    """Read registration, choices and receipts. Raises NOT_REGISTERED."""
     await wallet.require_registered()
     member = wallet.keys.identity
     collector = StateCollector(wallet, member)
@@ -136,7 +130,6 @@ async def collect_person(wallet: Wallet, signed: Signed = ()) -> PersonProofs:
 
 
 async def _collect_keys(wallet: Wallet, present: bytes) -> tuple[list[bytes], doc.KeyHistory | None, list[doc.Problem]]:
-    """Find how the person came to her keys, and fetch what proves it; what is too old for every node is left out."""
     member = wallet.keys.identity
     steps: list[doc.KeyChange] = []
     sealing: list[bytes] = []
@@ -157,7 +150,6 @@ async def _collect_keys(wallet: Wallet, present: bytes) -> tuple[list[bytes], do
 async def _key_change(
     wallet: Wallet, member: PrivateKey, txid: bytes, kept: Mapping[bytes, KeptProof]
 ) -> doc.KeyChange:
-    """Return a step of a person's keys with its proof: the kept one, or what a node proves."""
     if txid in kept:
         return doc.KeyChange(kept[txid].transaction, kept[txid].proof)
     receipt = await wallet.network.wait_final(txid, lane=member.public_key)
@@ -172,7 +164,6 @@ def _transaction_of(step: doc.KeyChange | KeptProof) -> Transaction:
 
 
 def _event_of_step(kept: tuple[bytes, KeptProof]) -> tuple[bytes, str, dict[str, Any]]:
-    """Return what the event of a kept step says, whose block nodes may have dropped."""
     step = read_step(_transaction_of(kept[1]))
     if not step.before:
         return kept[0], REGISTERED, {"member": step.member}
@@ -180,7 +171,6 @@ def _event_of_step(kept: tuple[bytes, KeptProof]) -> tuple[bytes, str, dict[str,
 
 
 async def _kept_of(wallet: Wallet, contract: str) -> dict[bytes, KeptProof]:
-    """Return the wallet's own proofs, checked beside the event loop, of calls of a contract."""
     epochs, proofs = list(wallet.network.light_client.epochs), dict(wallet.store.content.proofs)
 
     def check() -> dict[bytes, KeptProof]:
@@ -206,11 +196,7 @@ async def _identity_events(wallet: Wallet, member: PrivateKey) -> list[tuple[byt
 async def _collect_words(
     wallet: Wallet, member: PrivateKey, signed: Signed
 ) -> tuple[list[doc.ReceiptProof], list[doc.Problem]]:
-    """Find what the member said on consent among what all said, and fetch the proof of each word.
-
-    Words with a signed receipt are proved as that proves them, others as the wallet kept their proof: a node may have
-    forgotten them, or know only what was said by her present key.
-    """
+    """Find the member's consent statements, with proofs: of the signed receipt, else kept, else fetched."""
     words: dict[bytes, int] = {}
     place: Place | None = None
     problems: list[doc.Problem] = []

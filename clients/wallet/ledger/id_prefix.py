@@ -1,7 +1,4 @@
-"""Finds the one thing that the beginning of an id means: a record, a visit, a grant, a breach, a proposal, a mandate.
-
-Each thing that is not found has its own code, so that the next step names the list.
-"""
+"""Resolve id prefixes of records, visits, grants, breaches, proposals and mandates."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from clients.wallet.present.translations import refusal
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """What is named: its word in the catalogue, the code where there is none, and how many characters it takes at least."""
+    """Kind of thing: catalogue word, not-found code, minimum prefix length."""
 
     one: str
     missing_code: str
@@ -29,9 +26,8 @@ MANDATE = Thing("mandate", "MANDATE_NOT_FOUND")
 
 
 def find_named(thing: Thing, ids: Sequence[str], start: str) -> int:
-    """Return the place of the one id (hexadecimal) that begins so.
-
-    Raises NAME_TOO_SHORT, NAME_AMBIGUOUS, or the thing's own code if there is none.
+    """Return the index of the id (hex) with this prefix. Raises NAME_TOO_SHORT, NAME_AMBIGUOUS, or the thing's own
+    code.
     """
     if len(start) < thing.min_chars:
         raise refusal("NAME_TOO_SHORT", f"short.{thing.one}", count=thing.min_chars, start=start, given=len(start))

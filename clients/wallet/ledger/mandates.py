@@ -1,7 +1,5 @@
-"""Mandates as officers, representatives and the represented see and use them.
-
-Two officers give one, the representative accepts it, and any of those concerned ends it. All of it is read with proofs;
-every step is signed with the own member key.
+"""Mandates: proposed by one officer, approved by a second, accepted by the representative, ended by anyone concerned.
+Reads are proven; steps are signed with the member key.
 """
 
 from __future__ import annotations
@@ -29,10 +27,8 @@ OPEN = frozenset({PROPOSED, APPROVED, ACTIVE, RESTING})
 
 @dataclass(frozen=True, slots=True)
 class Mandate:
-    """A mandate or a proposal of one, proven. `state` is the contract's row.
-
-    `status` is what it stands at: proposed, approved, active, ended, lapsed because it is over, though nobody ended it, or
-    resting while somebody acts for the representative.
+    """A proven mandate. `status`: proposed, approved, active, ended, lapsed (expired), or resting (the representative
+    is represented).
     """
 
     mandate_id: bytes
@@ -41,12 +37,11 @@ class Mandate:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is in force, or may still come into force."""
         return self.status in OPEN
 
 
 class Mandates:
-    """The mandates of a network, as one wallet sees them."""
+    """A network's mandates, as one wallet sees them."""
 
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
@@ -56,7 +51,7 @@ class Mandates:
     # Looking
 
     async def read_all(self) -> list[Mandate]:
-        """Return all mandates in the order in which they were proposed. Raises NOT_REGISTERED."""
+        """Return all mandates as proposed. Raises NOT_REGISTERED."""
         return await self._mandates(await self._all_ids())
 
     async def _all_ids(self) -> list[bytes]:
@@ -82,11 +77,9 @@ class Mandates:
         return await put_query(self._read, lambda state: schema.standing(state, row, now_ms))
 
     async def read_own(self) -> list[Mandate]:
-        """Return those by which this wallet's person is represented, or represents somebody."""
         return await self._mandates(await self._own_ids())
 
     async def over_own(self) -> bytes | None:
-        """Return the id of the mandate by which somebody acts for this wallet's person, or may come to."""
         mandate_id = await self._of(self._wallet.store.content.handle)
         found = await self._mandates([] if mandate_id is None else [mandate_id])
         return next((mandate.mandate_id for mandate in found if mandate.is_open), None)
@@ -95,20 +88,20 @@ class Mandates:
         return await proved_row(self._read, OF, handle)
 
     async def find(self, start: str, *, own: bool = False) -> Mandate:
-        """Return the mandate whose id (hexadecimal) begins so. Raises MANDATE_NOT_FOUND, NAME_TOO_SHORT and the like."""
+        """Find by id prefix (hex). Raises MANDATE_NOT_FOUND, NAME_TOO_SHORT etc."""
         known = await (self._own_ids() if own else self._all_ids())
         (found,) = await self._mandates([known[find_named(MANDATE, [one.hex() for one in known], start)]])
         return found
 
     async def trail(self, mandate: Mandate) -> list[ActRow]:
-        """Return everything that was done under a mandate, in order; its length is proven, so nothing is left out."""
+        """Return all acts under a mandate in order; proven complete."""
         count = await proved_row(self._read, ACT_COUNT, mandate.mandate_id) or 0
         keys = [ACT.key(mandate.mandate_id, number) for number in range(count)]
         found = await self._read(keys)
         return [ACT.convert(found[key]) for key in keys]
 
     async def read_handle(self, wanted: str) -> bytes:
-        """Return the handle that is meant, whole or in short. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND."""
+        """Return the full handle. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND."""
         await self._wallet.require_registered()
         if is_short(wanted):
             found = await put_query(self._read, partial(handle_from, start=decode_short(wanted)))
@@ -124,14 +117,14 @@ class Mandates:
         return handle
 
     async def organisation_of(self, handle: bytes) -> str:
-        """Return the organisation that registered a person. Raises HANDLE_NOT_FOUND."""
+        """Return the registering organisation. Raises HANDLE_NOT_FOUND."""
         member = await put_query(self._read, lambda state: member_with(state, handle))
         if member is None:
             raise BlockRobotError("HANDLE_NOT_FOUND")
         return member.org
 
     async def acting_for(self, handle: bytes) -> Mandate:
-        """Return the mandate by which this wallet's person acts for another now. Raises MANDATE_MISSING."""
+        """Return the active mandate. Raises MANDATE_MISSING."""
         mandate_id = await self._of(handle)
         for mandate in await self._mandates([] if mandate_id is None else [mandate_id]):
             if mandate.state.representative == self._wallet.store.content.handle and mandate.status == ACTIVE:
@@ -143,22 +136,19 @@ class Mandates:
     async def propose(
         self, handle: bytes, representative: bytes, papers: bytes, acts: Sequence[str], until_ms: int
     ) -> bytes:
-        """Propose that one member acts for another; return the id. Raises CALL_REFUSED with the contract's code."""
+        """Propose a mandate; return its id. Raises CALL_REFUSED."""
         return (await self._call("propose", [handle, representative, papers, list(acts), until_ms])).txid
 
     async def approve(self, mandate: Mandate) -> None:
-        """Agree as the second officer. Raises CALL_REFUSED with the contract's code."""
+        """Approve as second officer. Raises CALL_REFUSED."""
         await self._call("approve", [mandate.mandate_id])
 
     async def accept(self, mandate: Mandate) -> None:
-        """Take it on as the representative. Raises CALL_REFUSED with the contract's code."""
+        """Accept as representative. Raises CALL_REFUSED."""
         await self._call("accept", [mandate.mandate_id])
 
     async def end(self, mandate: Mandate) -> None:
-        """End it; one of others, which only its officers and its two persons end, is closed if it holds no more.
-
-        Raises CALL_REFUSED with the contract's code.
-        """
+        """End a mandate; others may close lapsed ones. Raises CALL_REFUSED."""
         content = self._wallet.store.content
         entitled = content.handle in (mandate.state.handle, mandate.state.representative)
         if not entitled and content.role == "officer":

@@ -8,10 +8,7 @@ from clients.wallet.present.linking_notice import tell_linked
 
 
 async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
-    """Return the named records; if none is named all, but for visits that she denied.
-
-    Raises NOT_FOUND for one that is not this person's.
-    """
+    """Return named records, or all except denied visits'. Raises NOT_FOUND."""
     reports = await opened.records()
     reports = [report for report in reports if record_ids or not report.standing.breach_id]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
@@ -21,7 +18,7 @@ async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[Re
 
 
 def tell_visits_linked(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
-    """Say what acting on these records of several visits gives away; return them."""
+    """Warn that acting on several visits links them; return the records."""
     if not as_json:
         tell_linked(len({entry.visit.owner for entry in entries}))
     return entries

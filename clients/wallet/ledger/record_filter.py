@@ -1,4 +1,4 @@
-"""Which of one's records are meant: by day, time, robot, sensor; a page at a time."""
+"""Filter records by day, time, robot, sensor; in pages."""
 
 from __future__ import annotations
 
@@ -21,10 +21,7 @@ _TIMES = re.compile(r"(\d{1,2}):(\d\d)-(\d{1,2}):(\d\d)")
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """What is asked for. Days and minutes of the day are those of this machine's time zone; empty means all.
-
-    `minutes` is from the first on and up to the second, over midnight if the second is smaller.
-    """
+    """A filter in local time; empty means all. `minutes` is half-open and may pass midnight."""
 
     days: tuple[datetime.date, datetime.date] | None = None
     minutes: tuple[int, int] | None = None
@@ -33,11 +30,9 @@ class Filter:
 
     @property
     def narrows(self) -> bool:
-        """Whether anything is left out."""
         return bool(self.days or self.minutes or self.robots or self.sensors)
 
     def takes(self, entry: RecordEntry) -> bool:
-        """Tell whether a record is asked for, by when it began."""
         began = local_time(entry.metadata.started_at_ms)
         if self.days is not None and not self.days[0] <= began.date() <= self.days[1]:
             return False
@@ -52,7 +47,7 @@ class Filter:
 
 
 def read_days(written: str | None, today: datetime.date) -> tuple[datetime.date, datetime.date] | None:
-    """Return the first and the last day of `today`, `yesterday`, `2027-01-31` or `2027-01-01..2027-01-31`."""
+    """Parse `today`, `yesterday`, `2027-01-31` or `2027-01-01..2027-01-31`."""
     if written is None:
         return None
 
@@ -71,7 +66,7 @@ def read_days(written: str | None, today: datetime.date) -> tuple[datetime.date,
 
 
 def read_minutes(written: str | None) -> tuple[int, int] | None:
-    """Return the minutes of the day of `morning` and the like, or of `09:00-12:30`."""
+    """Parse `morning` etc. or `09:00-12:30` as minutes of day."""
     if written is None:
         return None
     if written in PARTS_OF_DAY:
@@ -89,7 +84,7 @@ def read_minutes(written: str | None) -> tuple[int, int] | None:
 def read_filter(
     day: str | None, time_of_day: str | None, robots: Sequence[str], sensors: Sequence[str], today: datetime.date
 ) -> Filter:
-    """Return what a command line asks for. Raises UsageError, SENSOR_UNKNOWN."""
+    """Build a filter. Raises UsageError, SENSOR_UNKNOWN."""
     for sensor in sensors:
         if sensor != NOTICE_SENSOR:
             require_sensor(sensor)
@@ -99,7 +94,7 @@ def read_filter(
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A visit with its number among all, and those of its records that are shown."""
+    """A visit with its overall number and shown records."""
 
     number: int
     report: VisitReport
@@ -108,7 +103,7 @@ class Shown:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """One page of what was found: of `matching_count` records out of `records_count`."""
+    """One page of matching records."""
 
     visits: tuple[Shown, ...]
     number: int
@@ -118,15 +113,11 @@ class Page:
 
     @property
     def shown_count(self) -> int:
-        """How many records this page shows."""
         return sum(len(each.records) for each in self.visits)
 
 
 def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_page: int = 0) -> Page:
-    """Return one page of the records that are asked for (all if `per_page` is 0), by visit.
-
-    A visit of which something is missing or does not open is always shown, and without a filter one without records too.
-    """
+    """Return one page (`per_page` 0: all), by visit; visits with missing or unreadable records are always shown."""
     rows: list[tuple[int, RecordEntry | None]] = []
     for place, report in enumerate(reports):
         taken = [entry for entry in report.records if wanted.takes(entry)]

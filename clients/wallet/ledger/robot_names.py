@@ -1,4 +1,4 @@
-"""Robots by name: what their organisation calls them on the chain, proven."""
+"""Robots' proven names, given by their organisation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RobotNames = Mapping[bytes, RobotName]
 
 
 async def read_robot_names(wallet: Wallet, visits: Iterable[KnownVisit]) -> dict[bytes, RobotName]:
-    """Return the names of the robots that opened these visits; nothing of those that have none."""
+    """Return robots' names, without unnamed ones."""
     found = {}
     # Each robot in the session of a visit of its own: asked together, a node would learn that one person met them all.
     for robot, visit in {visit.robot: visit for visit in visits}.items():
@@ -26,7 +26,7 @@ async def read_robot_names(wallet: Wallet, visits: Iterable[KnownVisit]) -> dict
 
 
 def tell_robot(robot: bytes, names: RobotNames) -> str:
-    """Return a robot's name and place with the beginning of its key, or that alone."""
+    """Return name, place and key prefix, or only the prefix."""
     key, named = robot.hex()[:KEY_SHOWN_CHARS], names.get(robot)
     if named is None:
         return key

@@ -1,4 +1,4 @@
-"""Puts together what happened to a person's records, from the chain."""
+"""Audit trails of a person's records, from the chain."""
 
 from __future__ import annotations
 
@@ -20,33 +20,21 @@ _PAGE_COUNT = 100
 
 
 class VisitReader(Protocol):
-    """What an audit needs of a wallet.
-
-    `trails` keeps, by visit, the entries that were read before, for a wallet that stays open: what is final never
-    changes, so only what is new is asked for. None keeps nothing.
-    """
+    """What an audit needs of a wallet. `trails` caches final entries by visit; None disables it."""
 
     @property
-    def trails(self) -> dict[bytes, list[AuditEntry]] | None:
-        """The entries that were read before, by visit."""
-        ...
+    def trails(self) -> dict[bytes, list[AuditEntry]] | None: ...
 
-    def owner_key(self, visit: KnownVisit) -> PrivateKey:
-        """Derive the private key of one visit."""
-        ...
+    def owner_key(self, visit: KnownVisit) -> PrivateKey: ...
 
-    async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
-        """Return proved values of flat keys, in the session of one key; None for what is absent."""
-        ...
+    async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]: ...
 
-    async def scan(self) -> list[KnownVisit]:
-        """Return all visits that are this person's."""
-        ...
+    async def scan(self) -> list[KnownVisit]: ...
 
 
 @dataclass(frozen=True, slots=True)
 class AuditEntry:
-    """One event of one visit, proven. `time_ms` is the block's timestamp; `data` depends on the kind."""
+    """A visit's proven event. `time_ms` is the block's; `data` depends on kind."""
 
     owner: bytes
     index: int
@@ -58,14 +46,13 @@ class AuditEntry:
 
 
 def findings_of(entry: AuditEntry) -> list[Finding]:
-    """Return what a verdict in the trail says of each record; nothing of another entry."""
+    """Return a verdict's findings per record; none for other entries."""
     if entry.kind != VERDICT_KIND:
         return []
     return [(record_id, verdict, list(frames)) for record_id, verdict, frames in entry.data["findings"]]
 
 
 def records_of(entry: AuditEntry) -> list[bytes]:
-    """Return the records that an entry names."""
     named = entry.data.get("records")
     if isinstance(named, list):
         return named
@@ -73,10 +60,7 @@ def records_of(entry: AuditEntry) -> list[bytes]:
 
 
 async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None = None) -> list[AuditEntry]:
-    """Return all events of a visit in order. The count and each entry are proven, so none can be left out.
-
-    `count` is a proven count, from who has asked for it among other things; without one it is asked for.
-    """
+    """Return all events in order, proven complete. `count` is an already proven length."""
     key = wallet.owner_key(visit)
     if count is None:
         count = COUNT.among(await wallet.values([COUNT.key(visit.owner)], key), visit.owner) or 0
@@ -93,7 +77,7 @@ async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None 
 
 
 async def audit_all(wallet: VisitReader) -> list[AuditEntry]:
-    """Return the events of all visits, in the order of the chain."""
+    """Return all visits' events in chain order."""
     entries = []
     for visit in await wallet.scan():
         entries.extend(await audit_visit(wallet, visit))

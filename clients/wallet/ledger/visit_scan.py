@@ -1,7 +1,4 @@
-"""Finds a person's visits on the chain, with her view key, without telling anyone which they are.
-
-Every wallet reads every announcement, so a node learns nothing from the reading.
-"""
+"""Find own visits with the view key. Wallets read every announcement, so nodes learn nothing."""
 
 from __future__ import annotations
 
@@ -18,10 +15,7 @@ from consensus.records.owner_keys import derive_owner_key, scan_announcement
 def find_own_visits(
     announcements: Sequence[Announcement], keys: WalletKeys, chain_id: bytes, era: int = 0
 ) -> list[KnownVisit]:
-    """Return the visits among `announcements` that belong to these keys. The view tag spares most of the work.
-
-    `era` says in the result which of the wallet's words the keys are of.
-    """
+    """Return own visits, prefiltered by view tag. `era` is the mnemonic's index."""
     found = []
     for item in announcements:
         owner = scan_announcement(
@@ -45,10 +39,8 @@ def find_own_visits(
 def follow_announcements(
     visits: list[KnownVisit], announcements: Sequence[Announcement], eras: Sequence[WalletKeys], chain_id: bytes
 ) -> None:
-    """Take announcements, in their order, into the list of a wallet's visits. Doing it again changes nothing.
-
-    A visit that was transferred keeps its place under its new key; one whose new key none of `eras` (all keys that the
-    wallet ever had, oldest first) leads to is marked as taken.
+    """Merge ordered announcements into `visits`; idempotent. Transferred visits stay in place; those leading to no key
+    of `eras` (oldest first) become taken.
     """
     own = {
         found.current or found.owner: found
@@ -71,10 +63,10 @@ def follow_announcements(
 
 
 def owner_key(visit: KnownVisit, keys: WalletKeys, chain_id: bytes) -> PrivateKey:
-    """Derive the visit's private owner key o. It is never stored and never leaves this process."""
+    """Derive the visit's private owner key; it is not stored."""
     return derive_owner_key(keys.spend, keys.view, visit.ephemeral, chain_id=chain_id, robot=visit.robot)
 
 
 def find_record(known: list[str], wanted: str) -> str:
-    """Return the one record whose id begins so. Raises RECORD_NOT_FOUND, NAME_AMBIGUOUS, NAME_TOO_SHORT."""
+    """Return a record by prefix. Raises RECORD_NOT_FOUND, NAME_AMBIGUOUS, NAME_TOO_SHORT."""
     return known[find_named(RECORD, known, wanted)]

@@ -1,7 +1,4 @@
-"""What stands of a visit by words: its owner's, and officers'.
-
-All of it is read from the visit's proven state and audit, so that no node can leave a word out.
-"""
+"""A visit's rights status from owner and officers, proven complete."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ OFFICERS_KIND = "erased_by_officers"
 
 @dataclass(frozen=True, slots=True)
 class BreachEnd:
-    """How an officer ended the breach that the denial of a visit had opened."""
+    """How an officer ended a denial's breach."""
 
     breach_id: bytes
     outcome: str
@@ -27,7 +24,7 @@ class BreachEnd:
 
 @dataclass(frozen=True, slots=True)
 class OfficersErasure:
-    """What two officers together had erased of a visit, and why."""
+    """An erasure by two officers, with reason."""
 
     proposal_id: bytes
     reason: str
@@ -37,10 +34,7 @@ class OfficersErasure:
 
 @dataclass(frozen=True, slots=True)
 class VisitRights:
-    """What stands of a visit: `restriction` is the contract's row, `objections` are purposes.
-
-    `breach_id` is there while the visit is in quarantine: until its breach is decided, and for ever if it ended as erased.
-    """
+    """A visit's rights status. `breach_id` is set during quarantine; permanently if it ended as erased."""
 
     restriction: RestrictionRow | None = None
     objections: tuple[str, ...] = ()
@@ -50,12 +44,11 @@ class VisitRights:
     officers: tuple[OfficersErasure, ...] = ()
 
     def restricts(self, record_id: bytes) -> bool:
-        """Whether a record is restricted."""
         return self.restriction is not None and self.restriction.covers(record_id)
 
 
 def read_standing(values: Values, owner: bytes, audit: Sequence[AuditEntry]) -> VisitRights:
-    """Return what stands of a visit by its first key, from proved values and its audit."""
+    """Return the status by first owner key, from proved values and audit."""
     return VisitRights(
         RESTRICTION.among(values, owner),
         tuple(sorted(OBJECTION.among(values, owner) or {})),
@@ -71,7 +64,7 @@ def read_standing(values: Values, owner: bytes, audit: Sequence[AuditEntry]) -> 
 
 
 def _read_end(audit: Sequence[AuditEntry]) -> BreachEnd | None:
-    """Return the end of the last breach; None if there was none, or the visit was denied again since."""
+    """Return the last breach's end; None if denied again since."""
     end = None
     for entry in audit:
         if entry.kind == "denied":

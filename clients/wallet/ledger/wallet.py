@@ -1,7 +1,5 @@
-"""A person's wallet: register, find, list.
-
-Two kinds of session are kept apart. In the member's session the wallet does what everyone does (read all announcements);
-whatever concerns one visit is asked in the session of that visit's owner key, on a connection of its own.
+"""A person's wallet: register, find, list. Each visit is queried in its owner key's session and connection, separate
+from the member's, against linking.
 """
 
 from __future__ import annotations
@@ -39,7 +37,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class RecordEntry:
-    """One record of the wallet's owner, proven and opened. Times are the robot's wall clock, in milliseconds."""
+    """A proven, opened record. Times are robot wall-clock milliseconds."""
 
     record_id: bytes
     visit: KnownVisit
@@ -48,26 +46,22 @@ class RecordEntry:
 
     @property
     def erased(self) -> bool:
-        """Whether the whole record is erased."""
         return self.state.status == "erased"
 
     @property
     def pictures_count(self) -> int:
-        """How many pictures the record had when it was made: a notice of withheld frames alone has none."""
+        """Original number of pictures; 0 for mere withheld-frame notices."""
         return 0 if self.metadata.sensor == NOTICE_SENSOR else self.metadata.frame_count
 
     @property
     def pictures_left_count(self) -> int:
-        """How many of them are not erased."""
         return max(0, self.pictures_count - len(self.state.erased_frames))
 
 
 @dataclass(frozen=True, slots=True)
 class VisitReport:
-    """A visit as the wallet knows it: its records in order, and whether any is missing.
-
-    `unreadable_ids` are records whose metadata a robot sealed wrongly: they cannot be opened, and do not hide the others.
-    `trail_count` is how many entries its audit trail had.
+    """A visit's records in order, with gaps. `unreadable_ids` have wrongly sealed metadata; `trail_count` is the
+    audit's length.
     """
 
     visit: KnownVisit
@@ -81,7 +75,7 @@ class VisitReport:
 
     @property
     def needs_former_words(self) -> bool:
-        """Whether records do not open since they are sealed to words of before: this visit's key was replaced."""
+        """Whether records are sealed to a former mnemonic of a rotated visit."""
         return bool(self.unreadable_ids and self.visit.current)
 
 
@@ -93,24 +87,20 @@ _CHANGES_NO_RECORD = frozenset(
 
 
 def _keys_of(visit: KnownVisit) -> list[bytes]:
-    """Return the keys of a visit's state, its trail's length, and the words about it."""
     kinds: tuple[Prefix[Any], ...] = (VISIT, COUNT, RESTRICTION, OBJECTION, CORRECTION_COUNT, QUARANTINE)
     return [kind.key(visit.owner) for kind in kinds]
 
 
 def _still_true(before: VisitReport | None, visit: KnownVisit, trail: Sequence[AuditEntry]) -> VisitReport | None:
-    """Return an earlier report if no record in it has changed since, by what stands in the trail; else None."""
+    """Return the earlier report if its trail shows no change, else None."""
     if before is None or before.visit != visit or before.trail_count > len(trail):
         return None
     return before if all(entry.kind in _CHANGES_NO_RECORD for entry in trail[before.trail_count :]) else None
 
 
 class Wallet:
-    """An open wallet on a network. Use as `async with`.
-
-    `member_gone` says, after a scan, that its words make nobody a member any more, though she did not leave: what is shown
-    is what the wallet knew before, and without the visits that are `out_of_reach`, whose key was replaced. Who keeps it
-    open for long makes `trails` a dict, so that an entry of an audit is read once.
+    """An open wallet; use as `async with`. `member_gone`: membership ended without leaving; only known visits are
+    shown, without `out_of_reach` ones. Setting `trails` to a dict caches audits.
     """
 
     def __init__(self, store: Keystore, genesis: Genesis) -> None:
@@ -131,25 +121,24 @@ class Wallet:
         await self.network.close()
 
     def load_keys(self) -> None:
-        """Derive the keys from the words that the wallet has, and had: `eras`, oldest first, the last being in force."""
+        """Derive keys of all mnemonics: `eras`, oldest first, the last current."""
         content = self.store.content
         self.eras: list[WalletKeys] = [derive_keys(words) for words in [*content.former, content.words]]
         self.keys: WalletKeys = self.eras[-1]
 
     def owner_key(self, visit: KnownVisit) -> PrivateKey:
-        """Derive the private key that decides of one visit, as far as this wallet knows."""
+        """Derive the visit's controlling private key, as far as known."""
         return owner_key(visit, self.eras[visit.era], self.genesis.chain_id)
 
     def open_metadata(self, sealed: bytes) -> tuple[bytes, WalletKeys]:
-        """Open sealed metadata; return it and the keys that it was sealed to. Raises ENVELOPE_INVALID."""
+        """Return metadata and the keys it was sealed to. Raises ENVELOPE_INVALID."""
         return self._with_any(lambda keys: (open_metadata(keys.sealing, sealed), keys))
 
     def open_data_key(self, sealed: bytes) -> bytes:
-        """Open the key of a frame. Raises ENVELOPE_INVALID."""
+        """Open a frame's key. Raises ENVELOPE_INVALID."""
         return self._with_any(lambda keys: open_data_key(keys.sealing, sealed))
 
     def _with_any(self, work: Callable[[WalletKeys], T]) -> T:
-        """Do it with the newest keys for which it succeeds: what was sealed to former ones stays so."""
         for keys in reversed(self.eras[1:]):
             try:
                 return work(keys)
@@ -158,10 +147,8 @@ class Wallet:
         return work(self.eras[0])
 
     async def register(self, code: str, purposes: list[str]) -> Registration:
-        """Register with the code on the card, consenting to the purposes. Doing it again with the same code is harmless.
-
-        Raises VOUCHER_INVALID for a damaged code, PURPOSE_UNKNOWN for what the network does not publish, NOT_PERMITTED
-        with the contract's code if the chain refuses.
+        """Register with a card's code and consent to purposes; idempotent. Raises VOUCHER_INVALID, PURPOSE_UNKNOWN,
+        NOT_PERMITTED.
         """
         card = decode_card_code(code)
         require_published(purposes, self.genesis.purposes)
@@ -179,7 +166,7 @@ class Wallet:
         return registration
 
     async def find_registration(self, keys: WalletKeys) -> MemberRow | None:
-        """Return what the chain holds of a member key of this person, proven, or None if it is no active member."""
+        """Return the member key's proven row, None if inactive."""
         return await find_registration(self.network, keys.identity)
 
     def _remember_registration(self, member: MemberRow | Card) -> None:
@@ -189,27 +176,22 @@ class Wallet:
         self.store.save()
 
     async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
-        """Return proved values of any number of flat keys, in the session of one key; None for what is absent."""
+        """Return proved values by key; None for absent ones."""
         return await in_session(self.network, session)(keys)
 
     def reading(self, session: PrivateKey) -> Read:
-        """Return what reads rows and answers queries in the session of one key."""
         return lambda keys: self.values(keys, session)
 
     async def sign_and_wait(self, visit: KnownVisit, contract: str, entry: str, arguments: list[Any]) -> bytes:
-        """Sign a call with the visit's owner key and wait until it is final. Returns the txid.
-
-        Of an erasure the proof is kept. Raises CALL_REFUSED with the contract's code if the chain refuses.
-        """
+        """Call with the owner key, wait for finality, return the txid; keeps erasure proofs. Raises CALL_REFUSED."""
         receipt = await self.network.call(self.owner_key(visit), contract, entry, arguments)
         if contract == "erasure":
             keep_receipt(self.store.content, receipt)
         return receipt.txid
 
     async def require_registered(self) -> None:
-        """Raise NOT_REGISTERED unless this wallet is registered: by its own memory, or (restored) by the chain's.
-
-        Raises WORDS_SWAPPED if it is words that it takes for former ones that are a member's.
+        """Raise NOT_REGISTERED unless registered locally or on chain; WORDS_SWAPPED if a supposedly former mnemonic is
+        the member's.
         """
         if self.store.content.handle:
             return
@@ -222,11 +204,8 @@ class Wallet:
         self._remember_registration(member)
 
     async def scan(self) -> list[KnownVisit]:
-        """Read the announcements that are new since last time and return all visits that are this person's.
-
-        Without those that somebody else has taken. Who has left reads no more announcements, and has what she knew. So
-        has she whose membership ended otherwise (see `member_gone`), but for visits that obey her no more. Raises
-        MEMBER_NO_MORE if she has none left.
+        """Read new announcements and return own, untaken visits. Leavers get known ones; with membership lost, those
+        still controlled. Raises MEMBER_NO_MORE if none.
         """
         await self.require_registered()
         content, known_count = self.store.content, self.store.content.scanned_count
@@ -248,7 +227,6 @@ class Wallet:
         return [visit for visit in content.visits if not visit.taken]
 
     async def _scan_without_membership(self) -> list[KnownVisit]:
-        """Return the visits known before that a key of this wallet still decides of, each asked in its own session."""
         self.member_gone = True
         reached: list[KnownVisit] = []
         lost: list[KnownVisit] = []
@@ -271,7 +249,7 @@ class Wallet:
         return deciding_key(visit.owner, current) == key.public_key
 
     async def has_left(self) -> bool:
-        """Tell whether she left by this wallet: by a proven receipt, which anybody may ask for, without a session."""
+        """Return whether the owner left, by a proven receipt, without session."""
         content = self.store.content
         for txid in () if content.left else tuple(content.leaving):
             try:
@@ -292,24 +270,19 @@ class Wallet:
             raise
 
     async def visit_mark(self, visit: KnownVisit) -> tuple[Any, ...]:
-        """Return what changes whenever anything changes of a visit, by one question: its state, its words, its trail."""
+        """Return a value that changes with the visit, by one request."""
         keys = _keys_of(visit)
         found = await self.values(keys, self.owner_key(visit))
         return tuple(found[key] for key in keys)
 
     def trail_count_of(self, mark: tuple[Any, ...]) -> int:
-        """Return how long the trail was of a visit that had this mark."""
         return mark[1] or 0
 
     async def visit_report(self, visit: KnownVisit, before: VisitReport | None = None) -> VisitReport:
-        """List a visit's records, each proven, opened and chained; say how many are missing.
+        """List proven, opened, hash-chained records and count missing ones, reusing unchanged ones of `before`.
 
-        From `before`, a report of the same visit, it takes over the records of which nothing that changes one stands in the
-        trail since: a visit that goes on is not read all over again for each record that comes in.
-
-        The list comes from the audit trail, whose every entry and whose length are proven, so a node can leave none out,
-        not even the last ones of an open visit. What the robot itself held back shows as a gap in its chain of hashes, or
-        as a missing tail by the visit's closing.
+        The proven trail makes the list complete; frames withheld by the robot show as chain gaps or a missing tail at
+        closing.
         """
         key = self.owner_key(visit)
         found = await self.values(_keys_of(visit), key)
@@ -356,5 +329,5 @@ class Wallet:
         )
 
     async def records(self) -> list[VisitReport]:
-        """Return every visit of this person with its records, oldest first."""
+        """Return all visits with records, oldest first."""
         return [await self.visit_report(visit) for visit in await self.scan()]

@@ -1,4 +1,4 @@
-"""The audit as a story: each event by kind, who acted, and in a sentence."""
+"""Audit events by kind, actor and sentence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TONES = {
 
 
 def event_json(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> dict[str, Any]:
-    """Return one event. `names` are those of custodians, by key."""
+    """Return an event; `names` are custodians' by key."""
     data = _named(entry, names, language)
     return {
         "visit": entry.owner.hex(),
@@ -39,7 +39,6 @@ def event_json(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> 
 
 
 def event_sentence(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> str:
-    """Return what an event says, in a sentence of the language. `names` are those of custodians, by key."""
     return _sentence(entry, _named(entry, names, language), language)
 
 
@@ -53,7 +52,7 @@ def _named(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> dict
 
 
 def plain(value: Any) -> Any:
-    """Return a value of the chain as JSON has it: bytes in hexadecimal digits."""
+    """Return a chain value as JSON, bytes in hex."""
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, list | tuple):
@@ -93,7 +92,6 @@ def _variant(entry: AuditEntry) -> str:
 
 
 def _sentence(entry: AuditEntry, data: Mapping[str, Any], language: str) -> str:
-    """Say it by the page's own text; what that has no words for is said as the command line says it."""
     findings = data.get("findings", [])
     counted = data.get("destroyed_frames", data.get("records", data.get("record_count", findings)))
     values = {

@@ -1,7 +1,4 @@
-"""What a page asked for and takes long, one after the other.
-
-A job is followed by its revision, which rises with everything that it tells. What failed is told as any refusal is.
-"""
+"""Sequential background jobs of a page, followed by rising revisions."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ Work = Callable[["Job"], Awaitable[dict[str, Any]]]
 
 @dataclass
 class Job:
-    """One thing that was asked for. `receipts` are those of custodians, as they come in."""
+    """One requested job; `receipts` are custodians', as received."""
 
     name: str
     kind: str
@@ -48,16 +45,14 @@ class Job:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing more will come of it."""
         return self.state in {"done", "failed", "cancelled"}
 
     def tell(self, step: str, done: int = 0, of: int = 0) -> None:
-        """Say what is being done, and how much of how much is done (0 of 0: unknown)."""
+        """Set progress (0 of 0: unknown)."""
         self.step, self.done, self.of = step, done, of
         self.note()
 
     def note(self) -> None:
-        """Let everybody see that something changed."""
         self.revision += 1
         self.changed.set()
         self.changed = asyncio.Event()
@@ -68,7 +63,7 @@ async def _read_no_more() -> None:
 
 
 class Jobs:
-    """The jobs of one page. `lock` is held while one runs, and while `after` is awaited, whatever became of it."""
+    """One page's jobs. `lock` is held during a job and its `after`."""
 
     def __init__(self, lock: asyncio.Lock, now_ms: Callable[[], int], after: Callable[[], Awaitable[None]]) -> None:
         self._lock = lock
@@ -79,29 +74,25 @@ class Jobs:
 
     @property
     def are_open(self) -> bool:
-        """Whether any job waits or runs."""
         return any(not job.is_over for job in self._jobs.values())
 
     @property
     def are_decisions_open(self) -> bool:
-        """Whether anything that she decided is not done yet."""
+        """Whether any decision of the user is pending."""
         return any(not job.is_over and job.kind in DECISIONS for job in self._jobs.values())
 
     @property
     def unfinished(self) -> list[Job]:
-        """Those of TOLD that came to nothing since the page began to end, or that were left before their end was known.
-
-        What is done and only read over is not among them.
-        """
+        """Jobs of TOLD failed or undecided since closing began, without those only rereading."""
         return [job for job in self._last or [] if job.kind in TOLD and job.result is None]
 
     def begin_to_end(self) -> None:
-        """From now on nobody is told on the page what becomes of a job: remember those that are open, or begin yet."""
+        """Record open and later jobs, which the page cannot report any more."""
         if self._last is None:
             self._last = [job for job in self._jobs.values() if not job.is_over]
 
     def start(self, kind: str, work: Work, *, stoppable: bool = False) -> Job:
-        """Begin a job as soon as those before it have ended. Raises RATE_LIMITED if too many wait."""
+        """Queue a job. Raises RATE_LIMITED."""
         now = self._now_ms()
         for name in [name for name, job in self._jobs.items() if job.is_over and now - job.ended_ms > KEPT_MS]:
             del self._jobs[name]
@@ -139,14 +130,14 @@ class Jobs:
         job.note()
 
     def find(self, name: str) -> Job:
-        """Return a job. Raises NOT_FOUND for one that is forgotten."""
+        """Return a job. Raises NOT_FOUND if forgotten."""
         job = self._jobs.get(name)
         if job is None:
             raise refusal("NOT_FOUND", "page_no_task")
         return job
 
     async def wait(self, name: str, after: int, wait_ms: int) -> Job:
-        """Return a job once its revision is beyond `after`, or it is over, or the time is. Raises NOT_FOUND."""
+        """Wait until the revision exceeds `after`, the job's end, or timeout. Raises NOT_FOUND."""
         job = self.find(name)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(min(max(wait_ms, 0), WAIT_MAX_MS) / 1000):
@@ -155,7 +146,7 @@ class Jobs:
         return job
 
     def cancel(self, name: str) -> Job:
-        """Stop a job that waits, or that changes nothing. Raises NOT_FOUND, JOB_NOT_STOPPABLE."""
+        """Cancel a waiting or read-only job. Raises NOT_FOUND, JOB_NOT_STOPPABLE."""
         job = self.find(name)
         if job.is_over:
             return job
@@ -165,7 +156,7 @@ class Jobs:
         return job
 
     async def close(self) -> None:
-        """Stop what only looks; wait for what she decided, so that no half of it is taken for the whole."""
+        """Cancel reading jobs; wait for decisions to complete."""
         self._after = _read_no_more
         self.begin_to_end()
         open_jobs = [job for job in self._jobs.values() if job.task is not None and not job.is_over]

@@ -1,7 +1,4 @@
-"""What the page has asked access for: a look at a meeting, in however many parts, is one request on the chain.
-
-The page names each look by a random text of its own.
-"""
+"""Access requests of the page: one on chain per look, identified by the page's random text."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ LOOK_NAME_MAX_CHARS = 64
 
 
 class Looks:
-    """The access requests of one page, by look and purpose; the look that is used least recently is forgotten."""
+    """Access requests by look and purpose, least recently used evicted."""
 
     def __init__(self) -> None:
         self._requests: dict[tuple[str, str], dict[bytes, bytes]] = {}
@@ -23,7 +20,7 @@ class Looks:
     async def request(
         self, viewing: Viewing, look: str, purpose: str, entries: Sequence[RecordEntry]
     ) -> dict[bytes, bytes]:
-        """Return an access id for each record; ask on the chain for those for which this look has none."""
+        """Return access ids by record, requesting missing ones on chain."""
         known = self._requests.pop((look, purpose), {})
         if look:
             self._requests[look, purpose] = known
@@ -36,10 +33,8 @@ class Looks:
         return known
 
     def forget(self, look: str) -> None:
-        """Forget what was asked for in one look: custodians take it no more."""
         for key in [key for key in self._requests if key[0] == look]:
             del self._requests[key]
 
     def forget_all(self) -> None:
-        """Forget every look."""
         self._requests.clear()

@@ -1,7 +1,4 @@
-"""Records that are open in the page: frames in memory, checked before they got here.
-
-They are kept until the page forgets them, or until others need the room.
-"""
+"""Verified records open in the page, in memory."""
 
 from __future__ import annotations
 
@@ -31,10 +28,7 @@ _TYPES = {"rgb.png": "image/png", "rgb.jpg": "image/jpeg", "wav": "audio/wav", "
 
 @dataclass
 class OpenClip:
-    """Records of one visit, one after the other. `rooms` are empty frames as PNG, by hash.
-
-    `missing_rooms` says why others are not there.
-    """
+    """A visit's consecutive records. `rooms`: empty frames (PNG) by hash; `missing_rooms`: errors."""
 
     name: str
     seals: tuple[Seal, ...]
@@ -48,21 +42,20 @@ class OpenClip:
         self.frames = [(view, frame) for view in self.views for frame in view.frames]
 
     def note_verdicts(self, heights: Mapping[bytes, int]) -> None:
-        """Remember by record in which block what was found of it stands."""
+        """Record each verdict's block height."""
         self.seals = tuple(replace(seal, verdict_height=heights.get(seal.view.entry.record_id)) for seal in self.seals)
 
     @property
     def record_ids(self) -> set[bytes]:
-        """The records that it holds."""
         return {view.entry.record_id for view in self.views}
 
     @property
     def size(self) -> int:
-        """About how many bytes it takes."""
+        """Approximate size in bytes."""
         return sum(map(size_of, self.views)) + sum(map(len, self.rooms.values()))
 
     def rendition(self, number: int) -> Rendition:
-        """Return what there is to see at a place. Raises NOT_FOUND."""
+        """Return a rendition by position. Raises NOT_FOUND."""
         if not 0 <= number < len(self.frames):
             raise BlockRobotError("NOT_FOUND", f"The clip has {len(self.frames)} frames.")
         rendition = self.frames[number][1].rendition
@@ -71,7 +64,7 @@ class OpenClip:
         return rendition
 
     def depth(self, number: int, *, own: bool) -> Depth:
-        """Return a depth picture in millimetres: with the empty room behind, or (`own`) one's own pixels alone."""
+        """Return depth in millimetres, on the empty frame or (`own`) alone."""
         rendition = self.rendition(number)
         if rendition.encoding != ENCODING_PNG16:
             raise BlockRobotError("NOT_FOUND", "This is no depth picture.")
@@ -82,7 +75,7 @@ class OpenClip:
         return compose_on(decode_depth_png(room), *box, rendition.pixels)
 
     def file(self, number: int) -> tuple[str, bytes]:
-        """Return a frame as a file (its media type and bytes): a picture with colours and legend, a sound, a label."""
+        """Return media type and bytes of a picture, sound or label."""
         rendition = self.rendition(number)
         if rendition.encoding == ENCODING_PNG16:
             return "image/png", colourise(self.depth(number, own=False))
@@ -90,11 +83,9 @@ class OpenClip:
         return _TYPES[suffix], data
 
     def own_png(self, number: int) -> bytes:
-        """Return one's own pixels of a depth picture as they were measured."""
         return own_pixels(self.rendition(number))
 
     def as_json(self, language: str | None = None) -> dict[str, Any]:
-        """Return it for the page; sentences in `language` (None: the one in use)."""
         return {
             "clip": self.name,
             "visit": self.views[0].entry.visit.owner.hex(),
@@ -106,7 +97,6 @@ class OpenClip:
 
 
 def _reasons(missing: Mapping[bytes, BlockRobotError], language: str | None) -> list[dict[str, str]]:
-    """Tell why empty rooms are missing, each reason once."""
     told = {error.code: describe_error(error, language)[0] for error in missing.values()}
     return [{"code": code, "sentence": sentence} for code, sentence in told.items()]
 
@@ -132,7 +122,7 @@ def _frame_json(number: int, view: RecordView, frame: FrameView) -> dict[str, An
 
 
 def size_of(view: RecordView) -> int:
-    """Return about how many bytes an opened record takes, without its empty room."""
+    """Return approximate bytes, without the empty frame."""
     return sum(len(frame.rendition.pixels) for frame in view.frames if frame.rendition is not None)
 
 
@@ -141,12 +131,12 @@ def _kind(rendition: Rendition) -> str:
 
 
 def little_endian(depth: Depth) -> bytes:
-    """Return a depth picture's pixels, row by row, 16 bits each, the low byte first."""
+    """Return row-major 16-bit little-endian pixels."""
     return np.ascontiguousarray(depth, dtype="<u2").tobytes()
 
 
 class Clips:
-    """The open clips of one page; the one that was used longest ago is forgotten first."""
+    """Open clips of one page, least recently used evicted."""
 
     def __init__(self, held_max_bytes: int = HELD_MAX_BYTES) -> None:
         self._held_max_bytes = held_max_bytes
@@ -155,7 +145,6 @@ class Clips:
     def add(
         self, seals: list[Seal], rooms: dict[bytes, bytes], missing_rooms: dict[bytes, BlockRobotError]
     ) -> OpenClip:
-        """Keep a clip, and forget others if there is no room."""
         clip = OpenClip(secrets.token_hex(8), tuple(seals), rooms, missing_rooms)
         self._clips[clip.name] = clip
         while len(self._clips) > 1 and sum(each.size for each in self._clips.values()) > self._held_max_bytes:
@@ -171,31 +160,26 @@ class Clips:
         return clip
 
     def with_record(self, record_id: bytes) -> str | None:
-        """Return the newest clip that holds a record."""
         for name, clip in reversed(self._clips.items()):
             if record_id in clip.record_ids:
                 return name
         return None
 
     def count_committed(self, record_id: bytes) -> int | None:
-        """Return how many pictures the robot committed to in a record, None unless a clip that is open holds it."""
+        """Return a record's committed picture count, None if not open."""
         views = [view for clip in self._clips.values() for view in clip.views if view.entry.record_id == record_id]
         return len(views[-1].frames) if views else None
 
     def forget(self, name: str) -> None:
-        """Forget a clip, if it is there."""
         self._clips.pop(name, None)
 
     def forget_records(self, record_ids: Collection[bytes]) -> None:
-        """Forget every clip that holds one of these records."""
         for name in [name for name, clip in self._clips.items() if not clip.record_ids.isdisjoint(record_ids)]:
             del self._clips[name]
 
     def keep_only(self, record_ids: Collection[bytes]) -> None:
-        """Forget every clip that holds another record than these."""
         for name in [name for name, clip in self._clips.items() if not clip.record_ids.issubset(record_ids)]:
             del self._clips[name]
 
     def forget_all(self) -> None:
-        """Forget every clip."""
         self._clips.clear()

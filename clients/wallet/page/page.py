@@ -1,4 +1,4 @@
-"""The wallet's page put together: its files, its routes, its one session."""
+"""The wallet's page: files, routes, session."""
 
 from __future__ import annotations
 
@@ -35,12 +35,11 @@ _PARTS = (
 
 
 def monotonic_ms() -> int:
-    """Return a time that never goes back."""
     return time.monotonic_ns() // 1_000_000
 
 
 def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms) -> LocalPage:
-    """Return the page of an open wallet, not yet listening. `now_ms` is the clock by which a link expires."""
+    """Return an unstarted page; `now_ms` is the link-expiry clock."""
     routes = [each for part in _PARTS for each in part.routes(session)]
     return LocalPage(
         Assets(ASSETS),
@@ -57,5 +56,5 @@ def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms)
 
 
 def page_folder(wallet_file: Path) -> Path:
-    """Return the folder of a wallet's page: beside the wallet, so that two wallets have two."""
+    """Return the page's folder, beside its wallet."""
     return wallet_file.with_name(f".{wallet_file.stem}.page")

@@ -1,4 +1,4 @@
-"""How a page is answered: in its reader's language, jobs by their names."""
+"""Page answers, localised."""
 
 from __future__ import annotations
 
@@ -24,13 +24,12 @@ Answer = Callable[[PageSession, web.Request], Awaitable[web.StreamResponse]]
 
 
 def language_of(request: web.Request) -> str:
-    """Return the language that the page asks for, else that of the command."""
     wanted = request.headers.get("Accept-Language", "")[:2].lower()
     return wanted if wanted in LANGUAGES else language_in_use()
 
 
 def problem_json(error: BlockRobotError, language: str) -> dict[str, Any]:
-    """Return a refusal as a problem document (RFC 9457), in a language as far as the catalogue has it."""
+    """Return a localised problem document (RFC 9457)."""
     detail, next_step = describe_error(error, language)
     return {
         "type": f"urn:blockrobot:error:{error.code}",
@@ -44,7 +43,6 @@ def problem_json(error: BlockRobotError, language: str) -> dict[str, Any]:
 
 
 def _note_use(session: PageSession, request: web.Request, *, is_use: bool) -> None:
-    """Keep the page open as long as somebody is at it: as long ago as its question says, else now if it is a use."""
     quiet = request.headers.get(QUIET_HEADER, "")
     if quiet.isascii() and quiet.isdigit() and len(quiet) <= 12:
         session.note_use(int(quiet))
@@ -53,7 +51,7 @@ def _note_use(session: PageSession, request: web.Request, *, is_use: bool) -> No
 
 
 def route(session: PageSession, method: str, path: str, answer: Answer, *, is_use: bool = True) -> LocalRoute:
-    """Return a route of the page. `is_use`: a request for it that does not say how long nobody was there is a use."""
+    """Return a route; `is_use` resets the idle timer by default."""
     return LocalRoute(method, path, _handler(session, answer, is_use=is_use))
 
 
@@ -74,28 +72,23 @@ def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
 
 
 def answer_json(value: Mapping[str, Any], status: int = 200) -> web.Response:
-    """Return a JSON object."""
     body = json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode()
     return web.Response(status=status, body=body, content_type="application/json")
 
 
 def accepted(job: Job) -> web.Response:
-    """Say by which name a job is followed."""
     return answer_json({"job": job.name}, status=202)
 
 
 async def body_of(request: web.Request) -> Asked:
-    """Return the fields of a request's JSON object; none if it has no body."""
     return Asked(await read_object(request) if request.can_read_body else {})
 
 
 def query_of(request: web.Request) -> Asked:
-    """Return the fields of a request's query."""
     return Asked(request.query)
 
 
 def job_json(job: Job, language: str) -> dict[str, Any]:
-    """Return how far a job is."""
     told: dict[str, Any] = {
         "job": job.name,
         "kind": job.kind,

@@ -1,4 +1,4 @@
-"""The passphrase asked for again, before what cannot be undone."""
+"""Repeated passphrase check before irreversible actions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SETTLE_MAX_S = 20.0
 
 
 class PassphraseGate:
-    """Checks a passphrase against an open wallet. `give_up` is called after too many wrong ones."""
+    """Checks the passphrase; `give_up` runs after too many failures."""
 
     def __init__(self, store: Keystore, now_ms: Callable[[], int], give_up: Callable[[], None]) -> None:
         self._store = store
@@ -32,14 +32,13 @@ class PassphraseGate:
 
     @property
     def is_asked(self) -> bool:
-        """Whether a passphrase is being checked, or waits for that."""
         return self._open_count > 0
 
     async def require(self, passphrase: str) -> None:
-        """Return if the passphrase opens the wallet. Raises WALLET_PASSPHRASE_WRONG, PASSPHRASE_LOCKED; once the page has
-        ended PAGE_SESSION_REQUIRED. Who is let through must begin at once, before anything else is awaited.
+        """Check the passphrase, one at a time. Raises WALLET_PASSPHRASE_WRONG, PASSPHRASE_LOCKED,
+        PAGE_SESSION_REQUIRED.
 
-        One is tried at a time, so that many at once gain nothing; each takes as long as opening the wallet.
+        Callers act at once, before any other await.
         """
         self._open_count += 1
         try:
@@ -55,10 +54,7 @@ class PassphraseGate:
                 self._none_open.set()
 
     async def settle(self) -> bool:
-        """Wait, for a while, until every passphrase is checked; from then on nothing is let through.
-
-        Return whether all were let through for whom was waited.
-        """
+        """Wait briefly for open checks, then reject all; return whether all passed."""
         refused_before = self._refused_count
         try:
             async with asyncio.timeout(SETTLE_MAX_S):

@@ -1,7 +1,4 @@
-"""Records by day, robot, sensor and time of day, from what the wallet knows.
-
-A day is one of the reader's time zone, by the robot's clock.
-"""
+"""Records by day, robot, sensor and time, by robot clock in the reader's zone."""
 
 from __future__ import annotations
 
@@ -25,10 +22,7 @@ KINDS = {"depth": "depth", "rgb": "picture", "audio": "sound", "emotion": "label
 
 
 def read_zone(name: str) -> datetime.tzinfo | None:
-    """Return a time zone by its name, None for this machine's. Raises REQUEST_INVALID.
-
-    The browser runs on this machine: a zone of which it has no table (a system without tzdata) is this machine's own.
-    """
+    """Return a time zone, None for the machine's (also without tzdata). Raises REQUEST_INVALID."""
     if not name:
         return None
     if not _ZONE.fullmatch(name):
@@ -41,7 +35,7 @@ def read_zone(name: str) -> datetime.tzinfo | None:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Which records somebody wants to see; what is empty or 0 does not matter. Minutes are those of the day."""
+    """Record filter; empty or 0 means any. Minutes are of the day."""
 
     day: str = ""
     robot: str = ""
@@ -54,11 +48,9 @@ class Wanted:
     zone: datetime.tzinfo | None = None
 
     def moment(self, entry: RecordEntry) -> datetime.datetime:
-        """Return when a record begins, in the zone."""
         return datetime.datetime.fromtimestamp(entry.metadata.started_at_ms / 1000, self.zone)
 
     def takes(self, entry: RecordEntry) -> bool:
-        """Tell whether a record is wanted."""
         start_ms = entry.metadata.started_at_ms
         if (
             (self.robot and entry.visit.robot.hex() != self.robot)
@@ -77,12 +69,12 @@ class Wanted:
 
 
 def recordings(entries: Iterable[RecordEntry]) -> list[RecordEntry]:
-    """Return the records that hold something to see or hear: a note of what was not kept is none."""
+    """Return records with content, without withheld-frame notices."""
     return [entry for entry in entries if entry.metadata.sensor != NOTICE_SENSOR]
 
 
 def kinds_json(entries: Iterable[RecordEntry]) -> dict[str, int]:
-    """Return how much records still hold of each kind (`depth`, `picture`, `sound`, `label`), the most first."""
+    """Count remaining items per kind (`depth`, `picture`, `sound`, `label`), descending."""
     counts: collections.Counter[str] = collections.Counter()
     for entry in recordings(entries):
         counts[kind_of(entry)] += entry.pictures_left_count
@@ -90,18 +82,16 @@ def kinds_json(entries: Iterable[RecordEntry]) -> dict[str, int]:
 
 
 def kind_of(entry: RecordEntry) -> str:
-    """Return what a record holds."""
     return KINDS.get(entry.metadata.sensor, "picture")
 
 
 def select(snapshot: Snapshot, wanted: Wanted) -> list[tuple[VisitPart, RecordEntry]]:
-    """Return the wanted records in order of time."""
+    """Return wanted records in time order."""
     found = [(part, entry) for part in snapshot.visits for entry in part.report.records if wanted.takes(entry)]
     return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
 
 
 def row_json(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNames) -> dict[str, Any]:
-    """Return one record as a list shows it."""
     meta, state = entry.metadata, entry.state
     verdict = part.verdicts.get(entry.record_id)
     return {
@@ -129,10 +119,7 @@ def row_json(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNames
 
 
 def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str, language: str | None = None) -> dict[str, Any]:
-    """Return a calendar: the days that have records, newest first, and the visits with what is wrong with them.
-
-    Sentences are in `language` (None: the one in use).
-    """
+    """Return days with records, newest first, and visits' problems. `language` None: current."""
     days: dict[str, list[tuple[VisitPart, RecordEntry]]] = {}
     for part, entry in select(snapshot, wanted):
         days.setdefault(wanted.moment(entry).date().isoformat(), []).append((part, entry))
@@ -169,12 +156,10 @@ def _day_json(day: str, found: Sequence[tuple[VisitPart, RecordEntry]]) -> dict[
 
 
 def withheld_count(entries: Iterable[RecordEntry]) -> int:
-    """Return how many frames were kept back before these records."""
     return sum(count for entry in entries for _, count in entry.metadata.withheld)
 
 
 def visit_json(part: VisitPart, language: str | None = None) -> dict[str, Any]:
-    """Return a visit, and what is missing of it; sentences in `language` (None: the one in use)."""
     report = part.report
     times = [entry.metadata.started_at_ms for entry in report.records]
     return {

@@ -1,7 +1,4 @@
-"""The seal of a record: what was checked against which block, and what came of it.
-
-It adds no check: it tells those that the wallet made when it fetched and opened the record.
-"""
+"""Record seals: results of earlier checks and their block."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ from consensus.primitives.hashing import sha256
 
 @dataclass(frozen=True, slots=True)
 class VerifiedBlock:
-    """The newest block that this wallet itself has verified to be final."""
+    """The newest block this wallet verified as final."""
 
     height: int
     time_ms: int
@@ -26,10 +23,7 @@ class VerifiedBlock:
 
 @dataclass(frozen=True, slots=True)
 class Seal:
-    """A record as it was found, the block that it was checked against, and when, by this machine's clock.
-
-    `verdict_height` is the block in which the verdict stands that was put on the chain.
-    """
+    """A record as found, with block and local time of checking; `verdict_height`: its on-chain verdict's block."""
 
     view: RecordView
     block: VerifiedBlock
@@ -38,13 +32,11 @@ class Seal:
 
 
 def verified_block(wallet: Wallet) -> VerifiedBlock:
-    """Return the block against whose state the wallet checks now."""
     client = wallet.network.light_client
     return VerifiedBlock(client.header.height, client.header.timestamp_ms, sha256(client.pinned_header_bytes))
 
 
 def seal_json(seal: Seal, language: str | None = None) -> dict[str, Any]:
-    """Return a seal for the page; sentences in `language` (None: the one in use)."""
     view = seal.view
     state = view.entry.state
     shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
@@ -86,10 +78,7 @@ def _sentence(view: RecordView, good: int, shown: int, language: str | None) -> 
 
 
 def _checks(view: RecordView, language: str | None) -> list[dict[str, Any]]:
-    """Tell what was checked. The first two hold for all that got so far: else there would be nothing to show.
-
-    A check of frames is told where a frame failed it, or all passed it; not if one failed before, and it is not known.
-    """
+    """Return check results; frame checks only if one failed there or all passed."""
     rows = [("header_votes", ""), ("record_on_chain", "")]
     is_known = True
     for check in CHECKS:

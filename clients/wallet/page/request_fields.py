@@ -1,4 +1,4 @@
-"""What a page may send: each field by name and type."""
+"""Typed fields of page requests."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ def _refuse(detail: str) -> BlockRobotError:
 
 
 class Asked:
-    """The fields of a request's body or query. Whatever is left over in the end is refused by `end`."""
+    """Fields of a body or query; `end` rejects unread ones."""
 
     def __init__(self, fields: Mapping[str, Any]) -> None:
         self._fields = dict(fields)
 
     def has(self, name: str) -> bool:
-        """Tell whether a field is still there, and says something."""
+        """Return whether a field is present and non-empty."""
         return self._fields.get(name) not in (None, "", [])
 
     def text(self, name: str, default: str | None = None, *, max_chars: int = TEXT_MAX_CHARS) -> str:
-        """Return a text. Raises REQUEST_INVALID if it is missing and there is no `default`."""
+        """Return a text. Raises REQUEST_INVALID if missing without `default`."""
         value = self._fields.pop(name, None)
         if value is None:
             value = default
@@ -37,7 +37,6 @@ class Asked:
         return value
 
     def number(self, name: str, default: int | None = None, *, least: int = 0, most: int = NUMBER_MAX) -> int:
-        """Return a whole number between `least` and `most`; a query has it as digits."""
         value = self._fields.pop(name, None)
         if value is None or value == "":
             value = default
@@ -48,7 +47,7 @@ class Asked:
         return value
 
     def flag(self, name: str, default: bool) -> bool:
-        """Return yes or no; a query has them as 1 and 0."""
+        """Return a boolean; queries use 1 and 0."""
         value = self._fields.pop(name, default)
         if isinstance(value, str):
             value = {"1": True, "0": False, "true": True, "false": False}.get(value)
@@ -57,7 +56,6 @@ class Asked:
         return value
 
     def texts(self, name: str) -> list[str]:
-        """Return a list of texts, empty if there is none."""
         value = self._fields.pop(name, None) or []
         if (
             not isinstance(value, list)
@@ -68,10 +66,7 @@ class Asked:
         return list(dict.fromkeys(value))
 
     def numbers(self, name: str) -> list[int]:
-        """Return a list of whole numbers from 0 on, in order, empty if the field is not there.
-
-        One that is there and names none is refused: left out, it stands for all.
-        """
+        """Return sorted non-negative integers; rejects an empty list, since absence means all."""
         if name not in self._fields:
             return []
         value = self._fields.pop(name)
@@ -82,17 +77,16 @@ class Asked:
         return sorted(set(value))
 
     def ids(self, name: str) -> list[bytes]:
-        """Return a list of ids from their hexadecimal digits."""
         return [read_id(text) for text in self.texts(name)]
 
     def end(self) -> None:
-        """Refuse what nobody asked about."""
+        """Reject unread fields."""
         if self._fields:
             raise _refuse(f"Nothing is known of {', '.join(sorted(self._fields))[:200]}.")
 
 
 def read_id(text: str) -> bytes:
-    """Return an id from its hexadecimal digits. Raises REQUEST_INVALID."""
+    """Parse a hexadecimal id. Raises REQUEST_INVALID."""
     try:
         return bytes.fromhex(text)
     except ValueError:

@@ -1,7 +1,5 @@
-"""One open wallet behind a page: what it knows, what it does, and who waits for news.
-
-Its keys stay in this process, and nothing that it hands to the page opens anything. While a page listens, the chain is
-read again every few seconds, so that a recording that comes in shows by itself.
+"""A page's session with an open wallet. Keys stay in this process; the chain is polled every few seconds while a page
+listens.
 """
 
 from __future__ import annotations
@@ -43,13 +41,12 @@ _log = logging.getLogger("wallet.page")
 
 
 def wall_clock_ms() -> int:
-    """Return this machine's time."""
     return time.time_ns() // 1_000_000
 
 
 @dataclass
 class KeptFile:
-    """A file that the page is to fetch, held open, where it can be read, and whether it was fetched."""
+    """An open file for the page, its readable path, whether fetched."""
 
     file: BinaryIO
     path: Path
@@ -57,7 +54,7 @@ class KeptFile:
 
 
 class PageSession:
-    """What stands behind one page. `folder` is this wallet's own, for files that are to be fetched and then go."""
+    """A page's state; `folder` holds temporary downloads."""
 
     def __init__(
         self,
@@ -122,14 +119,10 @@ class PageSession:
 
     @property
     def unfinished(self) -> list[tuple[str, BlockRobotError | None]]:
-        """What came to nothing since the page began to end, by its kind of job, and why (None: it was broken off).
-
-        A file to take along that was there and not fetched is among it.
-        """
+        """Failures since closing began, with errors (None: aborted), including unfetched exports."""
         return [(job.kind, job.error) for job in self.jobs.unfinished] + [("export", None)] * self.lost_export_count
 
     def _clear_folder(self) -> None:
-        """Delete what a page left behind: exports hold pictures."""
         for name in list(self.exports):
             self.forget_export(name)
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -142,15 +135,14 @@ class PageSession:
         self.ended.set()
 
     def note_use(self, ago_ms: int = 0) -> None:
-        """Remember that somebody used the page, so long ago."""
         self.used_at_ms = max(self.used_at_ms, self.now_ms() - ago_ms)
 
     def is_idle(self, minutes: int) -> bool:
-        """Tell whether nobody has used the page for so long, and nothing that was asked for is under way."""
+        """Return whether unused for so long, without open jobs."""
         return not self.jobs.are_open and self.now_ms() - self.used_at_ms > minutes * 60_000
 
     def node_troubles(self) -> dict[str, BlockRobotError]:
-        """Return by name why nodes were passed over. That one was away is forgotten after a while: it may be back."""
+        """Return nodes' failures by name; unreachability expires."""
         now, troubles = self.now_ms(), self.wallet.network.troubles
         for name, error in troubles.items():
             if name not in self._troubles or self._troubles[name][0] is not error:
@@ -162,9 +154,7 @@ class PageSession:
         }
 
     def keep_export(self, name: str, path: Path) -> None:
-        """Keep a file that the page is to fetch: without a name where the system knows such files, so that it goes with
-        the program, however that ends. Raises OSError.
-        """
+        """Keep an export, unnamed where supported, so it vanishes on exit. Raises OSError."""
         file = path.open("rb")
         if _DESCRIPTORS.exists():
             path.unlink()
@@ -172,7 +162,6 @@ class PageSession:
         self.exports[name] = KeptFile(file, path)
 
     def forget_export(self, name: str) -> None:
-        """Delete an export's file, if it is there."""
         kept = self.exports.pop(name, None)
         if kept is not None:
             kept.file.close()
@@ -181,7 +170,7 @@ class PageSession:
 
     @contextlib.asynccontextmanager
     async def hold(self) -> AsyncIterator[Wallet]:
-        """Have the wallet for oneself while inside. Raises WALLET_BUSY if another task of the page has it for long."""
+        """Lock the wallet. Raises WALLET_BUSY on timeout."""
         try:
             async with asyncio.timeout(HOLD_MAX_S):
                 await self.lock.acquire()
@@ -195,11 +184,10 @@ class PageSession:
     # News
 
     def look_again(self) -> None:
-        """Have the chain read at once."""
         self._wake.set()
 
     async def wait_news(self, after: int, wait_ms: int) -> list[bytes]:
-        """Wait until there are news beyond number `after`; return the records that came in since."""
+        """Wait for news after number `after`; return new records."""
         self._heard_at_ms = self.now_ms()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(wait_ms / 1000):
@@ -227,7 +215,7 @@ class PageSession:
                     await self._wake.wait()
 
     async def read(self, *, fresh: bool = False) -> None:
-        """Read the chain. What fails is remembered, beside what was known before. Whoever calls holds the lock."""
+        """Read the chain, keeping errors; the caller holds the lock."""
         before, was = self.snapshot, (self.state, self.problem and self.problem.code)
         try:
             snapshot = await read_snapshot(self.wallet, before, self.now_ms(), fresh=fresh)
@@ -252,7 +240,6 @@ class PageSession:
             self._tell_news()
 
     def _forget_refusals(self) -> None:
-        """Forget which nodes did not know her before she was registered: they were right."""
         troubles = self.wallet.network.troubles
         for name in [name for name, error in troubles.items() if error.code == UNKNOWN_YET]:
             del troubles[name]

@@ -1,8 +1,4 @@
-"""What a wallet knows of its person at one moment, all of it proven.
-
-The page is shown from it, without asking the network. Reading it again asks little: of a visit in which nothing happened
-since, by a mark that changes whenever something does, everything is taken over.
-"""
+"""Proven snapshot of a person's data, served offline; refresh reuses visits whose mark is unchanged."""
 
 from __future__ import annotations
 
@@ -23,7 +19,7 @@ NOTICE_EVERY_MS = 30_000
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the owner last found of a record."""
+    """The owner's last finding on a record."""
 
     verdict: str
     time_ms: int
@@ -32,7 +28,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class VisitPart:
-    """One visit with all that is known of it. `mark` changes whenever anything of it does."""
+    """A visit with all data; `mark` changes with it."""
 
     mark: tuple[Any, ...]
     report: VisitReport
@@ -43,18 +39,17 @@ class VisitPart:
 
     @property
     def corrupted_ids(self) -> list[bytes]:
-        """The records that the owner last found changed."""
         return [record_id for record_id, found in self.verdicts.items() if found.verdict == "corrupted"]
 
     @property
     def is_alarming(self) -> bool:
-        """Whether something of it is missing, does not open, or was changed."""
+        """Whether anything is missing, unreadable or altered."""
         return bool(self.report.missing_count or self.report.unreadable_ids or self.corrupted_ids)
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """A person's visits, oldest first, and what her organisation tells her. `read_at_ms` is this machine's clock."""
+    """Visits, oldest first, and the notice. `read_at_ms` is local time."""
 
     visits: tuple[VisitPart, ...] = ()
     notice: Told | None = None
@@ -78,22 +73,19 @@ class Snapshot:
         return entry
 
     def same_as(self, other: Snapshot) -> bool:
-        """Tell whether nothing happened between the two."""
         mine, others = ([(part.report.visit.owner, part.mark) for part in each.visits] for each in (self, other))
         return mine == others and self.notice_key == other.notice_key and self.robot_names == other.robot_names
 
     @property
     def robots_asked(self) -> set[bytes]:
-        """The robots whose names were asked for."""
         return {part.report.visit.robot for part in self.visits}
 
     @property
     def notice_key(self) -> tuple[str, int] | None:
-        """Which notice is in force."""
         return None if self.notice is None else (self.notice.organisation, self.notice.version)
 
     def erasures(self, wallet: Wallet, now_ms: int) -> list[ErasureProgress]:
-        """Return everything that was asked to be erased, oldest first, with who is late by now."""
+        """Return all erasures, oldest first, with overdue custodians."""
         names = custodian_names(wallet)
         found = [
             describe_erasure(report, asked, names, now_ms) for part in self.visits for report, asked in part.erasures
@@ -101,15 +93,13 @@ class Snapshot:
         return sorted(found, key=lambda each: each.asked_at_ms)
 
     def shares(self) -> list[Share]:
-        """Return every grant of one's own, oldest first."""
         found = [share for part in self.visits for share in part.shares]
         return sorted(found, key=lambda share: (share.grant.row.time, share.grant.grant_id))
 
 
 async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh: bool = False) -> Snapshot:
-    """Read everything of a person, taking over from `before` the visits in which nothing happened (all anew: `fresh`).
-
-    Raises NOT_REGISTERED, MEMBER_NO_MORE, PROOF_*, NODE_UNREACHABLE.
+    """Read all, reusing unchanged visits unless `fresh`. Raises NOT_REGISTERED, MEMBER_NO_MORE, PROOF_*,
+    NODE_UNREACHABLE.
     """
     known = {} if fresh else {part.report.visit.owner: part for part in before.visits}
     parts = []
@@ -137,7 +127,6 @@ async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh:
 
 
 def find_verdicts(trail: tuple[AuditEntry, ...]) -> dict[bytes, Verdict]:
-    """Return the last verdict on each record of a visit."""
     return {
         record_id: Verdict(verdict, entry.time_ms, entry.height)
         for entry in trail

@@ -1,7 +1,4 @@
-"""Which fields `blockrobot wallet` answers with `--json`: one's records, rights, consent and the wallet itself.
-
-Sharing and guardians: `clients.wallet.present.sharing_json_fields`.
-"""
+"""Wallet `--json` fields: records, rights, consent, wallet. Sharing: `clients.wallet.present.sharing_json_fields`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tells a person what she gives away by acting on several visits at once."""
+"""Warnings that acting on several visits links them."""
 
 from __future__ import annotations
 
@@ -8,16 +8,12 @@ from clients.wallet.present.translations import text
 
 
 def tell_linked(visit_count: int) -> None:
-    """Say on standard error that so many visits, spoken for one after the other, can be told to be one person's."""
     if visit_count > 1:
         click.echo(text("linked.acting", number=visit_count), err=True)
 
 
 def tell_linked_moves(visit_count: int, *, with_member: bool) -> None:
-    """Say on standard error what giving visits new keys all at once tells, and how to do it otherwise.
-
-    `with_member`: the membership has just got its new key, so that the visits can be told to be that member's.
-    """
+    """Warn that rotating visits together links them, with `with_member` to the member."""
     if not visit_count or (visit_count == 1 and not with_member):
         return
     key = "linked.moving_member" if with_member else "linked.moving"

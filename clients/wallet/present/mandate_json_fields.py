@@ -1,4 +1,4 @@
-"""Which fields `officer mandates` and `wallet mandates` answer with `--json`."""
+"""`--json` fields of `officer mandates` and `wallet mandates`."""
 
 from __future__ import annotations
 
@@ -65,7 +65,6 @@ WALLET_ANSWERS: tuple[CommandAnswer, ...] = (
 
 
 def mandate_json(mandate: Mandate) -> dict[str, Any]:
-    """Return a mandate by names, for a program."""
     state = mandate.state
     return {
         "mandate_id": mandate.mandate_id.hex(),

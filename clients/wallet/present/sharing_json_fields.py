@@ -1,4 +1,4 @@
-"""Which fields `blockrobot wallet` answers with `--json`: sharing, what was shared with one, erasing, guardians."""
+"""Wallet `--json` fields: sharing, inbox, erasure, guardians."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What the wallet says, in the language of who uses it: one catalogue of texts, `texts/en.toml` and `texts/pt.toml`.
-
-The command line and the wallet's page read the same files.
-"""
+"""Translations of command line and page: `texts/en.toml`, `texts/pt.toml`."""
 
 from __future__ import annotations
 
@@ -48,12 +45,11 @@ def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, Form]:
 
 @functools.cache
 def load(language: str) -> Mapping[str, Form]:
-    """Return a language's texts by their dotted keys (`records.none`)."""
+    """Return texts by dotted keys (`records.none`)."""
     return MappingProxyType(_flatten(tomllib.loads((_FOLDER / f"{language}.toml").read_text(encoding="utf-8"))))
 
 
 def _known(wanted: str) -> str | None:
-    """Return the language that a locale or a language's name means (`pt_PT.UTF-8`, `pt-BR`), or None."""
     name = wanted.replace("-", "_").split(".")[0].split("@")[0].split("_")[0].lower()
     if name in LANGUAGES:
         return name
@@ -61,7 +57,7 @@ def _known(wanted: str) -> str | None:
 
 
 def find_language(environment: Mapping[str, str] | None = None) -> str:
-    """Return the language that BLOCKROBOT_LANGUAGE names, else the locale (LC_ALL, LC_MESSAGES, LANG), else English."""
+    """Return BLOCKROBOT_LANGUAGE, else locale (LC_ALL, LC_MESSAGES, LANG), else English."""
     environment = os.environ if environment is None else environment
     for variable in (LANGUAGE_VARIABLE, "LC_ALL", "LC_MESSAGES", "LANG"):
         wanted = environment.get(variable, "")
@@ -71,23 +67,20 @@ def find_language(environment: Mapping[str, str] | None = None) -> str:
 
 
 def language_in_use() -> str:
-    """Return the language of the command that runs: what `--language` said, else what the environment says."""
+    """Return the running command's language."""
     context = click.get_current_context(silent=True)
     chosen = None if context is None else context.meta.get(_META_KEY)
     return chosen or find_language()
 
 
 def choose_language(context: click.Context, language: str | None) -> None:
-    """Let the running command speak that language (None: as the environment says), in its errors too."""
+    """Set the command's language (None: the environment's)."""
     if language is not None:
         context.meta[_META_KEY] = language
 
 
 def text(key: str, /, *, language: str | None = None, **values: object) -> str:
-    """Return a text with its values put in; `count` also chooses its plural form. Raises KeyError for no such text.
-
-    Commands of the wallet in it (not those in a value) are called as this very wallet is.
-    """
+    """Return a formatted text; `count` selects the plural. Commands get this wallet's options. Raises KeyError."""
     language = language or language_in_use()
     form = load(language).get(key)
     if form is None:
@@ -98,7 +91,7 @@ def text(key: str, /, *, language: str | None = None, **values: object) -> str:
 
 
 def refusal(code: str, key: str, /, **values: str | int) -> BlockRobotError:
-    """Return a refusal whose sentence is in the catalogue (`because.KEY`): English for programs, told in each language."""
+    """Return an error from `because.KEY`: English for programs, localised for people."""
     return BlockRobotError(code, _say_because(key, DEFAULT_LANGUAGE, values), **{_BECAUSE: key}, **values)
 
 
@@ -110,31 +103,29 @@ def _say_because(key: str, language: str, values: Mapping[str, Any]) -> str:
 
 
 class WrongUsage(click.UsageError):
-    """A command line that asks for what cannot be: `usage.KEY`, in the person's language, English in JSON."""
+    """A usage error from `usage.KEY`, localised, English in JSON."""
 
     def __init__(self, key: str, /, **values: Any) -> None:
         super().__init__(text(f"usage.{key}", language=DEFAULT_LANGUAGE, **values))
         self.told = text(f"usage.{key}", **values)
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Tell it to a person, as click tells wrong usage."""
         click.UsageError(self.told, self.ctx).show(file)
 
 
 def code_text(table: str, code: str, *, language: str | None = None) -> str:
-    """Return how a code of the chain is shown (`code.TABLE.CODE`); one that no text is for is shown as it is."""
+    """Return `code.TABLE.CODE`, or the code itself."""
     key = f"code.{table}.{code}"
     return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
 
 
 def reason_text(code: str, *, language: str | None = None) -> str:
-    """Return why frames were withheld, as the wallet's page says it; a reason that no text is for is shown as it is."""
     key = f"page.reason.{code}"
     return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
 
 
 def withheld_text(withheld: Sequence[tuple[str, int]], *, language: str | None = None) -> str:
-    """Return how many frames were withheld and why; several reasons each with its count, the most frequent first."""
+    """Return withheld counts and reasons, most frequent first."""
     ordered = sorted(withheld, key=lambda one: -one[1])
     if len(ordered) == 1:
         reasons = reason_text(ordered[0][0], language=language)
@@ -147,15 +138,11 @@ def withheld_text(withheld: Sequence[tuple[str, int]], *, language: str | None =
 
 
 def purposes_text(purposes: Sequence[str], *, language: str | None = None) -> str:
-    """Return how purposes are shown, one after the other."""
     return ", ".join(code_text("purpose", code, language=language) for code in purposes)
 
 
 def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
-    """Return all texts below a prefix (`page`), keys without it; plural forms stay {"one", "other"}.
-
-    Values are not put in: whoever shows them replaces `{name}`.
-    """
+    """Return texts below a prefix, unformatted, with plurals as {"one", "other"}."""
     start = f"{prefix}."
     texts = {**load(DEFAULT_LANGUAGE), **load(language)}
     return {
@@ -168,11 +155,7 @@ def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
 
 
 def describe_error(error: BlockRobotError, language: str | None = None) -> tuple[str, str]:
-    """Return what happened and the next step in the language, as far as the catalogue has them, else in English.
-
-    A sentence that is in the catalogue (`refusal`) stands for itself. Any other that was made for this one case is kept
-    beside the translated meaning, in English: it has the particulars.
-    """
+    """Return what happened and the next step, localised where possible; case-specific details stay English."""
     language = language or language_in_use()
     texts = load(language)
     meaning, next_step = texts.get(f"errors.{error.code}.meaning"), texts.get(f"errors.{error.code}.next_step")
@@ -193,12 +176,10 @@ def describe_error(error: BlockRobotError, language: str | None = None) -> tuple
 
 
 def _with_particulars(meaning: str, detail: str, language: str) -> str:
-    """Return a meaning with the particulars of the case, which are in English: elsewhere they are said to be."""
     return text("ask.particulars", language=language, meaning=meaning, detail=detail)
 
 
 def _because(error: BlockRobotError, language: str) -> str:
-    """Return a refusal's own sentence in the language, behind what was put before it (a file's name); "" if it has none."""
     values = dict(error.context)
     key = values.pop(_BECAUSE, None)
     if key is None:
@@ -210,6 +191,5 @@ def _because(error: BlockRobotError, language: str) -> str:
 
 
 def say_error(error: BlockRobotError) -> str:
-    """Return an error as the command line tells it: what happened, its code, the next step."""
     detail, next_step = describe_error(error)
     return text("ask.error", detail=detail, code=error.code, next_step=next_step)

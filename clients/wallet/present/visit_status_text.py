@@ -1,4 +1,4 @@
-"""What stands of a visit, told to a person or a program."""
+"""Rights status of a visit, for people and programs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from pages.moments import show_moment
 
 
 def standing_json(standing: VisitRights) -> dict[str, Any]:
-    """Return what stands of a visit by names, for a program."""
     row, end = standing.restriction, standing.breach_end
     return {
         "restriction": None
@@ -43,13 +42,11 @@ def standing_json(standing: VisitRights) -> dict[str, Any]:
 
 
 def print_standing(standing: VisitRights) -> None:
-    """Tell a person what stands of a visit."""
     for line in standing_lines(standing):
         console.print(f"  {line}")
 
 
 def standing_lines(standing: VisitRights, language: str | None = None) -> list[str]:
-    """Say what stands of a visit in plain sentences, in a language (None: the one in use)."""
     say = partial(text, language=language)
     lines = _breach_lines(standing, language)
     for one in standing.officers:

@@ -1,4 +1,4 @@
-"""The pictures that were viewed, gathered: contact sheets and animations as files, a strip of them on the terminal."""
+"""Viewed pictures as contact sheets, animations and terminal strips."""
 
 from __future__ import annotations
 
@@ -35,7 +35,6 @@ _STRIP_TILES_MAX = 4
 
 
 def visit_prefix(owner: bytes) -> str:
-    """Return what the files of a whole visit begin with."""
     return f"visit-{owner.hex()[:_NAME_CHARS]}-"
 
 
@@ -45,7 +44,7 @@ def _caption(tile: Tile) -> str:
 
 @dataclass
 class Album:
-    """Gathers pictures of records and of whole visits while they are written below `out`."""
+    """Collects pictures written below `out`."""
 
     out: Path
     records: dict[bytes, Collection] = field(default_factory=dict)
@@ -57,7 +56,6 @@ class Album:
     """All files of this look: its sheets and animations, and the pictures that its user says here."""
 
     def seen_by(self, entry: RecordEntry) -> Seen:
-        """Return what is to be told of each picture of a record."""
         own = self.records.setdefault(entry.record_id, Collection())
         whole = self.visits.setdefault(entry.visit.owner, Collection())
         self.visit_records[entry.visit.owner] = self.visit_records.get(entry.visit.owner, 0) + 1
@@ -69,7 +67,7 @@ class Album:
         return seen
 
     def write_record(self, entry: RecordEntry) -> list[Path]:
-        """Write a record's contact sheet, and its animation if it has more than one picture, into its folder."""
+        """Write contact sheet, and animation for several pictures."""
         name = entry.record_id.hex()
         title = text("view.sheet_record", name=name[:_NAME_CHARS], moment=show_moment(entry.metadata.started_at_ms))
         files = _write(self.out / name, "", self.records[entry.record_id], title)
@@ -77,7 +75,7 @@ class Album:
         return files
 
     def write_visits(self) -> list[Path]:
-        """Write a sheet and an animation of each visit of which more than one record was viewed."""
+        """Write each visit's sheet and animation for several records."""
         written = []
         for owner, collection in self.visits.items():
             if self.visit_records[owner] > 1 and collection.count:
@@ -89,7 +87,6 @@ class Album:
         return written
 
     def show(self, console: Console) -> None:
-        """Show some pictures of the first records on a terminal that can; nothing elsewhere."""
         way = find_way(console)
         if way is Way.NONE:
             return

@@ -1,8 +1,4 @@
-"""Many pictures on one: a contact sheet (PNG) and an animation (GIF).
-
-However many there are, a sheet shows at most `TILES_MAX_COUNT` and an animation at most `FRAMES_MAX_COUNT` of them, at
-equal distances, and the sheet says how many there were.
-"""
+"""Contact sheets (PNG) and animations (GIF) of many pictures, evenly sampled."""
 
 from __future__ import annotations
 
@@ -33,10 +29,7 @@ _GROUND, _INK, _SOFT = (250, 250, 248), (28, 32, 36), (90, 96, 102)
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One picture (RGB, as wide as a tile), how it is called, and when it was taken (the robot's clock, ms).
-
-    `is_depth` says that its colours are distances: then the scale stands below.
-    """
+    """One RGB picture of tile width; `is_depth` adds the distance scale."""
 
     label: str
     captured_at_ms: int
@@ -45,10 +38,7 @@ class Tile:
 
 
 class Collection:
-    """Takes pictures one by one and keeps at most twice as many as are wanted, at equal distances.
-
-    Memory does not grow with the number of pictures that pass.
-    """
+    """Sample pictures one by one at equal distances, in bounded memory."""
 
     def __init__(self, wanted: int = FRAMES_MAX_COUNT) -> None:
         self._wanted = wanted
@@ -58,7 +48,7 @@ class Collection:
         """How many were taken in."""
 
     def take(self, label: str, captured_at_ms: int, make: Callable[[], Image.Image], *, is_depth: bool = False) -> None:
-        """Take the next picture in; it is made only if it is kept."""
+        """Take the next picture; it is made only if it is kept."""
         wanted = self.count % self._step == 0
         self.count += 1
         if not wanted:
@@ -69,12 +59,11 @@ class Collection:
             self._step *= 2
 
     def some(self, most: int) -> list[Tile]:
-        """Return at most so many of the pictures, at equal distances, the first always among them."""
+        """Return at most `most` pictures at equal distances, including the first."""
         return evenly(self._kept, most)
 
 
 def fit(picture: Image.Image) -> Image.Image:
-    """Return a picture as wide as a tile; one that is far higher than wide in the middle of a tile of its own."""
     scale = min(TILE_WIDTH_PX / picture.width, TILE_HEIGHT_MAX_PX / picture.height)
     width, height = (max(1, round(side * scale)) for side in picture.size)
     fitted = picture.convert("RGB").resize((width, height))
@@ -86,7 +75,7 @@ def fit(picture: Image.Image) -> Image.Image:
 
 
 def evenly(tiles: Sequence[Tile], most: int) -> list[Tile]:
-    """Return at most so many of a row of pictures, at equal distances, first and last among them."""
+    """Return at most `most` pictures at equal distances, including first and last."""
     if len(tiles) <= most:
         return list(tiles)
     if most == 1:
@@ -95,10 +84,6 @@ def evenly(tiles: Sequence[Tile], most: int) -> list[Tile]:
 
 
 def draw_sheet(tiles: Sequence[Tile], title: str, captions: Sequence[str]) -> bytes:
-    """Return a PNG with pictures in rows, each with its caption, below a title (in plain letters: all that the font has).
-
-    There must be one picture at least.
-    """
     columns = min(SHEET_COLUMNS, len(tiles))
     rows = math.ceil(len(tiles) / columns)
     height = max(tile.picture.height for tile in tiles) + CAPTION_HEIGHT_PX
@@ -122,7 +107,6 @@ def draw_sheet(tiles: Sequence[Tile], title: str, captions: Sequence[str]) -> by
 
 
 def draw_animation(tiles: Sequence[Tile]) -> bytes:
-    """Return a GIF that plays pictures over and over, at the pace at which they were taken."""
     height, legend = max(tile.picture.height for tile in tiles), _legend(tiles, TILE_WIDTH_PX)
     frames = []
     for tile in tiles:
@@ -139,14 +123,12 @@ def draw_animation(tiles: Sequence[Tile]) -> bytes:
 
 
 def _legend(tiles: Sequence[Tile], width: int) -> Image.Image | None:
-    """Return the scale of distances, if any picture has its colours from it."""
     if not any(tile.is_depth for tile in tiles):
         return None
     return Image.fromarray(np.ascontiguousarray(draw_legend(width)[..., ::-1]))
 
 
 def draw_strip(tiles: Sequence[Tile]) -> Image.Image:
-    """Return pictures side by side, as a terminal shows them. There must be one at least."""
     height = max(tile.picture.height for tile in tiles)
     width, legend = len(tiles) * (TILE_WIDTH_PX + GAP_PX) - GAP_PX, _legend(tiles, TILE_WIDTH_PX)
     strip = Image.new("RGB", (width, height + (legend.height if legend else 0)), (0, 0, 0))

@@ -1,4 +1,4 @@
-"""Erases records or frames of them, and shows the custodians' receipts."""
+"""Erasure of records or frames, with the custodians' receipts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LOOK_PURPOSE = "own-access"
 
 @dataclass(frozen=True, slots=True)
 class ErasureReport:
-    """One erasure request, proven, with its receipts so far."""
+    """One proven erasure request with its receipts so far."""
 
     erasure_id: bytes
     visit: KnownVisit
@@ -33,20 +33,15 @@ class ErasureReport:
 
     @property
     def complete(self) -> bool:
-        """Whether every custodian has confirmed."""
         return self.state.status == "complete"
 
 
 def missing_pictures(frames: Sequence[int], count: int) -> list[int]:
-    """Return those of some pictures (indexes) that a record of so many pictures does not have."""
     return [index for index in frames if index >= count]
 
 
 def split_erased(entry: RecordEntry, frames: Sequence[int], trail: Sequence[AuditEntry]) -> tuple[list[int], list[int]]:
-    """Return which pictures (indexes) of a record are left to erase, and which are erased or being erased already.
-
-    The record names a picture only once every custodian has confirmed; that it was asked for stands in the visit's trail.
-    """
+    """Return the picture indexes left to erase, and those erased or pending by the audit trail."""
     gone = set(entry.state.erased_frames)
     for each in trail:
         if each.kind == "erasure_requested" and each.record_id == entry.record_id:
@@ -61,11 +56,7 @@ class Erasing:
         self._wallet = wallet
 
     async def count_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> int:
-        """Return how many pictures a record has, as far as these of them (indexes) may be erased.
-
-        The robot's own count is no bound where it committed to more. So only if a picture is named beyond it, the record
-        is asked for, which stands in its trail as any look does. Raises as `Viewing.view` then.
-        """
+        """Return the picture count; an index beyond the robot's count makes a logged access. Raises as `Viewing.view`."""
         if entry.metadata.sensor == NOTICE_SENSOR:
             return 0
         count = entry.metadata.frame_count
@@ -76,11 +67,10 @@ class Erasing:
         return count
 
     async def split_erased(self, entry: RecordEntry, frames: Sequence[int]) -> tuple[list[int], list[int]]:
-        """Return which pictures of a record are left to erase and which are not, as the function of this name does."""
         return split_erased(entry, frames, await audit_visit(self._wallet, entry.visit))
 
     async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
-        """Ask for erasure: frames of one record, or whole records, in requests of at most 64. Returns erasure ids."""
+        """Request erasure in batches of 64 records; return the erasure ids."""
         if frames and len(records) != 1:
             raise refusal("REQUEST_INVALID", "erase_frames")
         ids = []
@@ -95,7 +85,6 @@ class Erasing:
     async def request_each(
         self, entries: Sequence[RecordEntry], frames: list[int]
     ) -> list[tuple[KnownVisit, list[bytes]]]:
-        """Ask for the erasure of records of any visits, visit by visit; return each visit's erasure ids."""
         asked = []
         for owner in dict.fromkeys(entry.visit.owner for entry in entries):
             part = [entry for entry in entries if entry.visit.owner == owner]
@@ -104,7 +93,7 @@ class Erasing:
         return asked
 
     async def report(self, visit: KnownVisit, erasure_id: bytes) -> ErasureReport:
-        """Return one request's state, proven against a finalized header. Once it is complete the proof is kept."""
+        """Return a request's state, proven against a finalized header; keep the proof once complete."""
         proved = await self._wallet.network.state_values([REQUEST.key(erasure_id)], self._wallet.owner_key(visit))
         state = REQUEST.among(proved.values, erasure_id)
         if state is None:
@@ -120,10 +109,7 @@ class Erasing:
         timeout_s: float,
         tell: Callable[[Sequence[ErasureReport]], None] = lambda _: None,
     ) -> list[ErasureReport]:
-        """Wait until all requests are complete; `tell` hears how far they are at each look.
-
-        Raises ERASURE_NOT_CONFIRMED, saying how many receipts are missing.
-        """
+        """Wait until all requests are complete. Raises ERASURE_NOT_CONFIRMED."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + timeout_s
         while True:

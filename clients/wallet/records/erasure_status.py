@@ -1,8 +1,4 @@
-"""What became of every erasure that a person asked for: who confirmed it, who has not, who is late.
-
-All of it is proved from the chain, so it is the same on every
-device that holds the words.
-"""
+"""Status of every requested erasure and its custodians, proven from the chain."""
 
 from __future__ import annotations
 
@@ -31,7 +27,7 @@ _REMAINS = {"commitment-leaves": "erasures.leaves"}
 
 @dataclass(frozen=True, slots=True)
 class CustodianStatus:
-    """One custodian about one erasure: `confirmed_at_ms` is None as long as it has said nothing."""
+    """One custodian's status; `confirmed_at_ms` is None until it confirms."""
 
     key: bytes
     name: str
@@ -44,7 +40,7 @@ class CustodianStatus:
 
 @dataclass(frozen=True, slots=True)
 class ErasureProgress:
-    """One request: how many records (or which pictures of one), when, and what each custodian said."""
+    """One erasure request and each custodian's status."""
 
     report: ErasureReport
     asked_at_ms: int
@@ -54,19 +50,16 @@ class ErasureProgress:
 
 
 async def find_erasures(wallet: Wallet, now_ms: int) -> list[ErasureProgress]:
-    """Return every erasure that was asked for in this person's name, the oldest first."""
     found = [each for visit in await wallet.scan() for each in await find_erasures_of(wallet, visit, now_ms)]
     return sorted(found, key=lambda each: each.asked_at_ms)
 
 
 async def find_erasures_of(wallet: Wallet, visit: KnownVisit, now_ms: int) -> list[ErasureProgress]:
-    """Return every erasure that was asked for of one visit, the oldest first."""
     names = custodian_names(wallet)
     return [describe_erasure(report, asked, names, now_ms) for report, asked in await read_erasures(wallet, visit)]
 
 
 def custodian_names(wallet: Wallet, language: str = DEFAULT_LANGUAGE) -> dict[bytes, str]:
-    """Return what custodians are called, by their keys; programs are told it in English."""
     say = functools.partial(text, "custodian.named", language=language)
     return {
         node.custodian_key: say(name=node.name, organisation=node.organisation) for node in wallet.genesis.custodians
@@ -74,7 +67,6 @@ def custodian_names(wallet: Wallet, language: str = DEFAULT_LANGUAGE) -> dict[by
 
 
 async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[tuple[ErasureReport, AuditEntry]]:
-    """Return the erasures that were asked for of one visit, proven, with the entry of its audit that asks."""
     erasing = Erasing(wallet)
     return [
         (await erasing.report(visit, entry.data["erasure_id"]), entry)
@@ -84,7 +76,6 @@ async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[tuple[Erasure
 
 
 def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes, str], now_ms: int) -> ErasureProgress:
-    """Put a request and its receipts together. `names` are those of custodians, by key."""
     is_late = now_ms - asked.time_ms > ERASURE_OVERDUE_AFTER_MS
     words = []
     for key in report.state.custodians:
@@ -105,7 +96,6 @@ def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes
 
 
 def erasure_json(erasure: ErasureProgress) -> dict[str, Any]:
-    """Return one erasure by names, for a program."""
     return {
         "erasure_id": erasure.report.erasure_id.hex(),
         "visit": erasure.report.visit.owner.hex(),
@@ -130,10 +120,6 @@ def erasure_json(erasure: ErasureProgress) -> dict[str, Any]:
 def erasure_lines(
     erasure: ErasureProgress, names: Mapping[bytes, str] | None = None, language: str | None = None
 ) -> list[str]:
-    """Say one erasure in plain sentences, in a language (None: that of the command that runs).
-
-    `names` are those of the custodians in it, by key; without them they are called as programs call them.
-    """
     say = functools.partial(text, language=language)
     what = say("count.records", count=erasure.records_count)
     if erasure.frames:

@@ -1,7 +1,4 @@
-"""Files that earlier looks left where this one wrote.
-
-Pictures that were erased since are not written again; what an earlier look wrote of them stays until somebody deletes it.
-"""
+"""Finds files of earlier views that the latest one did not rewrite."""
 
 from __future__ import annotations
 
@@ -27,14 +24,12 @@ _OF_VISIT = re.compile(rf"visit-[0-9a-f]{{12}}-(?:{re.escape(SHEET_NAME)}|{re.es
 def find_earlier_of(
     out: Path, written: Collection[Path], records: Iterable[bytes], visits: Iterable[bytes] = ()
 ) -> list[Path]:
-    """Return the files of earlier looks at these records below `out`, and at these whole visits, that are not `written`."""
     found = [path for record_id in records for path in _of_record(out / record_id.hex())]
     sheets = [out / f"{visit_prefix(owner)}{name}" for owner in visits for name in sorted(_SHEETS)]
     return [path for path in (*found, *sheets) if path.is_file() and path not in written]
 
 
 def find_earlier(out: Path, written: Collection[Path]) -> list[Path]:
-    """Return the files of all earlier looks below `out` that are not `written`: of records that are gone, too."""
     if not out.is_dir():
         return []
     there = sorted(out.iterdir())
@@ -50,7 +45,6 @@ def _of_record(folder: Path) -> list[Path]:
 
 
 def tell_earlier(files: Collection[Path]) -> None:
-    """Say which folders hold how many files of earlier looks, name some, and what to do; nothing if there are none."""
     if not files:
         return
     folders = [(folder, [path.name for path in group]) for folder, group in groupby(files, lambda path: path.parent)]

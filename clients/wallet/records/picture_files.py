@@ -1,4 +1,4 @@
-"""Writes opened renditions as files that one can look at or hear."""
+"""Writes opened renditions as picture, label and sound files."""
 
 from __future__ import annotations
 
@@ -24,11 +24,10 @@ Seen = Callable[[int, int, Callable[[], Image.Image], bool], None]
 
 
 async def write_pictures(viewing: Viewing, view: RecordView, out: Path, seen: Seen | None = None) -> list[Path]:
-    """Write every whole frame of a record as `picture-0005.frame-00000009.png` into `out`/<record id>/.
+    """Write whole frames as `picture-0005.frame-00000009.png` (place from 1, robot's frame count) into `out`/<record
+    id>/; return all paths.
 
-    The number is its place in the record from 1, as commands take it, the frame the robot's own count. That file is in
-    colours with a legend; beside it stands `.depth.png`, the owner's own pixels as measured. Other senses become
-    `.rgb.png` or `.rgb.jpg`, `.label.json` and `.wav`. Returns the paths of all files.
+    `.depth.png` holds the measured pixels.
     """
     return await write_frames(
         lambda rendition: viewing.background(rendition, view.entry), view.entry.record_id, view.frames, out, seen
@@ -42,13 +41,9 @@ async def write_frames(
     out: Path,
     seen: Seen | None = None,
 ) -> list[Path]:
-    """Write the whole frames of any record, as `write_pictures` does; `background` fetches an empty frame.
-    Where there is none, the owner's pixels are shown without it.
+    """Write whole frames, readable by this user only.
 
-    `seen` is told of each picture: its number from 1, when it was taken (ms), how to make it, whether its colours are
-    distances.
-
-    Only the user of this machine reads them: they are pictures of a person.
+    `seen` gets number from 1, capture time (ms), maker, whether colours are distances.
     """
     folder = out / record_id.hex()
     folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
@@ -93,10 +88,7 @@ def _paint(depth: Depth) -> Image.Image:
 
 
 def delete_frames(folder: Path) -> list[Path]:
-    """Delete what `write_frames` wrote into a record's folder, and the folder unless it holds anything else.
-
-    Returns what else it holds: files of the user's own are not ours to delete.
-    """
+    """Delete what `write_frames` wrote; return other files, which stay."""
     others = []
     for path in sorted(folder.iterdir()):
         if is_picture_name(path.name) and not path.is_dir():

@@ -1,8 +1,4 @@
-"""Sees a record: access on the chain first, then fetch, decrypt, verify on this machine.
-
-Every frame is judged by itself. A frame whose bytes are not those that the robot committed to is named as corrupted; the
-others still open. If one custodian's copy is damaged, the next custodian is asked before a frame is called corrupted.
-"""
+"""Views records: access on the chain first, then fetch, decrypt and verify each frame locally."""
 
 from __future__ import annotations
 
@@ -54,10 +50,9 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class FrameView:
-    """One frame of a record as it was found: `rendition` is there only if every check passed.
+    """One frame; `rendition` is set only if every check passed.
 
-    `failed` is the check of `CHECKS` that a corrupted frame did not pass, empty if that is not
-    known. `salt` opens the frame's commitment, and nothing else; `data_key` opens the frame, wherever it is kept.
+    `failed` is of `CHECKS`, empty if unknown. `salt` opens only the commitment, `data_key` the frame.
     """
 
     index: int
@@ -70,10 +65,7 @@ class FrameView:
 
 @dataclass(frozen=True, slots=True)
 class RecordView:
-    """A record with all its frames, the custodians whose copies were used, and the leaves under its commitment.
-
-    `refused` are custodians that were asked in vain before one answered, with the code of why.
-    """
+    """A record with its frames, custodians used, commitment leaves and `refused` custodians with error codes."""
 
     entry: RecordEntry
     frames: tuple[FrameView, ...]
@@ -83,36 +75,29 @@ class RecordView:
 
     @property
     def corrupted(self) -> list[int]:
-        """The indexes of frames that no custodian has whole."""
         return [frame.index for frame in self.frames if frame.status == STATUS_CORRUPTED]
 
     @property
     def damaged(self) -> list[int]:
-        """Those of `corrupted` that custodians changed or kept back; of the others the robot made something else."""
+        """Return those of `corrupted` that custodians changed or withheld."""
         return [frame.index for frame in self.frames if frame.failed in CUSTODY_CHECKS]
 
     @property
     def frames_counted(self) -> int:
-        """How many frames the record has by the metadata that the robot sealed to its owner."""
         return self.entry.metadata.frame_count
 
     @property
     def miscounted(self) -> bool:
-        """Whether the robot contradicts itself: it counted another number of frames than it committed to.
-
-        An erased frame keeps its leaf, and the number of leaves is hashed into the root: no erasure makes this so, and no
-        custodian can.
-        """
+        """Return whether the robot's count differs from its commitment; erasure cannot cause this."""
         return self.frames_counted != len(self.frames)
 
     @property
     def verdict(self) -> str:
-        """`verified` or `corrupted`, as the verdict on the chain says it: verified is only what passed every check."""
+        """Return `verified` (every check passed) or `corrupted`."""
         return "corrupted" if self.corrupted or self.miscounted else "verified"
 
 
 def judge_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes, leaf: bytes) -> FrameView:
-    """Open one frame and hold it against the leaf that the robot committed to; what does not fit is corrupted."""
     try:
         plaintext = open_frame(data_key, record_id, index, ciphertext)
     except BlockRobotError:
@@ -128,15 +113,11 @@ def judge_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes
 
 
 def corrupted_frame(index: int, failed: str) -> FrameView:
-    """Return a frame that is not shown, with the check of `CHECKS` that it did not pass."""
     return FrameView(index, STATUS_CORRUPTED, None, failed=failed)
 
 
 def better_frame(known: FrameView | None, found: FrameView) -> FrameView:
-    """Return the frame that is to be told of, of two copies: a whole one, else the one that passed more checks.
-
-    What only the bytes that the chain names can show is true of the record, whoever else sent other bytes.
-    """
+    """Return the whole copy, or the one that passed more checks."""
     if known is None or (known.status == STATUS_CORRUPTED and found.status != STATUS_CORRUPTED):
         return found
     if known.status != STATUS_CORRUPTED:
@@ -145,42 +126,32 @@ def better_frame(known: FrameView | None, found: FrameView) -> FrameView:
 
 
 def finding_of(view: RecordView) -> Finding:
-    """Return what a verdict says of a record. It names the frames that are there and corrupted.
-
-    None, if only the robot's count is wrong.
-    """
+    """Return the verdict's finding; None if only the robot's count is wrong."""
     return view.entry.record_id, view.verdict, view.corrupted
 
 
 def name_places(indexes: Sequence[int]) -> str:
-    """Name frames by their indexes as people count them, from 1."""
     return ", ".join(str(index + 1) for index in indexes)
 
 
 class Viewing:
-    """Access to the records of one visit, under one access transaction."""
+    """Access to one visit's records under one access transaction."""
 
     def __init__(self, wallet: Wallet, *, follow_max_ms: int = FOLLOW_MAX_MS) -> None:
-        """`follow_max_ms` is how long a custodian may lag behind what the wallet has proven final."""
+        """`follow_max_ms` bounds a custodian's lag behind the proven final height."""
         self._wallet = wallet
         self._follow_max_ms = follow_max_ms
         self.missing_rooms: dict[bytes, BlockRobotError] = {}
         """Empty frames that were asked for in vain, by their hash, and why."""
 
     async def request_access(self, entries: Sequence[RecordEntry], purpose: str) -> bytes:
-        """Put one access request of the owner key on the chain and wait until it is final. Returns the access id.
-
-        The records are of one visit; more than 64 are asked for as the whole visit (see `split_requests`).
-        """
+        """Submit one access request, wait until it is final and return its id."""
         require_published([purpose], self._wallet.genesis.purposes)
         ids = [entry.record_id for entry in entries] if len(entries) <= RECORDS_A_REQUEST_MAX_COUNT else []
         return await self._wallet.sign_and_wait(entries[0].visit, "access", "request", [ids, purpose])
 
     async def split_requests(self, entries: Sequence[RecordEntry]) -> list[list[RecordEntry]]:
-        """Return the records by access request, as few as the chain takes: one for each visit of which all are wanted.
-
-        Of a larger part of a visit with more than 64 records, each 64 are a request.
-        """
+        """Group records into the fewest requests: whole visits, or 64 records each."""
         requests = []
         for owner in dict.fromkeys(entry.visit.owner for entry in entries):
             part = [entry for entry in entries if entry.visit.owner == owner]
@@ -199,11 +170,10 @@ class Viewing:
     async def view_each(
         self, entries: Sequence[RecordEntry], purpose: str, *, verdict: bool = False
     ) -> AsyncGenerator[RecordView, None]:
-        """Ask for records visit by visit (see `split_requests`), fetch and check them one after the other.
+        """Request, fetch and check records visit by visit.
 
-        With `verdict` what was found of a visit is put on the chain, also if one of its records could not be had or the
-        caller stops: close the generator then (`contextlib.aclosing`). Raises as `request_access`, `view`, `put_verdicts`;
-        of two errors the first, and who is cancelled waits for the verdict VERDICT_WHEN_CANCELLED_MAX_S at most.
+        With `verdict` findings go on the chain even after errors: close the generator (`contextlib.aclosing`). Raises
+        the first error; cancellation waits VERDICT_WHEN_CANCELLED_MAX_S at most.
         """
         for part in await self.split_requests(entries):
             access_id = await self.request_access(part, purpose)
@@ -221,7 +191,6 @@ class Viewing:
                 await self.put_verdicts(part[0].visit, findings)
 
     async def _put_after(self, first: BaseException, visit: KnownVisit, findings: list[Finding]) -> None:
-        """Put what was found on the chain after something else ended the look; what fails of it hides nothing."""
         is_cancelled = isinstance(first, asyncio.CancelledError)
         try:
             async with asyncio.timeout(VERDICT_WHEN_CANCELLED_MAX_S if is_cancelled else None):
@@ -231,7 +200,7 @@ class Viewing:
             _log.warning("The verdict on %d records is not on the chain: %s.", len(findings), code)
 
     async def view(self, entry: RecordEntry, access_id: bytes) -> RecordView:
-        """Fetch a record's clip, verify and open it. Raises what every custodian refused, if all did."""
+        """Fetch, verify and open a record. Raises when all custodians refuse."""
         frames: dict[int, FrameView] = {}
         used: list[str] = []
         leaves: list[bytes] = []
@@ -257,7 +226,6 @@ class Viewing:
     async def _view_at(
         self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes
     ) -> tuple[list[FrameView], list[bytes]]:
-        """Return the frames as this custodian has them, and the leaves, which are the same whoever sends them."""
         clip = await self._download(custodian, entry, access_id)
         state = entry.state
         damaged = set(check_clip_download(clip, state.commitment_root, state.ciphertext_root))
@@ -265,7 +233,6 @@ class Viewing:
         return frames, clip.commitment_leaves
 
     async def _download(self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes) -> ClipDownload:
-        """Fetch a clip from one custodian, giving one that follows the chain late some time to see the final request."""
         key = self._wallet.owner_key(entry.visit)
         loop = asyncio.get_running_loop()
         deadline = loop.time() + self._follow_max_ms / 1000
@@ -292,13 +259,12 @@ class Viewing:
         return judge_frame(data_key, entry.record_id, index, frame.ciphertext, clip.commitment_leaves[index])
 
     async def put_verdicts(self, visit: KnownVisit, findings: Sequence[Finding]) -> None:
-        """Put what was found of a visit's records on the chain, signed by the owner key, 64 records to a transaction."""
+        """Submit findings signed by the owner key, 64 records per transaction."""
         for start in range(0, len(findings), RECORDS_A_REQUEST_MAX_COUNT):
             said = [list(finding) for finding in findings[start : start + RECORDS_A_REQUEST_MAX_COUNT]]
             await self._wallet.sign_and_wait(visit, "access", "verdict", [said])
 
     async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes | None:
-        """Return the PNG of the empty frame behind a rendition, checked against its hash, or None (`missing_rooms`)."""
         key = self._wallet.owner_key(entry.visit)
         custody = self._wallet.network.custody
         return await custody.find_background(rendition.background_id, key, self.missing_rooms)

@@ -1,4 +1,4 @@
-"""What is told of guardians, at a terminal and on the wallet's page."""
+"""Text about guardians for the terminal and the wallet's page."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from clients.wallet.store.keystore import WalletContent
 
 
 class GuardianLine(NamedTuple):
-    """A sentence, and the moment that stands before it (None: none): a page shows it as it does all moments."""
+    """A sentence and the moment shown before it (None: none)."""
 
     sentence: str
     at_ms: int | None = None
 
 
 def guardian_lines(content: WalletContent, language: str | None = None) -> list[GuardianLine]:
-    """Return who holds words of this wallet and what to do next, in sentences (`language` None: the one in use)."""
     say = functools.partial(text, language=language)
     era, told = len(content.former), []
     if not any(one.era == era for one in content.guardian_sets):

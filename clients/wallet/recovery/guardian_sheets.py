@@ -1,7 +1,4 @@
-"""A sheet of paper for each guardian: one HTML file, in the design of all pages, to be printed and then deleted.
-
-Nothing runs in it and nothing is loaded.
-"""
+"""Printable HTML sheets for guardians, without scripts or loaded resources."""
 
 from __future__ import annotations
 
@@ -31,7 +28,6 @@ _NEVER = ("photo", "type", "tell", "together")
 
 
 def build_sheet(one: GuardianSet, place: int, share: str) -> str:
-    """Return the sheet of the guardian at a place (from 0) of a set, in the language in use."""
     style = (PAGES_ASSETS / "design.css").read_text(encoding="utf-8") + _STYLE_FILE.read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
@@ -67,7 +63,7 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
 
 
 def require_no_sheets(folder: Path) -> None:
-    """Raise SHEETS_FOLDER_USED if a sheet lies in the folder, whatever its file is called, OSError if none can be read."""
+    """Raise SHEETS_FOLDER_USED if any sheet is in the folder, OSError if unreadable."""
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
         if path.suffix.lower() in _SUFFIXES and path.is_file() and _has_words(path):
             raise refusal("SHEETS_FOLDER_USED", "guardian_sheet", folder=str(folder), name=path.name)
@@ -79,11 +75,9 @@ def _has_words(path: Path) -> bool:
 
 
 def write_sheets(folder: Path, one: GuardianSet, shares: Sequence[str]) -> list[Path]:
-    """Write a sheet for each guardian into a folder, mode 0600; all or none.
+    """Write one numbered sheet per guardian, mode 0600, all or none; file names reveal no guardian.
 
-    Raises SHEETS_FOLDER_USED if a file of that name is there, OSError.
-
-    Their files are numbered and not named: in a folder that was there, others may list what is in it.
+    Raises SHEETS_FOLDER_USED, OSError.
     """
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     written: list[Path] = []
@@ -112,8 +106,6 @@ def _create(path: Path) -> int:
 
 
 class _Words(HTMLParser):
-    """Takes the words out of a sheet."""
-
     def __init__(self) -> None:
         super().__init__()
         self.words: list[str] = []
@@ -133,7 +125,7 @@ class _Words(HTMLParser):
 
 
 def read_written(path: Path) -> str:
-    """Return the words in a file: a sheet as `write_sheets` writes it, or plain text. Raises SHARE_INVALID, OSError."""
+    """Return the share text of a sheet or plain file. Raises SHARE_INVALID, OSError."""
     with path.open("rb") as file:
         data = file.read(SHEET_MAX_BYTES + 1)
     if len(data) > SHEET_MAX_BYTES:
@@ -142,7 +134,6 @@ def read_written(path: Path) -> str:
 
 
 def take_written(written: str) -> str:
-    """Return the words of a sheet's HTML, and any other text as it is."""
     if not written.lstrip().lower().startswith("<!doctype html"):
         return written
     parser = _Words()

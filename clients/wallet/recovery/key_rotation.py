@@ -1,7 +1,4 @@
-"""Puts new words in place of stolen ones: the member key first, then the key of each visit.
-
-Every step can be cut off and done again. What is final stays; what is not known to be is looked up on the chain.
-"""
+"""Replaces a stolen mnemonic: member key, then visit keys; every step is repeatable."""
 
 from __future__ import annotations
 
@@ -29,11 +26,7 @@ _KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_NOT_ADMITTED"})
 
 @dataclass(frozen=True, slots=True)
 class Transferred:
-    """What became of the visits: those with a new key, those that somebody else has, and what ended it early.
-
-    `stuck` obey former words still, and the contract lets nobody transfer them any more. `ended` are ids of grants that
-    this wallet had no note of, and revoked.
-    """
+    """Result of transferring visits; `stuck` ones are not transferable, `ended` are revoked unknown grant ids."""
 
     done: tuple[KnownVisit, ...]
     taken: tuple[KnownVisit, ...]
@@ -43,14 +36,14 @@ class Transferred:
 
 
 class Rotating:
-    """The change of one wallet's words."""
+    """Replacement of one wallet's mnemonic."""
 
     def __init__(self, wallet: Wallet, *, sleep: Sleep = asyncio.sleep) -> None:
         self._wallet = wallet
         self._sleep = sleep
 
     def prepare(self) -> str:
-        """Return the words that are to come, saved in the wallet before anybody sees them; the same ones until then."""
+        """Return the next mnemonic, saved before it is shown; repeated calls return the same."""
         store = self._wallet.store
         if not store.content.next_words:
             store.content.next_words, store.content.next_words_shown = draw_words(), False
@@ -59,21 +52,19 @@ class Rotating:
 
     @property
     def must_show(self) -> bool:
-        """Whether words wait that nobody has confirmed to have."""
         content = self._wallet.store.content
         return bool(content.next_words) and not content.next_words_shown
 
     def confirm_shown(self) -> None:
-        """Note that the person has the new words: from then on they are signed with, and not shown again."""
+        """Record that the owner has the new mnemonic; it is then used and not shown again."""
         store = self._wallet.store
         store.content.next_words_shown = True
         store.save()
 
     async def rotate(self) -> bool:
-        """Put the new words' member key in place of the present one; tell whether anything was left to do.
+        """Replace the member key; return whether anything was left to do.
 
-        Raises VALUE_INVALID before `confirm_shown`, MEMBER_NO_MORE if neither is a member's (a thief was faster, or the
-        membership ended), CALL_REFUSED with the contract's code.
+        Raises VALUE_INVALID before `confirm_shown`, MEMBER_NO_MORE if neither key is a member's, CALL_REFUSED.
         """
         wallet, content = self._wallet, self._wallet.store.content
         if not content.next_words:
@@ -117,13 +108,13 @@ class Rotating:
         keep_receipt(wallet.store.content, await wallet.network.call(identity, "identity", "rotate", arguments))
 
     async def exposed_visits(self) -> list[KnownVisit]:
-        """Return the visits of which a key from former words still decides. Raises MEMBER_NO_MORE and the like."""
+        """Return visits still controlled by a former mnemonic. Raises MEMBER_NO_MORE among others."""
         wallet = self._wallet
         newest = len(wallet.eras) - 1
         return [visit for visit in await wallet.scan() if visit.era != newest]
 
     async def transfer(self, visit: KnownVisit) -> None:
-        """Put a key of the present words in place of a visit's. Raises CALL_REFUSED with the contract's code."""
+        """Transfer a visit to the present mnemonic's key. Raises CALL_REFUSED."""
         keys = self._draw_keys(visit)
         wallet = self._wallet
         arguments = [keys.owner, keys.ephemeral, keys.view_tag, self._sign_transfer(visit, keys)]
@@ -135,7 +126,6 @@ class Rotating:
         wallet.store.save()
 
     def _draw_keys(self, visit: KnownVisit) -> VisitKeys:
-        """Make the next owner key as robots make the first. The secret behind it is forgotten at once."""
         keys = self._wallet.keys
         return open_visit_keys(
             secrets.token_bytes(_EPHEMERAL_BYTES),
@@ -151,13 +141,9 @@ class Rotating:
         return sign_transfer(key, chain_id=chain_id, root=visit.owner)
 
     async def transfer_all(self, over_s: float, tell: Tell, *, keep_shares: bool = False) -> Transferred:
-        """Transfer every visit that former words still decide of, in an order and at moments that chance decides.
+        """Transfer all visits of former mnemonics, in random order over `over_s` seconds (unlinkability).
 
-        The moments lie within `over_s` seconds: the longer, the less the ledger tells that the visits are one person's.
-        Right behind its transfer those shares of a visit end that this wallet has no note of, unless they are to be kept:
-        who stole the former key may have made them. A key that was replaced already, by this wallet before a cut or by
-        somebody else, ends nothing, nor does a visit that the contract lets nobody transfer any more. What it refuses
-        otherwise is told once the others are done; any other failure ends it at once.
+        Then end unknown grants unless `keep_shares`. Contract refusals are reported last; other errors abort.
         """
         order = await self._due_visits()
         ended: list[bytes] = []
@@ -190,7 +176,6 @@ class Rotating:
         )
 
     async def _due_visits(self) -> list[KnownVisit]:
-        """Return the visits to transfer, and those that were cut off between their transfer and the end of shares."""
         exposed = await self.exposed_visits()
         return exposed + [visit for visit in self._moved if visit.shares_due]
 
@@ -200,7 +185,6 @@ class Rotating:
         return [visit for visit in self._wallet.store.content.visits if visit.era == newest and not visit.taken]
 
     async def _renew(self, visit: KnownVisit, *, keep_shares: bool) -> list[bytes]:
-        """Transfer a visit and end the shares of it that this wallet does not know; return these."""
         store = self._wallet.store
         if visit not in self._moved:
             visit.shares_due = True
@@ -215,7 +199,6 @@ class Rotating:
         return ended
 
     async def _move(self, visit: KnownVisit) -> None:
-        """Transfer one visit, whoever moves it to and fro under former words meanwhile, or note that nobody can."""
         while True:
             try:
                 await self.transfer(visit)
@@ -237,12 +220,9 @@ class Rotating:
                 return
 
     async def leave(self) -> int:
-        """End the membership; return the height from which it counts, or 0 if it had ended before, as this wallet wanted.
+        """End the membership; return the height from which it counts, 0 if it had ended already.
 
-        What was recorded stays, under its owner keys. Which transaction is to end it is saved before it is sent, so that a
-        wallet that was cut off can prove by its receipt why it is let in no more.
-
-        Raises WALLET_ROTATION_OPEN while new words wait, MEMBER_NO_MORE, CALL_REFUSED.
+        The transaction is saved before sending. Raises WALLET_ROTATION_OPEN, MEMBER_NO_MORE, CALL_REFUSED.
         """
         wallet, content = self._wallet, self._wallet.store.content
         if content.next_words:

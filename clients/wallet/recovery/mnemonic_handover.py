@@ -1,4 +1,4 @@
-"""Words of a wallet handed to its owner: into a new file, or at a terminal, where they are asked back."""
+"""Hands a mnemonic to its owner by file or terminal, with checks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _COLUMN_CHARACTERS = 14
 
 
 def write_words(path: Path, words: str) -> None:
-    """Write words to a new file that only its owner reads; one that holds them already will do. Raises UsageError."""
+    """Write a mnemonic to an owner-only new file, or accept an identical one. Raises UsageError."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
@@ -35,14 +35,12 @@ def write_words(path: Path, words: str) -> None:
 
 
 def word_lines(words: str, width: int) -> list[str]:
-    """Return the words with their numbers, in as many columns as a terminal of that width has room for."""
     columns = 4 if width >= 4 * _COLUMN_CHARACTERS else 2 if width >= 2 * _COLUMN_CHARACTERS else 1
     told = [f"{number:>2} {word:<9}" for number, word in enumerate(words.split(), 1)]
     return ["  ".join(told[start : start + columns]).rstrip() for start in range(0, len(told), columns)]
 
 
 def print_words(told: str, words: str) -> None:
-    """Print words below what is told of them, and leave them there."""
     console.print(escape(told) + "\n")
     for line in word_lines(words, console.width):
         console.print(line, style="bold")
@@ -57,7 +55,7 @@ def _wiped_afterwards() -> Iterator[None]:
 
 
 def show_alone(told: str, words: str) -> None:
-    """Show words on an empty screen until they are written down, and wipe them. Raises Abort at the first Ctrl-C."""
+    """Show a mnemonic on an empty screen, then wipe it. Raises Abort on Ctrl-C."""
     clear_screen()
     with _wiped_afterwards():
         print_words(told, words)
@@ -65,10 +63,9 @@ def show_alone(told: str, words: str) -> None:
 
 
 def check_back(words: str, count: int, *, said: str, show_again: Callable[[], None]) -> None:
-    """Ask for some of the words, drawn by chance, until each is right or so many were wrong; then wipe what was typed.
+    """Ask for randomly chosen words until all are right; then wipe the input. `said` is the catalogue key.
 
-    `said` is where the catalogue has what it is about. `show_again` is what a ? does. Raises WORDS_NOT_CHECKED, and
-    Abort at the first Ctrl-C.
+    Raises WORDS_NOT_CHECKED after `count` wrong ones, Abort on Ctrl-C.
     """
     with _wiped_afterwards():
         is_right = _ask_back(words, count, said, show_again)
@@ -95,7 +92,6 @@ def _ask_back(words: str, count: int, said: str, show_again: Callable[[], None])
 
 
 def show_and_check(told: str, words: str, count: int = CHECKED_COUNT, *, said: str = "new") -> None:
-    """Show words alone, and ask for some of them back. Raises what `check_back` raises."""
     show = partial(show_alone, told, words)
     show()
     check_back(words, count, said=said, show_again=show)

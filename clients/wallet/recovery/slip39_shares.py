@@ -1,7 +1,6 @@
-"""A wallet's words as shares for guardians, and back again: SLIP-39, by its reference implementation.
+"""SLIP-39 shares of the 24 words' entropy, by the reference implementation.
 
-What is split is the entropy of the 24 words, so that the same words come back. There is no passphrase on top: a wrong one
-would lead to other words without a sign.
+No passphrase: a wrong one would silently give another mnemonic.
 """
 
 from __future__ import annotations
@@ -40,10 +39,10 @@ _BETWEEN_WORDS = re.compile(r"[\s\d.,;:()\[\]]+")
 
 
 def split_words(words: str, threshold: int, count: int) -> list[str]:
-    """Return `count` shares of 24 words, 33 words each: any `threshold` of them lead back, fewer to nothing.
+    """Return `count` shares (33 words each) of a 24-word mnemonic; any `threshold` restore it.
 
-    Each is read back, and as many as are needed are joined, before any is handed out. Raises AssertionError if that
-    does not lead to the same words, ValueError unless 2 <= threshold <= count <= 16.
+    Shares are test-joined first. Raises ValueError unless 2 <= threshold <= count <= 16, AssertionError if joining
+    fails.
     """
     if not THRESHOLD_MIN_COUNT <= threshold <= count <= GUARDIANS_MAX_COUNT:
         raise ValueError(f"{threshold} of {count} is no way to split")
@@ -61,32 +60,27 @@ def split_words(words: str, threshold: int, count: int) -> list[str]:
 
 
 def show_identifier(identifier: int) -> str:
-    """Return a set's number as it is shown and printed, five digits."""
     return f"{identifier:0{IDENTIFIER_DIGITS_COUNT}d}"
 
 
 def take_words(written: str) -> list[str]:
-    """Return the words of what somebody wrote, without numbers and signs between them, in small letters."""
     return [word for word in _BETWEEN_WORDS.split(written.lower()) if word]
 
 
 def find_unknown(words: Sequence[str]) -> int | None:
-    """Return the place of the first word that no share has, counted from 0, or None."""
+    """Return the index of the first word outside the list, or None."""
     return next((place for place, word in enumerate(words) if word not in WORD_INDEX_MAP), None)
 
 
 def near_words(word: str) -> list[str]:
-    """Return the words of the list that somebody may have meant, the likeliest first, three at most."""
+    """Return up to three similar words of the list, likeliest first."""
     begun = [known for known in WORDLIST if known[:_DISTINCT_LETTERS_COUNT] == word[:_DISTINCT_LETTERS_COUNT]]
     alike = difflib.get_close_matches(word, WORDLIST, NEAR_WORDS_MAX_COUNT)
     return list(dict.fromkeys([*begun, *alike]))[:NEAR_WORDS_MAX_COUNT]
 
 
 def read_share(written: str) -> Share:
-    """Return the share that these words are, numbers between them or not.
-
-    Raises SHARE_WORD_UNKNOWN, which names the number of the word and not the word, and SHARE_INVALID.
-    """
+    """Parse a share. Raises SHARE_WORD_UNKNOWN (gives position, not word), SHARE_INVALID."""
     words = take_words(written)
     unknown = find_unknown(words)
     if unknown is not None:
@@ -100,10 +94,7 @@ def read_share(written: str) -> Share:
 
 
 def require_of_wallet(share: Share) -> None:
-    """Raise SHARE_INVALID for a share of something that is no wallet of ours: another length, or far too much work.
-
-    Also for one that is enough by itself: nobody was ever handed one, and its words would be the guardian's own.
-    """
+    """Raise SHARE_INVALID for foreign shares: other length, excessive work, or threshold one."""
     if len(share.value) != _ENTROPY_BYTES or share.iteration_exponent > ITERATION_EXPONENT_MAX_COUNT:
         raise refusal("SHARE_INVALID", "guardian_other")
     if share.group_threshold < THRESHOLD_MIN_COUNT and share.member_threshold < THRESHOLD_MIN_COUNT:
@@ -111,10 +102,9 @@ def require_of_wallet(share: Share) -> None:
 
 
 class Gathering:
-    """Shares that come in one by one, until some of them lead to one secret.
+    """Shares collected until some restore one secret; contradicting ones are kept, as only the digest decides.
 
-    All are kept, also those that contradict each other: who of them lies, only the digest knows. `last` is the newest,
-    `joined` are those that led to the words, empty before.
+    `joined` are those that led to the mnemonic, empty before.
     """
 
     def __init__(self) -> None:
@@ -125,7 +115,7 @@ class Gathering:
         self._difference: BlockRobotError | None = None
 
     def add(self, share: Share) -> BlockRobotError | None:
-        """Keep a share; return how it differs from those before, if it does. Raises SHARE_REPEATED."""
+        """Keep a share; return how it differs from earlier ones, or None. Raises SHARE_REPEATED."""
         if share in self._shares:
             raise BlockRobotError("SHARE_REPEATED")
         difference = self._compare(share)
@@ -147,12 +137,10 @@ class Gathering:
 
     @property
     def last(self) -> Share | None:
-        """The newest share, None before the first."""
         return self._shares[-1] if self._shares else None
 
     @property
     def is_complete(self) -> bool:
-        """Tell whether there are enough of any one set, whether they fit together or not."""
         return any(
             len(self._complete_groups(known)) >= known.group_threshold
             for known in {share.common_parameters(): share for share in self._shares}.values()
@@ -162,7 +150,6 @@ class Gathering:
         return [known for known in self._shares if known.group_parameters() == share.group_parameters()]
 
     def _complete_groups(self, share: Share) -> dict[int, list[Share]]:
-        """Return one share for each way a group of this share's set has enough members, by the group's number."""
         found: dict[int, list[Share]] = {}
         for known in {one.group_parameters(): one for one in self._shares}.values():
             is_of_set = known.common_parameters() == share.common_parameters()
@@ -172,28 +159,25 @@ class Gathering:
 
     @property
     def needed(self) -> int:
-        """How many more are needed in the group of the last one; 0 before the first."""
+        """Return how many the last share's group still needs; 0 before the first."""
         if self.last is None:
             return 0
         return max(0, int(self.last.member_threshold) - len({one.index for one in self._members(self.last)}))
 
     @property
     def groups_needed(self) -> int:
-        """How many more groups are needed: a wallet makes one group, other programs may make several."""
         return (
             0 if self.last is None else max(0, int(self.last.group_threshold) - len(self._complete_groups(self.last)))
         )
 
     def join(self) -> str:
-        """Return the 24 words to which any choice of the shares leads; those that do not fit are left out.
+        """Return the mnemonic to which any choice of shares leads; misfits are left out.
 
-        Raises SHARES_TOO_FEW; how they differ if there are enough of no set; and SHARES_CONTRADICT if the digest in the
-        shares fits none of their choices, or if there are more than can be tried.
+        Raises SHARES_TOO_FEW, how they differ, or SHARES_CONTRADICT (no digest fits, or too many choices).
         """
         return str(Mnemonic("english").to_mnemonic(self.join_secret(_NO_PASSPHRASE)))
 
     def join_secret(self, passphrase: bytes) -> bytes:
-        """Return the secret to which any choice leads. Raises what `join` raises. A wallet's has no passphrase."""
         if not self.is_complete:
             raise self._difference or BlockRobotError("SHARES_TOO_FEW")
         tried_count, self._tried_count = self._tried_count, len(self._shares)
@@ -213,7 +197,6 @@ class Gathering:
         raise untried or BlockRobotError("SHARES_CONTRADICT")
 
     def _choices(self) -> Iterator[tuple[Share, ...]]:
-        """Yield every choice of as many shares as a set asks for, each with members of different numbers."""
         for known in {share.common_parameters(): share for share in self._shares}.values():
             complete = self._complete_groups(known)
             for indices in combinations(sorted(complete), known.group_threshold):
@@ -223,7 +206,6 @@ class Gathering:
                         yield tuple(chain.from_iterable(chosen))
 
     def misfits(self) -> list[Share]:
-        """Return the shares that do not lead where those that were joined lead; [] before any were."""
         secret = _recover(self.joined, _NO_PASSPHRASE) if self.joined else None
         return [share for share in self._shares if secret is not None and not self._fits(share, secret)]
 
@@ -239,7 +221,6 @@ class Gathering:
 
 
 def _is_like(known: Share, share: Share) -> bool:
-    """Tell whether two shares say the same of their set; of groups, that of the same number has to be the same."""
     is_same_group = known.group_index == share.group_index
     return known.common_parameters() == share.common_parameters() and (
         not is_same_group or known.member_threshold == share.member_threshold
@@ -253,7 +234,6 @@ def _member_choices(members: Sequence[Share], count: int) -> Iterator[tuple[Shar
 
 
 def _recover(chosen: Sequence[Share], passphrase: bytes) -> bytes | None:
-    """Return the secret of exactly as many shares as are needed, None if the digest does not fit."""
     state = RecoveryState()
     for share in chosen:
         state.add_share(share)

@@ -1,7 +1,4 @@
-"""Makes a wallet again from words in force and the former ones, and notices where they were mixed up.
-
-Whose words are in force only the network knows; without it a wallet is made all the same.
-"""
+"""Restores a wallet from present and former mnemonics; works offline, unchecked."""
 
 from __future__ import annotations
 
@@ -21,13 +18,13 @@ CHECK_MAX_S = 5.0
 
 
 def read_words(text: str) -> str:
-    """Return words in their one form. Raises WORDS_INVALID."""
+    """Return a normalised mnemonic. Raises WORDS_INVALID."""
     derive_keys(text)
     return " ".join(text.lower().split())
 
 
 def require_distinct(words: str, former: Sequence[str]) -> None:
-    """Raise WORDS_REPEATED if any words are named twice: each replaces others, and nobody's replace themselves."""
+    """Raise WORDS_REPEATED if any mnemonic occurs twice."""
     if words in former:
         raise refusal("WORDS_REPEATED", "words_same")
     if len(set(former)) != len(former):
@@ -37,10 +34,9 @@ def require_distinct(words: str, former: Sequence[str]) -> None:
 def restore_wallet(
     path: Path, words: str, former: Sequence[str], passphrase: str, cost: PassphraseCost | None, genesis_path: Path
 ) -> bool:
-    """Make the wallet file; tell whether the network could say which words are in force (asked if there are former ones).
+    """Create the wallet file; return whether the network confirmed which mnemonic is in force.
 
-    Raises WORDS_REPEATED, WALLET_EXISTS; and WORDS_SWAPPED if former words are those of a member, after which there is no
-    file.
+    Raises WORDS_REPEATED, WALLET_EXISTS, WORDS_SWAPPED (then no file is left).
     """
     require_distinct(words, former)
     store = Keystore.create(path, words, passphrase, cost, former=former)

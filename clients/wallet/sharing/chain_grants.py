@@ -1,8 +1,4 @@
-"""Grants as the chain has them: read, proved complete, and found by the grantee.
-
-Every grantee reads every grant in her member session, so that a node learns nothing of which are hers; what concerns
-one grant is asked in the session of that grant's key.
-"""
+"""Reads and proves grants; grantees read all in their member session, hiding their own."""
 
 from __future__ import annotations
 
@@ -37,14 +33,12 @@ class Grant:
 
 
 async def read_grants(wallet: Wallet, ids: Sequence[bytes], session: PrivateKey) -> list[Grant]:
-    """Return grants by their ids, proven, in one session; an id that the chain does not know is left out."""
     values = await wallet.values([GRANT.key(grant_id) for grant_id in ids], session)
     rows = [(grant_id, GRANT.among(values, grant_id)) for grant_id in ids]
     return [Grant(grant_id, row) for grant_id, row in rows if row is not None]
 
 
 async def read_custodians(wallet: Wallet, session: PrivateKey) -> dict[bytes, NodeAddress | None]:
-    """Return the custodians by key, as the chain proves them; None for one whose address this wallet lacks."""
     read = wallet.reading(session)
     keys = await put_query(read, custodians)
     rows = await proved_rows(read, CUSTODIAN, keys)
@@ -53,7 +47,6 @@ async def read_custodians(wallet: Wallet, session: PrivateKey) -> dict[bytes, No
 
 
 async def _read_page(wallet: Wallet, first: int) -> tuple[int, list[Grant]]:
-    """Return how many grants there are in all, and those from number `first` on, at most a page, none left out."""
     session = wallet.keys.identity
     numbers = range(first, first + PAGE_COUNT)
     values = await wallet.values([GRANT_COUNT.flat, *map(GRANT_NUMBER.key, numbers)], session)
@@ -66,10 +59,9 @@ async def _read_page(wallet: Wallet, first: int) -> tuple[int, list[Grant]]:
 
 
 async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
-    """Read the grants that are new since last time; return all that are for this wallet, and whether new ones were read.
+    """Read new grants; return all for this wallet and whether new ones were readable.
 
-    Who has left, or whose membership was ended, reads no more grants and has what she knew: copies may have to go after
-    that too. Raises PROOF_INVALID if one is left out, NOT_REGISTERED.
+    Former members read no new ones. Raises PROOF_INVALID if one is omitted, NOT_REGISTERED.
     """
     await wallet.require_registered()
     content, known_count = wallet.store.content, wallet.store.content.scanned_grants_count
@@ -95,7 +87,7 @@ async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
 
 
 def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
-    """Tell whether a grant is for these keys. The view tag spares most of the work."""
+    """Return whether a grant is for these keys, filtering by view tag first."""
     row = grant.row
     found = scan_grant(
         keys.view, keys.spend.public_key, row.ephemeral, row.view_tag, chain_id=chain_id, owner=row.owner
@@ -104,7 +96,7 @@ def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
 
 
 def grantee_key(received: ReceivedGrant, wallet: Wallet) -> GrantKey:
-    """Derive the private key of a grant, to be used as its. It is never stored and never leaves this process."""
+    """Derive a grant's private key; it is neither stored nor sent."""
     keys = wallet.eras[received.era]
     key = derive_grantee_key(
         keys.spend, keys.view, received.ephemeral, chain_id=wallet.genesis.chain_id, owner=received.owner
@@ -113,7 +105,6 @@ def grantee_key(received: ReceivedGrant, wallet: Wallet) -> GrantKey:
 
 
 def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
-    """Derive the salt that shows custodians for whose handle a grant is."""
     chain_id = wallet.genesis.chain_id
     return derive_grant_salt(
         wallet.eras[received.era].view, received.ephemeral, chain_id=chain_id, owner=received.owner
@@ -121,14 +112,10 @@ def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
 
 
 def find_by_prefix(ids: Sequence[bytes], start: str) -> bytes:
-    """Return the one grant id that begins so (hexadecimal). Raises GRANT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+    """Return the grant id with this hex prefix. Raises GRANT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
     return ids[find_named(id_prefix.GRANT, [grant_id.hex() for grant_id in ids], start)]
 
 
 def cut_since(grant: Grant, trail: Sequence[AuditEntry]) -> set[bytes]:
-    """Return the records of which single pictures were asked to be erased after the grant, by the visit's trail.
-
-    The record itself tells it only once every custodian has confirmed; those that work destroy their parts at once.
-    """
     asked = (entry for entry in trail if entry.kind == "erasure_requested" and entry.data["frames"])
     return {entry.record_id for entry in asked if entry.time_ms >= grant.row.time}

@@ -1,8 +1,4 @@
-"""What was shared with this wallet's person: looking at it, and what became of it since.
-
-Pictures come under an access of the grant's own key: ciphertext and package from any custodian, parts of the key from at
-least two. Every frame is checked against what the robot committed to on the chain, as the owner's own wallet does it.
-"""
+"""Views records shared with this wallet under the grant's own key, and tracks later changes."""
 
 from __future__ import annotations
 
@@ -62,7 +58,7 @@ Sleep = Callable[[float], Awaitable[None]]
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """What happened to a record after it was shared (Art. 19), and whether the grantee has confirmed that she acted."""
+    """A change to a shared record (GDPR Art. 19), and whether the grantee confirmed acting."""
 
     record_id: bytes
     kind: str
@@ -71,9 +67,9 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class Receipt:
-    """A grant for this wallet, proven, with what its records became. `is_open`: it can be looked at by its terms.
+    """A proven grant for this wallet; `is_open` means viewable by its terms.
 
-    `looked` tells whether the grantee ever asked for pictures, by the visit's trail: with whatever wallet of hers.
+    `looked`: the grantee requested pictures from any wallet, by the audit trail.
     """
 
     grant: Grant
@@ -84,20 +80,20 @@ class Receipt:
 
     @property
     def to_look(self) -> list[bytes]:
-        """The records that can still be looked at: not erased in part or whole, denied or restricted."""
+        """Return viewable records: not erased even in part, denied or restricted."""
         barred = {notice.record_id for notice in self.notices if notice.kind in _NOT_TO_SEE}
         return [record_id for record_id in self.grant.row.records if record_id not in barred] if self.is_open else []
 
     @property
     def to_confirm(self) -> list[bytes]:
-        """The records about which the owner is to be told that copies were deleted."""
+        """Return records whose deleted copies await confirmation to the owner."""
         due = [notice.record_id for notice in self.notices if notice.kind in TO_DELETE and not notice.confirmed]
         return list(dict.fromkeys(due))
 
 
 @dataclass(frozen=True, slots=True)
 class SharedView:
-    """A shared record with its frames as they were found, and the custodians that released it."""
+    """A shared record's frames and the custodians that released it."""
 
     record_id: bytes
     frames: tuple[FrameView, ...]
@@ -105,23 +101,21 @@ class SharedView:
 
     @property
     def corrupted(self) -> list[int]:
-        """The indexes of frames that no custodian has whole."""
         return [frame.index for frame in self.frames if frame.status == STATUS_CORRUPTED]
 
 
 @dataclass(frozen=True, slots=True)
 class Unread:
-    """A grant that is there and could not be read, and why."""
+    """A grant that could not be read, and why."""
 
     received: ReceivedGrant
     error: BlockRobotError
 
 
 class Receiving:
-    """What was shared with one wallet's person."""
+    """Access to what was shared with this wallet."""
 
     def __init__(self, wallet: Wallet, *, follow_max_ms: int = FOLLOW_MAX_MS, sleep: Sleep = asyncio.sleep) -> None:
-        """`follow_max_ms` is how long a custodian may lag behind what the wallet has proven final."""
         self._wallet = wallet
         self._follow_max_ms = follow_max_ms
         self._sleep = sleep
@@ -132,11 +126,9 @@ class Receiving:
         """Empty frames that were asked for in vain, by their hash, and why."""
 
     async def inbox(self) -> list[Receipt]:
-        """Return all that was shared with this person, the oldest first, each asked for in its own session.
+        """Return all received grants, oldest first, each read in its own session.
 
-        `reads_new` says after it whether grants that are new could be read: only a member's session shows them. `faded`
-        are those that ended so long ago that their keys read nothing any more, `unread` those that cannot be read for
-        another reason: no owner's grant hides what others share. Raises what may pass: NODE_UNREACHABLE and the like.
+        Sets `reads_new`, `faded` (keys expired) and `unread` (other failures). Raises transient errors.
         """
         known, self.reads_new = await find_received(self._wallet)
         self.faded, self.unread, found = [], [], []
@@ -153,9 +145,9 @@ class Receiving:
         return sorted(found, key=lambda receipt: (receipt.grant.row.time, receipt.grant.grant_id))
 
     async def read(self, received: ReceivedGrant) -> Receipt:
-        """Return one grant as the chain has it now, with its notices. Raises PROOF_INVALID if it is gone.
+        """Return a grant's current state and notices. Raises PROOF_INVALID if it is gone.
 
-        That its time is over is news only where pictures were written on this machine: everybody knew the end before.
+        Expiry gives a notice only where pictures were written on this machine.
         """
         key = grantee_key(received, self._wallet)
         grants = await read_grants(self._wallet, [received.grant_id], key)
@@ -177,7 +169,6 @@ class Receiving:
     async def _find_notices(
         self, grant: Grant, key: PrivateKey, trail: Sequence[AuditEntry], *, is_open: bool
     ) -> list[tuple[bytes, str]]:
-        """Tell of each record what happened to it since it was shared, from the proven state."""
         owner = grant.row.owner
         places = [RESTRICTION.key(owner), QUARANTINE.key(owner), CORRECTION_COUNT.key(owner)]
         values = await self._wallet.values([*places, *map(RECORD.key, grant.row.records)], key)
@@ -204,7 +195,6 @@ class Receiving:
         return notices
 
     async def _corrected(self, grant: Grant, count: int, key: PrivateKey) -> set[bytes]:
-        """Return the records of a grant that were corrected after it was made; a correction may be of the whole visit."""
         values = await self._wallet.values(correction_keys(grant.row.owner, count), key)
         found: set[bytes] = set()
         for row in map(CORRECTION.convert, values.values()):
@@ -213,15 +203,15 @@ class Receiving:
         return found
 
     async def request_access(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
-        """Put a request of the grant's key on the chain and wait until it is final. Raises CALL_REFUSED."""
+        """Submit an access request by the grant's key and wait until final. Raises CALL_REFUSED."""
         grant, key = receipt.grant, grantee_key(receipt.received, self._wallet)
         arguments = [grant.grant_id, list(records), grant.row.purpose]
         return (await self._wallet.network.call(key, "access", "request_granted", arguments)).txid
 
     async def look(self, receipt: Receipt, record_id: bytes, access_id: bytes) -> SharedView:
-        """Fetch a shared record, open and check it, from as few custodians as it takes.
+        """Fetch, open and check a record from the fewest custodians.
 
-        Raises GRANT_PARTS_MISSING if too few of them gave their parts, or what all refused with.
+        Raises GRANT_PARTS_MISSING, or the common refusal.
         """
         key = grantee_key(receipt.received, self._wallet)
         state = await proved_row(self._wallet.reading(key), RECORD, record_id)
@@ -255,7 +245,7 @@ class Receiving:
         return gathered.view(refused_with)
 
     async def _custodians(self, key: PrivateKey) -> dict[NodeAddress | None, bytes]:
-        """Return the custodians as the key of a grant reads them: only while it stands. Raises GRANT_ENDED."""
+        """Raises GRANT_ENDED."""
         try:
             found = await read_custodians(self._wallet, key)
         except BlockRobotError as error:
@@ -267,7 +257,6 @@ class Receiving:
     async def _download(
         self, node: NodeAddress, grant_id: bytes, ask: SharedRequest, key: PrivateKey
     ) -> SharedDownload:
-        """Ask one custodian, giving one that follows the chain late some time to see the final request."""
         waited_ms = 0.0
         while True:
             try:
@@ -279,22 +268,19 @@ class Receiving:
             waited_ms += _FOLLOW_PAUSE_S * 1000
 
     async def background(self, receipt: Receipt, rendition: Rendition) -> bytes | None:
-        """Return the PNG of the empty frame behind a rendition, checked against its hash, or None (`missing_rooms`)."""
         key = grantee_key(receipt.received, self._wallet)
         custody = self._wallet.network.custody
         return await custody.find_background(rendition.background_id, key, self.missing_rooms)
 
     def remember_copy(self, receipt: Receipt, record_id: bytes, folder: str) -> None:
-        """Remember where pictures were written, so that they are not forgotten when they have to go."""
         copy = SharedCopy(record_id, folder)
         if copy not in receipt.received.copies:
             receipt.received.copies.append(copy)
             self._wallet.store.save()
 
     async def confirm_deleted(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
-        """Tell the owner, on the chain, that copies of these records are deleted; forget where they were.
-
-        Returns the txid. Raises NOTHING_TO_CONFIRM for records of which nothing is to be confirmed, CALL_REFUSED.
+        """Confirm deleted copies on the chain, forget their folders and return the txid. Raises NOTHING_TO_CONFIRM,
+        CALL_REFUSED.
         """
         received = receipt.received
         if not set(records) <= set(receipt.to_confirm):
@@ -312,30 +298,24 @@ class Receiving:
 
 @dataclass(frozen=True, slots=True)
 class _TrailReader:
-    """Reads another's visit in the session of the grant's key."""
-
     wallet: Wallet
     key: PrivateKey
     trails: None = None
 
     def owner_key(self, visit: KnownVisit) -> PrivateKey:  # noqa: ARG002
-        """Return the key in whose session the trail is read."""
         return self.key
 
     async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
-        """Return proved values of flat keys."""
         return await self.wallet.values(keys, session)
 
     async def scan(self) -> list[KnownVisit]:
-        """None of the visits is one's own."""
         return []
 
 
 class _Gathered:
-    """What custodians gave of one record so far. A custodian that lies spoils only what it gave itself.
+    """Custodians' answers for one record; a lying custodian spoils only its own.
 
-    What opens a package need not be what its owner put in: a custodian can seal keys of its own making to the grantee.
-    So all keys that come out are kept, and a frame counts once any of them opens what the robot committed to.
+    All keys are kept, as a custodian can seal its own; a frame counts once any opens the commitment.
     """
 
     def __init__(self, state: RecordRow, record_id: bytes, grantee: bytes, sealing: bytes) -> None:
@@ -352,14 +332,10 @@ class _Gathered:
 
     @property
     def is_done(self) -> bool:
-        """Whether no further custodian could add anything."""
         return bool(self._frames) and all(frame.status != STATUS_CORRUPTED for frame in self._frames.values())
 
     def add(self, name: str, custodian: bytes, answer: SharedDownload) -> None:
-        """Take the answer of the custodian with this proven key, and try what opens with all that is there.
-
-        Raises UPLOAD_INVALID for parts of a wrong form; then nothing of it is used.
-        """
+        """Add the answer of the custodian with this proven key. Raises UPLOAD_INVALID, then none of it is used."""
         check_shared_parts(answer)
         self._answers[name] = answer
         self._parts[custodian] = answer.parts
@@ -380,7 +356,6 @@ class _Gathered:
             self._open_all()
 
     def _damaged(self, answer: SharedDownload) -> set[int] | None:
-        """Return the frames that are damaged in an answer; None if its leaves lead to other roots than the chain's."""
         try:
             damaged = set(check_shared_download(answer, self._state.commitment_root, self._state.ciphertext_root))
         except BlockRobotError:
@@ -388,11 +363,10 @@ class _Gathered:
         return damaged | {frame.index for frame in answer.frames if frame.erased and not self._is_erased(frame.index)}
 
     def _is_erased(self, index: int) -> bool:
-        """A custodian's word is not enough: it would be an easy way to keep a picture back."""
+        """Trust the chain only: a custodian could claim erasure to withhold a frame."""
         return index in self._state.erased_frames
 
     def view(self, refused_with: BlockRobotError | None) -> SharedView:
-        """Return what there is to see. Raises why there is nothing."""
         if not self._answers:
             raise refused_with or refusal("NOT_FOUND", "no_custodian")
         if not self._key_sets:
@@ -406,7 +380,6 @@ class _Gathered:
         return SharedView(self._record_id, frames, tuple(self._answers))
 
     def _open_all(self) -> None:
-        """Open what is not open yet, of every answer with frames whose leaves lead to the chain's roots."""
         for answer in self._answers.values():
             damaged = self._damaged(answer) if answer.frames else None
             if damaged is None:

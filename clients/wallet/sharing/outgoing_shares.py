@@ -1,8 +1,7 @@
-"""Shares records with one member of the staff or an officer, and ends that.
+"""Shares records with one staff member or officer, and revokes shares.
 
-The owner's wallet opens the data keys, seals them to the grantee, closes that package under a key of its own and gives
-every custodian its part of that key, each by itself. Then it signs the grant with the visit's owner key; the chain learns
-neither who the owner is nor with whom she shares.
+Data keys are sealed to the grantee and encrypted under a key split among custodians. The visit's owner key signs; the
+chain learns neither owner nor grantee.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ Sleep = Callable[[float], Awaitable[None]]
 
 @dataclass(frozen=True, slots=True)
 class Grantee:
-    """With whom something is to be shared: what the chain proves of her, and what this wallet's owner calls her."""
+    """A grantee as proven by the chain, with the owner's label."""
 
     label: str
     member: MemberRow
@@ -77,7 +76,7 @@ class Grantee:
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """A grant that is final. `pictures_count` is how many can be opened; `custodians` are those that hold parts."""
+    """A final grant; `pictures_count` can be opened, `custodians` hold parts."""
 
     grant_id: bytes
     visit: KnownVisit
@@ -91,7 +90,7 @@ class Shared:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One time that the grantee asked for shared records: when, how many, and how many custodians then stood ready."""
+    """One grantee request: when, records requested and custodians ready."""
 
     time_ms: int
     records_count: int
@@ -100,10 +99,9 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A grant of one's own, proven, with what became of it; `given` is what this wallet remembers of it, if anything.
+    """One of the owner's grants, proven; `given` is this wallet's note.
 
-    `confirmed` are records of which the grantee said that her copies are deleted, and did not ask for since; `cut` are
-    those of which single pictures were erased since, `erased` those that were erased whole: they are shared no more.
+    `confirmed`: copies reported deleted; `cut`: partly erased; `erased`: wholly.
     """
 
     grant: Grant
@@ -115,21 +113,18 @@ class Share:
     erased: frozenset[bytes] = frozenset()
 
     def shows(self, record_id: bytes, now_ms: int) -> bool:
-        """Tell whether a record can be looked at by this grant now."""
+        """Return whether this grant now shows a record."""
         return self.grant.row.is_open(now_ms) and record_id in self.left
 
     @property
     def left(self) -> list[bytes]:
-        """The records of which nothing was erased since."""
         return [record_id for record_id in self.grant.row.records if record_id not in self.cut | self.erased]
 
     @property
     def name(self) -> str:
-        """For whom it is, in words, in the language of the command that runs."""
         return self.name_in(None)
 
     def name_in(self, language: str | None) -> str:
-        """Return for whom it is, in words, in a language."""
         if self.given is None:
             return text("shares.forgotten", language=language)
         start, label = encode_short(self.given.handle), self.given.label
@@ -143,14 +138,14 @@ def _same_name(label: str, name: str) -> bool:
 
 
 def require_purpose_to_share(purpose: str, known: Sequence[str]) -> None:
-    """Raise SHARE_NOT_POSSIBLE unless records can be shared for this purpose."""
+    """Raise SHARE_NOT_POSSIBLE unless this purpose allows sharing."""
     if purpose not in known or purpose == OWN_ACCESS:
         free = ", ".join(code for code in known if code != OWN_ACCESS)
         raise refusal("SHARE_NOT_POSSIBLE", "share_purpose", purpose=purpose, free=free)
 
 
 def place_end(until_ms: int, now_ms: int) -> int:
-    """Return the full five minutes at or after a moment. Raises SHARE_NOT_POSSIBLE for the past, or beyond 366 days."""
+    """Round up to five minutes. Raises SHARE_NOT_POSSIBLE for the past or beyond 366 days."""
     end_ms = -(-until_ms // GRANT_STEP_MS) * GRANT_STEP_MS
     if not now_ms < end_ms <= now_ms + GRANT_MAX_MS:
         raise refusal("SHARE_NOT_POSSIBLE", "share_until")
@@ -158,10 +153,10 @@ def place_end(until_ms: int, now_ms: int) -> int:
 
 
 def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], purpose: str) -> list[RecordEntry]:
-    """Return the records that are meant, of one visit, as the chain would let them be shared.
+    """Return the shareable records of one visit.
 
-    Raises SHARE_NOT_POSSIBLE for records of several visits (side by side, two grants would tell that they are one
-    person's), NOTHING_TO_SHARE if none is left, CALL_REFUSED with the code by which the chain would refuse.
+    Raises SHARE_NOT_POSSIBLE for several visits (grants would link them), NOTHING_TO_SHARE, CALL_REFUSED (the chain's
+    code).
     """
     if len(chosen) != 1:
         raise refusal("SHARE_NOT_POSSIBLE", "share_one_visit")
@@ -182,7 +177,7 @@ def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], p
 
 
 class Sharing:
-    """What one wallet's person shares."""
+    """Sharing of one owner's records."""
 
     def __init__(
         self,
@@ -192,19 +187,16 @@ class Sharing:
         draw: Callable[[int], bytes] = secrets.token_bytes,
         sleep: Sleep = asyncio.sleep,
     ) -> None:
-        """`draw` makes random bytes."""
         self._wallet = wallet
         self._viewing = viewing or Viewing(wallet)
         self._draw = draw
         self._sleep = sleep
 
     async def find_grantee(self, wanted: str, label: str = "") -> Grantee:
-        """Return the member with this handle (short, or 64 hexadecimal digits), or of a name that was given before.
+        """Return the member with this handle (short, or 64 hex digits) or label, by quorum in the member session.
 
-        Asked in the member session: anybody may look up a member; of a quorum: keys may have been replaced. Raises
-        SHARE_WITH_NON_MEMBER unless she is an active member of the staff or an officer, of an organisation that is still
-        there; SHARE_NOT_POSSIBLE for what is no handle, for a name that stands for two, and for a `label` by which another
-        is called already: no name ever moves; QUORUM_UNHEARD.
+        Raises SHARE_WITH_NON_MEMBER (no active staff or officer), SHARE_NOT_POSSIBLE (bad, ambiguous or taken),
+        QUORUM_UNHEARD.
         """
         handle, known = await self._read_handle(wanted)
         label = label.strip()
@@ -248,7 +240,7 @@ class Sharing:
         return handle, known[-1] if known else ""
 
     async def _of_short(self, wanted: str) -> bytes:
-        """Return the one handle that begins so, proven. Raises HANDLE_MISTYPED, SHARE_WITH_NON_MEMBER."""
+        """Raises HANDLE_MISTYPED and SHARE_WITH_NON_MEMBER."""
         short = decode_short(wanted)
         await self._wallet.require_registered()
         read = self._wallet.reading(self._wallet.keys.identity)
@@ -258,16 +250,15 @@ class Sharing:
         return handle
 
     def _called(self, name: str) -> set[bytes]:
-        """Return the handles of all whom this wallet's owner ever called so."""
         return {given.handle for given in self._wallet.store.content.given_grants if _same_name(given.label, name)}
 
     async def share(
         self, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, tell: Tell
     ) -> Shared:
-        """Share records of one visit, up to 64, and wait until that is final. `until_ms` is a full five minutes.
+        """Share up to 64 records of one visit and wait for finality; `until_ms` is a full five minutes.
 
-        Records without a picture that can be opened are left out. Raises SHARE_CUSTODIANS_MISSING if too few
-        custodians take their parts, NOTHING_TO_SHARE if nothing can be shared, CALL_REFUSED with the contract's code.
+        Records without an openable picture are omitted. Raises SHARE_CUSTODIANS_MISSING, NOTHING_TO_SHARE,
+        CALL_REFUSED.
         """
         if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
             raise refusal("SHARE_NOT_POSSIBLE", "share_records", most=GRANT_RECORDS_MAX_COUNT)
@@ -312,7 +303,6 @@ class Sharing:
         return Shared(transaction.txid, visit, tuple(records), until_ms, pictures, left_out, held, absent)
 
     async def _open_keys(self, entries: Sequence[RecordEntry]) -> dict[bytes, dict[int, bytes]]:
-        """Return the data keys of every record by frame, after an access of one's own; of damaged frames there is none."""
         access_id = await self._viewing.request_access(list(entries), OWN_ACCESS)
         found = {}
         for entry in entries:
@@ -321,7 +311,7 @@ class Sharing:
         return found
 
     async def _find_custodians(self) -> dict[bytes, NodeAddress | None]:
-        """Return the custodians by key. Raises SHARE_CUSTODIANS_MISSING if there are none, QUORUM_UNHEARD."""
+        """Raises QUORUM_UNHEARD and SHARE_CUSTODIANS_MISSING."""
         await require_quorum(self._wallet.network, self._wallet.keys.identity)
         custodians = await read_custodians(self._wallet, self._wallet.keys.identity)
         if not custodians:
@@ -336,7 +326,6 @@ class Sharing:
         data_keys: dict[int, bytes],
         custodians: list[bytes],
     ) -> list[tuple[bytes, GrantUpload]]:
-        """Close the package of one record under a fresh key; return what each custodian gets of it."""
         txid, valid_until_ms, record_id = place
         share_key = self._draw(SHARE_KEY_BYTES)
         masks = [self._draw(SHARE_KEY_BYTES) for _ in range(count_masks(len(custodians)))]
@@ -353,9 +342,9 @@ class Sharing:
         key: PrivateKey,
         tell: Tell,
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Give every custodian its parts, one custodian after the other; return who has them, and who was away.
+        """Upload parts to each custodian in turn; return the stored and absent ones.
 
-        Raises SHARE_CUSTODIANS_MISSING unless two have them all, or the only one has.
+        Raises SHARE_CUSTODIANS_MISSING unless two have all parts, or the only one has.
         """
         held, absent, failures = [], [], []
         for custodian, node in custodians.items():
@@ -378,7 +367,6 @@ class Sharing:
         return tuple(held), tuple(absent)
 
     async def _upload(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:
-        """Give one custodian its parts of one record, waiting a few seconds for one that is a moment behind."""
         for _ in range(UPLOAD_ATTEMPTS_MAX_COUNT - 1):
             try:
                 return await self._wallet.network.custody.upload_grant(node, upload, key)
@@ -398,7 +386,7 @@ class Sharing:
         self._wallet.store.save()
 
     async def shares(self) -> list[Share]:
-        """Return every grant of this person's visits, the oldest first: found and proved by each visit's audit trail."""
+        """Return all grants of the owner's visits, oldest first, proven from audit trails."""
         known = {given.grant_id: given for given in self._wallet.store.content.given_grants}
         found: list[Share] = []
         for visit in await self._wallet.scan():
@@ -406,7 +394,6 @@ class Sharing:
         return sorted(found, key=lambda share: (share.grant.row.time, share.grant.grant_id))
 
     async def shares_of(self, visit: KnownVisit) -> list[Share]:
-        """Return every grant of one visit."""
         return await self._shares_of(
             visit, {given.grant_id: given for given in self._wallet.store.content.given_grants}
         )
@@ -433,18 +420,17 @@ class Sharing:
         return found
 
     async def recipients(self, entries: Sequence[RecordEntry]) -> list[Share]:
-        """Return the grants by which any of these records was shared, looked at or not (Art. 19, last sentence)."""
         visits = {entry.visit.owner: entry.visit for entry in entries}
         ids = {entry.record_id for entry in entries}
         found = [share for visit in visits.values() for share in await self.shares_of(visit)]
         return [share for share in found if ids.intersection(share.grant.row.records)]
 
     async def revoke(self, share: Share) -> bytes:
-        """End a grant; custodians destroy their parts at once. Returns the txid. Raises CALL_REFUSED (GRANT_ENDED)."""
+        """Revoke a grant; custodians destroy their parts. Returns the txid. Raises CALL_REFUSED (GRANT_ENDED)."""
         return await self._wallet.sign_and_wait(share.visit, "access", "revoke", [share.grant.grant_id])
 
     async def end_unknown(self, visit: KnownVisit) -> list[bytes]:
-        """End each open grant of a visit that this wallet has no note of, and return their ids. Raises CALL_REFUSED."""
+        """End a visit's open grants unknown to this wallet; return ids. Raises CALL_REFUSED."""
         wallet, key = self._wallet, self._wallet.owner_key(visit)
         state = await wallet.network.state_values([COUNT.key(visit.owner)], key)
         trail = await audit_visit(wallet, visit, COUNT.among(state.values, visit.owner) or 0)
@@ -462,7 +448,6 @@ class Sharing:
 
 
 def find_looks(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[Look, ...]:
-    """Return what the trail of a visit says of a grantee's looking, in order."""
     released: dict[bytes, set[Any]] = {}
     for entry in trail:
         if entry.kind == "access_released":
@@ -475,15 +460,11 @@ def find_looks(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[Look, ...]
 
 
 def _is_look(entry: AuditEntry) -> bool:
-    """Whether a grantee asked for shared records."""
     return entry.kind == "access_requested" and isinstance(entry.data.get("grant"), bytes)
 
 
 def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[bytes, AccessRow]) -> frozenset[bytes]:
-    """Return the records of which a grantee said on the chain that her copies are deleted, and did not ask for since.
-
-    `asked` are the proven rows of requests, by id: the trail has only how many records they are of.
-    """
+    """Return records reported deleted and not requested since; `asked` holds proven request rows by id."""
     gone: set[bytes] = set()
     for entry in trail:
         if entry.kind == "grant_noticed" and entry.data["grant_id"] == grant_id:

@@ -1,7 +1,4 @@
-"""What a wallet remembers of guardians, in its encrypted file alone.
-
-It names people, so it leaves that file for nobody but its owner.
-"""
+"""A wallet's memory of guardians, stored only in its encrypted file."""
 
 from __future__ import annotations
 
@@ -15,10 +12,9 @@ NAME_MAX_CHARS = 40
 
 
 class GuardianSet(msgspec.Struct):
-    """Shares that were made at one time: when, how many are needed, for whom, and the number that all of them bear.
+    """One set of guardian shares, with the identifier that all bear.
 
-    `era` says of which of the wallet's words they are, counted from its first. `handed_count` of the guardians had
-    theirs when it ended.
+    `era` numbers the wallet's mnemonics from its first; `handed_count` guardians had received theirs at the end.
     """
 
     made_at_ms: int
@@ -30,12 +26,10 @@ class GuardianSet(msgspec.Struct):
 
     @property
     def is_whole(self) -> bool:
-        """Tell whether every guardian was given a share."""
         return self.handed_count == len(self.guardians)
 
 
 def set_json(one: GuardianSet, present_era: int) -> dict[str, Any]:
-    """Return a set for a program. No share is in it: the wallet has none."""
     return {
         "identifier": one.identifier,
         "made_at_ms": one.made_at_ms,
@@ -47,7 +41,7 @@ def set_json(one: GuardianSet, present_era: int) -> dict[str, Any]:
 
 
 def require_names(names: tuple[str, ...]) -> None:
-    """Raise WrongUsage for guardians' names that cannot be printed, or tell two of them apart by nothing."""
+    """Raise WrongUsage for unprintable or indistinguishable guardian names."""
     for name in names:
         if not name.strip() or len(name) > NAME_MAX_CHARS or not name.isprintable():
             raise WrongUsage("guardian_name", count=NAME_MAX_CHARS)

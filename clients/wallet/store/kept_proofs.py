@@ -1,7 +1,6 @@
-"""Proofs that the wallet keeps of what it signed, so that old receipts hold when every node has dropped their blocks.
+"""Proofs kept of the wallet's own transactions, valid after nodes drop the blocks.
 
-Kept are a transaction, its receipt with its path to a final header, and of an erasure what all custodians confirmed, with
-its path to a state root. They are checked with the genesis file and the epochs of the pin alone.
+Genesis file and pinned epochs suffice to check them.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ _NAME = "the wallet"
 
 
 class KeptProof(doc.Document, frozen=True):
-    """A transaction's wire, what proves its receipt, and what proves the custodians' receipts of a complete erasure."""
+    """A transaction's wire, receipt proof and proof of custodians' erasure receipts."""
 
     transaction: str
     proof: doc.ReceiptProof
@@ -39,10 +38,7 @@ class KeptProof(doc.Document, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class CheckedProof:
-    """A proof that holds. `erasure` is the complete erasure's row of the state, for a request of one.
-
-    `proved_height` is the final block that its last part was proved by.
-    """
+    """A valid proof; `erasure` is the complete erasure's row, `proved_height` the last proving block."""
 
     transaction: Transaction
     receipt: Receipt
@@ -54,14 +50,13 @@ class CheckedProof:
 
 
 class ProofHolder(Protocol):
-    """Where proofs are kept: the content of a wallet's file."""
+    """Where proofs are kept: a wallet file's content."""
 
     proofs: dict[bytes, bytes]
     proofs_dropped_count: int
 
 
 def receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.ReceiptProof:
-    """Return what proves a receipt, as it is kept and handed on."""
     return doc.ReceiptProof(
         headers=[read_hex(header).hex() for header in evidence.headers],
         finality=finality_bytes(evidence.finality).hex(),
@@ -74,12 +69,10 @@ def receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.Rece
 
 
 def finality_bytes(document: FinalityDocument) -> bytes:
-    """Return a finality proof in its canonical bytes."""
     return encode(read_finality(document))
 
 
 def keep_receipt(holder: ProofHolder, receipt: FinalReceipt) -> None:
-    """Keep what proves the receipt of a transaction that this wallet signed."""
     if receipt.evidence is None or receipt.transaction is None:
         return
     kept = KeptProof(receipt.transaction.wire.hex(), receipt_proof(receipt, receipt.evidence))
@@ -87,7 +80,7 @@ def keep_receipt(holder: ProofHolder, receipt: FinalReceipt) -> None:
 
 
 def keep_erasure(holder: ProofHolder, erasure_id: bytes, state: ProvedState) -> None:
-    """Keep what proves that an erasure is complete beside the proof of its request, once."""
+    """Keep the proof of a complete erasure with its request's, once."""
     kept, key = read_kept(holder, erasure_id), REQUEST.key(erasure_id)
     if kept is None or kept.state is not None or state.answer is None or state.answer.finality is None:
         return
@@ -109,7 +102,7 @@ def _put(holder: ProofHolder, txid: bytes, kept: KeptProof) -> None:
 
 
 def read_kept(holder: ProofHolder, txid: bytes) -> KeptProof | None:
-    """Return the proof that is kept of a transaction, or None. Raises KEPT_PROOF_DAMAGED."""
+    """Return a transaction's kept proof, or None. Raises KEPT_PROOF_DAMAGED."""
     kept = holder.proofs.get(txid)
     return None if kept is None else _read(txid, kept)
 
@@ -122,7 +115,7 @@ def _read(txid: bytes, packed: bytes) -> KeptProof:
 
 
 def check_kept(chain: ProvedChain, chain_id: bytes, txid: bytes, kept: KeptProof) -> CheckedProof:
-    """Check one proof without asking anybody. Raises KEPT_PROOF_DAMAGED for whatever does not follow from it."""
+    """Check a proof offline. Raises KEPT_PROOF_DAMAGED."""
     try:
         return _check(chain, chain_id, txid, kept)
     except BlockRobotError as error:
@@ -151,7 +144,6 @@ def _check(chain: ProvedChain, chain_id: bytes, txid: bytes, kept: KeptProof) ->
 
 
 def check_all(holder: ProofHolder, chain: ProvedChain, chain_id: bytes) -> Iterator[CheckedProof | BlockRobotError]:
-    """Yield each kept proof that holds, or why it does not, in the order in which they were kept."""
     for txid in list(holder.proofs):
         try:
             kept = read_kept(holder, txid)
@@ -164,7 +156,6 @@ def check_all(holder: ProofHolder, chain: ProvedChain, chain_id: bytes) -> Itera
 def kept_of(
     proofs: Mapping[bytes, bytes], chain: ProvedChain, chain_id: bytes, contract: str
 ) -> Sequence[tuple[bytes, KeptProof]]:
-    """Return those of the kept `proofs` that hold of calls of one contract, by transaction; others are not checked."""
     found = []
     for txid, packed in proofs.items():
         try:

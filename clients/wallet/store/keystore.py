@@ -1,7 +1,6 @@
-"""The wallet on disk: one encrypted file, written whole or not at all.
+"""The wallet as one passphrase-sealed file, replaced atomically.
 
-Sealed under the passphrase (`clients.sdk.passphrase`) is everything: the words, what the wallet knows of its visits
-(itself sensitive: it says where somebody was), and the newest verified header.
+It holds mnemonics, visits (sensitive: they reveal whereabouts) and the newest verified header.
 """
 
 from __future__ import annotations
@@ -36,12 +35,11 @@ WALLET_FILE_MAX_BYTES = 64 * 1024 * 1024
 
 
 class KnownVisit(msgspec.Struct):
-    """A visit that the wallet found to be its own: what is needed to derive its owner key again.
+    """One of the wallet's own visits, with what derives its owner key.
 
-    `owner` is the visit's first key, its name on the chain; `current`, if it was transferred, the key that decides of it
-    now. `ephemeral` and `era` (which words, counted from the wallet's first) belong to the key that decides. `taken`: it
-    was transferred to a key that none of the wallet's words lead to. `stuck`: the chain lets nobody transfer it any more.
-    `shares_due`: it was, or is about to be, transferred, and shares that others made by its former key may stand yet.
+    `owner`: first key, the visit's name; `current`: deciding key after transfer; `ephemeral` and `era` (mnemonic
+    number) belong to the deciding key. `taken`: foreign key decides; `stuck`: not transferable; `shares_due`: unknown
+    shares may survive transfer.
     """
 
     owner: bytes
@@ -57,12 +55,10 @@ class KnownVisit(msgspec.Struct):
 
 
 class WalletContent(msgspec.Struct):
-    """What the file holds, decrypted.
+    """The decrypted wallet file.
 
-    `former` are words that were replaced, oldest first: what was sealed to their keys opens with nothing else.
-    `next_words` are to replace the present ones; they are kept here before anything is signed with them. `leaving` are the
-    transactions by which she meant to leave; that she `left` is noted once one of them is proven to have succeeded.
-    `proofs` are those of her own transactions, by txid (`clients.wallet.store.kept_proofs`).
+    `former`: replaced mnemonics, oldest first, needed for decryption. `next_words`: kept before signing with it.
+    `leaving`: leave transactions; `left`: one provably succeeded. `proofs`: by txid.
     """
 
     words: str
@@ -95,7 +91,7 @@ class WalletContent(msgspec.Struct):
 
 
 def _write_whole(path: Path, data: bytes) -> None:
-    """Write beside, sync, rename, sync the folder: after a power cut the old file or the new one is there."""
+    """Replace atomically, syncing file and folder: a power cut leaves old or new."""
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".wallet-")
     try:
         os.fchmod(descriptor, 0o600)
@@ -115,7 +111,6 @@ def _write_whole(path: Path, data: bytes) -> None:
 
 
 def _damaged(error: SealedFileError, path: Path) -> BlockRobotError:
-    """Return why a file is no wallet's."""
     if str(error) == "changed":
         return refusal("WALLET_DAMAGED", "wallet_changed", path=str(path))
     if str(error) == "work":
@@ -124,7 +119,7 @@ def _damaged(error: SealedFileError, path: Path) -> BlockRobotError:
 
 
 class Keystore:
-    """An open wallet file. `save` seals with a fresh nonce under the key that opened it."""
+    """An open wallet file; `save` seals with a fresh nonce."""
 
     def __init__(self, path: Path, key: SealingKey, content: WalletContent) -> None:
         self._path = path
@@ -139,10 +134,7 @@ class Keystore:
     def create(
         cls, path: Path, words: str, passphrase: str, cost: PassphraseCost | None = None, *, former: Sequence[str] = ()
     ) -> Keystore:
-        """Make a new wallet file, mode 0600. `former` are words that were replaced, oldest first.
-
-        Raises WALLET_EXISTS rather than overwrite one.
-        """
+        """Create a wallet file, mode 0600; `former` is oldest first. Raises WALLET_EXISTS."""
         if path.exists():
             raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -172,15 +164,15 @@ class Keystore:
         return cls(path, key, content)
 
     def opens_with(self, passphrase: str) -> bool:
-        """Tell whether this passphrase opens the file. As dear as opening it."""
+        """Return whether this passphrase opens the file; costs as much as opening."""
         return self._key.is_from(passphrase)
 
     def read_only(self) -> None:
-        """Write nothing from now on: another program has the file, and what it notes would be lost."""
+        """Disable writing because another program holds the file."""
         self._is_read_only = True
 
     def save(self) -> None:
-        """Seal the content and replace the file in one step, unless it is only read: then it is logged that it was not."""
+        """Seal and replace the file atomically; if read-only, only log."""
         if self._is_read_only:
             _log.info("The wallet is read beside another program: what was to be noted in it is dropped.")
             return

@@ -1,7 +1,7 @@
-"""The four keys of a person, from 24 words.
+"""A person's four keys, derived from a 24-word mnemonic.
 
-BIP-39 words make a seed; BIP-32 hardened derivation makes three secp256k1 keys, identity M (signs as a member), spend S
-and view V (one-time owner keys, ERC-5564); a fourth branch is stretched by HKDF into the X25519 sealing key X.
+BIP-39 seed, BIP-32 hardened secp256k1 keys M (identity), S (spend), V (view; ERC-5564), and by HKDF the X25519 sealing
+key X.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SEALING_INFO = b"blockrobot/sealing-key"
 
 @dataclass(frozen=True, slots=True, repr=False)
 class WalletKeys:
-    """The secret keys of one person: M, S, V (secp256k1) and X (X25519, 32 bytes)."""
+    """A person's secret keys: M, S, V (secp256k1) and X (X25519, 32 bytes)."""
 
     identity: PrivateKey
     spend: PrivateKey
@@ -39,17 +39,16 @@ class WalletKeys:
 
     @property
     def sealing_public(self) -> bytes:
-        """The X25519 public key, 32 bytes."""
         return bytes(SealingPrivateKey(self.sealing).public_key)
 
 
 def draw_words() -> str:
-    """Return 24 fresh English words (256 bits, BIP-39)."""
+    """Return a fresh 24-word English mnemonic (256 bits, BIP-39)."""
     return str(Mnemonic("english").to_mnemonic(secrets.token_bytes(_ENTROPY_BYTES)))
 
 
 def derive_keys(words: str) -> WalletKeys:
-    """Derive the four keys from 24 words. Raises WORDS_INVALID; it names wrong words by their numbers alone."""
+    """Derive the four keys. Raises WORDS_INVALID, which gives only word positions."""
     normal = " ".join(words.lower().split())
     language = Mnemonic("english")
     each = normal.split()

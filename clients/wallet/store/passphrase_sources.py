@@ -1,4 +1,4 @@
-"""Where a passphrase comes from beside the terminal: the system's keyring, if asked for."""
+"""Passphrases from the system's keyring, an optional package."""
 
 from __future__ import annotations
 
@@ -19,10 +19,7 @@ _UNFIT_PRIORITY = 0  # what the package takes where it finds nothing that keeps 
 
 
 def load_keyring() -> Any:
-    """Return the package that speaks to the system's keyring.
-
-    Raises EXTRA_MISSING, and KEYRING_UNUSABLE where a person named a keyring that is not there.
-    """
+    """Return the keyring package. Raises EXTRA_MISSING, KEYRING_UNUSABLE."""
     try:
         package = importlib.import_module("keyring")
     except ImportError:
@@ -40,7 +37,7 @@ def load_keyring() -> Any:
 
 @contextmanager
 def telling_of_trouble(key: str) -> Iterator[None]:
-    """Raise KEYRING_UNUSABLE (`because.KEY`) for whatever a keyring raises: it is others' code, and fails in many ways."""
+    """Convert any keyring exception to KEYRING_UNUSABLE (`because.KEY`)."""
     try:
         yield
     except BlockRobotError:
@@ -50,9 +47,9 @@ def telling_of_trouble(key: str) -> Iterator[None]:
 
 
 def find_weak_keyring(package: Any) -> str | None:
-    """Return the name of the keyring in use if the package itself does not recommend it, None if it does.
+    """Return the name of a keyring not recommended by the package, else None.
 
-    Raises KEYRING_UNUSABLE for such a one that nobody named: the package falls back to a readable file in silence.
+    Raises KEYRING_UNUSABLE if nobody chose it: the package silently falls back to a readable file.
     """
     front = package.get_keyring()
     # Of several the package makes a chain, which it recommends whatever is in it. The strongest is what takes things.
@@ -69,10 +66,7 @@ def find_weak_keyring(package: Any) -> str | None:
 
 
 def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
-    """Keep a wallet's passphrase in the system's keyring; return the keyring's name if it protects little.
-
-    Raises EXTRA_MISSING, KEYRING_UNUSABLE, the latter also for one that takes it and has nothing afterwards.
-    """
+    """Store a passphrase; return the keyring's name if weak. Raises EXTRA_MISSING, KEYRING_UNUSABLE."""
     backend, name = load_keyring(), str(wallet.resolve())
     with telling_of_trouble("keyring_took_nothing"):
         weak = find_weak_keyring(backend)
@@ -85,7 +79,7 @@ def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
 
 
 def forget_in_keyring(wallet: Path) -> None:
-    """Take a wallet's passphrase out of the system's keyring. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
+    """Remove a passphrase. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend, name = load_keyring(), str(wallet.resolve())
     with telling_of_trouble("keyring_may_still_have"):
         if backend.get_password(SERVICE, name) is None:
@@ -94,7 +88,7 @@ def forget_in_keyring(wallet: Path) -> None:
 
 
 def read_from_keyring(wallet: Path) -> str:
-    """Return a wallet's passphrase from the system's keyring. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
+    """Return a passphrase. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend = load_keyring()
     with telling_of_trouble("keyring_gave_nothing"):
         found = backend.get_password(SERVICE, str(wallet.resolve()))

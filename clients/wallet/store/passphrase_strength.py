@@ -1,8 +1,6 @@
-"""Which new passphrases are refused, and what is known of the others.
+"""Strength checks for passphrases, after NIST SP 800-63B-4, section 3.1.1.2.
 
-After NIST SP 800-63B-4, section 3.1.1.2: length counts, and no kinds of letters are asked for; whatever is common is
-refused. Whoever has a copy of the wallet's file tries passphrases on his own machine, as many as he likes: then nothing
-else protects it, and the standard's minimum for a password that stands alone holds.
+The minimum for a stand-alone password holds, as a stolen file can be attacked offline.
 """
 
 from __future__ import annotations
@@ -47,17 +45,14 @@ _WORD_MAX_LETTERS = max(map(len, _WORDS))
 
 
 class Strength(enum.Enum):
-    """What is known of a passphrase that is taken: it is not made of what is listed here, and of how many parts it is.
-
-    Whether somebody else would think of it nobody can tell from a short list: so none is called good.
-    """
+    """What is known of an accepted passphrase; none is called good."""
 
     FAIR = "fair"
     LONG = "long"
 
 
 def judge_passphrase(passphrase: str) -> Strength:
-    """Return what is known of a new passphrase. Raises PASSPHRASE_WEAK for a short or a common one."""
+    """Judge a new passphrase. Raises PASSPHRASE_WEAK for a short or common one."""
     letters = count_letters(passphrase)
     if letters < PASSPHRASE_MIN_LETTERS:
         raise refusal("PASSPHRASE_WEAK", "passphrase_short", count=letters, least=PASSPHRASE_MIN_LETTERS)
@@ -68,16 +63,15 @@ def judge_passphrase(passphrase: str) -> Strength:
 
 
 def count_letters(passphrase: str) -> int:
-    """Return how long a passphrase is, however its accents are encoded."""
     return len(unicodedata.normalize("NFC", passphrase))
 
 
 def count_parts(passphrase: str) -> int:
-    """Return of how few parts a passphrase is made, each about as hard to guess as one letter drawn by chance.
+    """Return the fewest parts of a passphrase, each about as hard to guess as one random letter; at most 128 letters
+    count.
 
-    A part is a letter, a common word, a row of neighbours on the keyboard or in the alphabet, one letter again and again,
-    or what stood in it before. Blanks and dashes between words count for nothing, and a common word stays one with @ for a
-    or 0 for o. It never counts more than 128 letters.
+    A part: letter, common word (also with @ or 0), keyboard or alphabet run, repeated letter, earlier text. Blanks and
+    dashes between words are ignored.
     """
     folded = unicodedata.normalize("NFKC", passphrase).casefold()
     bare = "".join(letter for letter in folded if not letter.isspace() and letter not in "-_.,")

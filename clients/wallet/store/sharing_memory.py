@@ -1,8 +1,4 @@
-"""What a wallet remembers of sharing, in its encrypted file alone.
-
-The chain does not say with whom something was shared: an owner's wallet restored from its words still shows every grant,
-but no longer for whom it was.
-"""
+"""A wallet's memory of sharing; the chain does not reveal grantees."""
 
 from __future__ import annotations
 
@@ -10,10 +6,7 @@ import msgspec
 
 
 class GivenGrant(msgspec.Struct):
-    """A grant that this wallet made: to whom (handle of 32 bytes, and what its owner calls her), of which visit.
-
-    The salt shows, to whom it is told, that the hash on the chain is of this handle.
-    """
+    """A grant by this wallet: grantee handle (32 bytes), label, visit and salt opening the chain's hash."""
 
     grant_id: bytes
     owner: bytes
@@ -23,17 +16,16 @@ class GivenGrant(msgspec.Struct):
 
 
 class SharedCopy(msgspec.Struct):
-    """Pictures of a shared record that were written into a folder of this machine."""
+    """Pictures of a shared record written into a local folder."""
 
     record_id: bytes
     folder: str
 
 
 class ReceivedGrant(msgspec.Struct):
-    """A grant that this wallet found to be for it: what derives its key again, and where its pictures were written.
+    """A grant for this wallet, with key derivation data and written copies.
 
-    `era` says which of the wallet's words it was made for, counted from its first. `confirmed` says of which records,
-    after which notices (`<record id>:<kind>`), the owner was told that copies are gone.
+    `era` numbers the mnemonics from the first; `confirmed` holds `<record id>:<kind>` notices confirmed to the owner.
     """
 
     grant_id: bytes

@@ -1,8 +1,4 @@
-"""Lets one program at a time have a wallet open: of two, the later to write would lose what the other had noted.
-
-An advisory lock on a file beside the wallet's: the kernel drops it when the process ends, however it ends. In it stands
-who holds it and since when, for whoever has to wait.
-"""
+"""Advisory lock beside the wallet file: one program at a time; the kernel releases it."""
 
 from __future__ import annotations
 
@@ -36,7 +32,7 @@ _PRIVATE_FOLDER = 0o700
 def claim_wallet(
     path: Path, *, wait_s: float = WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[None]:
-    """Hold a wallet's file while inside. Raises WALLET_BUSY if another program has it, WALLET_NOT_FOUND."""
+    """Hold the wallet lock. Raises WALLET_BUSY, WALLET_NOT_FOUND."""
     require_wallet(path)
     with _hold(path, wait_s, sleep):
         yield
@@ -46,10 +42,7 @@ def claim_wallet(
 def lock_or_read_only(
     path: Path, *, wait_s: float = READING_WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[BlockRobotError | None]:
-    """Hold a wallet's file while inside, or go on beside who holds it, and then yield WALLET_BUSY, which names him.
-
-    Then nothing may be written. Raises WALLET_NOT_FOUND.
-    """
+    """Hold the wallet lock, or yield WALLET_BUSY for read-only use. Raises WALLET_NOT_FOUND."""
     require_wallet(path)
     try:
         descriptor = _lock(path, wait_s, sleep)
@@ -64,7 +57,7 @@ def lock_or_read_only(
 
 @contextlib.contextmanager
 def claim_place(path: Path) -> Iterator[None]:
-    """Hold the place of a wallet that is to be made, and its folder. Raises WALLET_BUSY, WALLET_EXISTS."""
+    """Lock a new wallet's place. Raises WALLET_BUSY, WALLET_EXISTS."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
     with _hold(path, 0.0, time.sleep):
         if path.exists():
@@ -81,7 +74,7 @@ def _lock_of(path: Path) -> Path:
 
 
 def require_wallet(path: Path) -> None:
-    """Raise WALLET_NOT_FOUND where there is none, before anybody is asked for its passphrase."""
+    """Raise WALLET_NOT_FOUND if missing, before a passphrase is requested."""
     if not path.exists():
         raise refusal("WALLET_NOT_FOUND", "wallet_not_found", path=str(path))
 
@@ -96,7 +89,7 @@ def _hold(path: Path, wait_s: float, sleep: Callable[[float], None]) -> Iterator
 
 
 def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
-    """Return the descriptor of the lock file, held. Raises WALLET_BUSY after so long."""
+    """Raises WALLET_BUSY."""
     for _ in range(max(1, round(wait_s / _PAUSE_S))):
         descriptor = os.open(_lock_of(path), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
@@ -126,7 +119,7 @@ def _is_there(descriptor: int, path: Path) -> bool:
 
 
 class _Holder(msgspec.Struct):
-    """Who holds a wallet: the command as it is called, without its arguments; its process; since when, in ms."""
+    """A lock holder: command without arguments, process, start in ms."""
 
     command: str
     process: int
@@ -134,7 +127,6 @@ class _Holder(msgspec.Struct):
 
 
 def _write_holder(descriptor: int) -> None:
-    """Note who holds the lock. A disk that takes no more keeps nobody from his wallet."""
     context = click.get_current_context(silent=True)
     command = "another program" if context is None else f"`{context.command_path}`"
     note = msgspec.json.encode(_Holder(command, os.getpid(), time.time_ns() // 1_000_000))
@@ -144,7 +136,6 @@ def _write_holder(descriptor: int) -> None:
 
 
 def _read_holder(path: Path) -> _Holder | None:
-    """Return who holds the lock, None where that cannot be known: the file may be of an older version, or half written."""
     try:
         with _lock_of(path).open("rb") as file:
             holder = read_json_as(file.read(NOTE_MAX_BYTES), _Holder)

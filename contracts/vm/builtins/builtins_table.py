@@ -1,7 +1,4 @@
-"""The functions every contract may call without importing anything. Must never hand a Python object to a contract.
-
-`require` and `isinstance` are listed for their parameters; the compiler turns them into statements and tests of its own.
-"""
+"""The builtins of contracts; none returns a Python object to a contract."""
 # ruff: noqa: ARG001 - one signature for all builtins
 
 from __future__ import annotations
@@ -41,7 +38,7 @@ TYPES: dict[str, type] = {
 
 @dataclass(frozen=True, slots=True)
 class Builtin:
-    """One callable name: the function (runtime first), its parameters, how many must be given, whether more may follow."""
+    """One builtin: function (runtime first), parameters, required count, whether variadic."""
 
     run: Callable[..., Any]
     params: tuple[str, ...]
@@ -148,7 +145,6 @@ def _int(runtime: Runtime, value: Any) -> int:
 
 
 def text_of(runtime: Runtime, value: Any) -> str:
-    """Return the text of a str, int, bool or None (what `str` and f-strings take)."""
     kind = type(value)
     if kind is str:
         return str(value)
@@ -246,7 +242,7 @@ def _require(runtime: Runtime, condition: Any, code: Any, message: Any = MISSING
 
 
 def require_fault(code: Any, message: Any = MISSING) -> Fault:
-    """Return the fault that a failed `require` raises; itself a fault if the code is not one."""
+    """Return the fault of a failed `require`, or a fault about an invalid code."""
     if not is_author_code(need_str(code, "require")):
         return Fault(VALUE_ERROR, "The code given to require is not UPPER_SNAKE text, or is one of the machine's own.")
     text = f"The contract requires otherwise: {code}." if message is MISSING else need_str(message, "require")
@@ -254,7 +250,6 @@ def require_fault(code: Any, message: Any = MISSING) -> Fault:
 
 
 def join_texts(runtime: Runtime, parts: list[str]) -> str:
-    """Return the parts of an f-string as one text, charged."""
     runtime.charge(4 + 3 * len(parts))
     runtime.allocate(HEADER_BYTES + unit_bytes(*parts) * sum(map(len, parts)))
     return "".join(parts)

@@ -1,6 +1,6 @@
-"""The functions that reach the ledger: state, events, hashes, signatures, other contracts. Must never read anything else.
+"""Ledger builtins: state, events, hashes, signatures, other contracts.
 
-Every key a contract names is put under that contract's own prefix here; there is no way to name another's.
+Every key is placed under the calling contract's own prefix; nothing else is readable.
 """
 
 from __future__ import annotations
@@ -52,7 +52,6 @@ RECOVER_GAS = 680
 
 @lru_cache(maxsize=256)
 def _is_event_name(name: str) -> bool:
-    """Whether a text of at most 64 characters may name an event; remembered, as calls name the same few."""
     return _EVENT_NAME.fullmatch(name) is not None
 
 

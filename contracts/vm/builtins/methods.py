@@ -1,6 +1,6 @@
-"""The method table: what `value.name(...)` can mean, by (name, type). Must never look a name up on a Python object.
+"""The method table by (name, type); Python attributes are never looked up.
 
-Case mapping, `is...` and `strip` know ASCII only, because Python's Unicode tables change with its version.
+Case mapping, `is...` and `strip` are ASCII-only: Unicode tables change with Python's version.
 """
 # ruff: noqa: ARG001 - one signature for all methods
 
@@ -48,7 +48,7 @@ _LOWER = {code: code + 32 for code in range(65, 91)}
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """One method of one type: the function, its parameter names and how many of them must be given."""
+    """One type's method: function, parameter names and required count."""
 
     run: Callable[..., Any]
     params: tuple[str, ...]
@@ -154,13 +154,11 @@ def _strip_set(text: Any, characters: Any) -> Any:
 
 
 def _piece_gas(characters: Any) -> int:
-    """Return the price of a piece: beyond ASCII each of its letters may be compared with every one of these."""
     is_plain = type(characters) is bytes or characters.isascii()
     return 5 if is_plain else 5 + (len(characters) >> STRIP_SHIFT)
 
 
 def _strip_left(runtime: Runtime, text: Any, characters: Any) -> Any:
-    """Return the text without these characters at its beginning, charged by the piece as they are found."""
     start, price = 0, _piece_gas(characters)
     while start < len(text):
         runtime.charge(price)
@@ -171,7 +169,6 @@ def _strip_left(runtime: Runtime, text: Any, characters: Any) -> Any:
 
 
 def _strip_right(runtime: Runtime, text: Any, characters: Any) -> Any:
-    """Return the text without these characters at its end, charged by the piece as they are found."""
     stop, price = len(text), _piece_gas(characters)
     while stop > 0:
         runtime.charge(price)
@@ -433,7 +430,6 @@ def _clear_dict(runtime: Runtime, entries: dict[Any, Any]) -> None:
 
 
 def list_of(runtime: Runtime, value: Any) -> list[Any]:
-    """Return the items of any iterable value as a new list, charged before it is made."""
     source = iterate(runtime, value)
     count = len(value)
     if count > runtime.memory:
@@ -444,7 +440,7 @@ def list_of(runtime: Runtime, value: Any) -> list[Any]:
 
 
 def sorted_list(runtime: Runtime, value: Any, reverse: Any = False) -> list[Any]:
-    """Return the items in order; all must be ints, all str or all bytes."""
+    """Return sorted items; all must be int, all str or all bytes."""
     items = list_of(runtime, value)
     if type(reverse) is not bool:
         raise type_fault("reverse=", reverse)

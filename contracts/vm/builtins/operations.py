@@ -1,7 +1,7 @@
-"""The checked operators on contract values. Must never reach a Python operator with operands whose cost is not known first.
+"""Checked operators on contract values; cost is known before Python computes.
 
-Each function takes the runtime and the operands, charges for the data it touches, and either returns a contract value
-or raises a `Fault`. A bool is not an int, 1 == True is False, and nothing is converted silently.
+Each charges for its data and returns a value or raises `Fault`. A bool is no int, 1 == True is False, and nothing
+converts implicitly.
 """
 # ruff: noqa: ARG001 - one signature for all operators; a branch per type is the subject here
 
@@ -82,7 +82,6 @@ def _both_ints(sign: str, left: Any, right: Any) -> None:
 
 
 def subtract(runtime: Runtime, left: Any, right: Any) -> int:
-    """`left - right` of ints."""
     _both_ints("'-'", left, right)
     return check_int(left - right)
 
@@ -106,7 +105,6 @@ def multiply(runtime: Runtime, left: Any, right: Any) -> Any:
 
 
 def floor_divide(runtime: Runtime, left: Any, right: Any) -> int:
-    """`left // right` of ints, rounded down."""
     _both_ints("'//'", left, right)
     if right == 0:
         raise Fault(ZERO_DIVISION, "The divisor is zero.")
@@ -114,7 +112,7 @@ def floor_divide(runtime: Runtime, left: Any, right: Any) -> int:
 
 
 def modulo(runtime: Runtime, left: Any, right: Any) -> int:
-    """`left % right` of ints, with the sign of the divisor."""
+    """`left % right` of ints, with the divisor's sign."""
     if type(left) is not int or type(right) is not int:
         raise type_fault("'%'", left, right)
     if right == 0:
@@ -124,7 +122,7 @@ def modulo(runtime: Runtime, left: Any, right: Any) -> int:
 
 
 def power(runtime: Runtime, left: Any, right: Any) -> int:
-    """`left ** right` of ints, the exponent not negative."""
+    """`left ** right` of ints; the exponent is not negative."""
     _both_ints("'**'", left, right)
     runtime.charge(8)
     if right < 0:
@@ -137,7 +135,6 @@ def power(runtime: Runtime, left: Any, right: Any) -> int:
 
 
 def shift_left(runtime: Runtime, left: Any, right: Any) -> int:
-    """`left << right` of ints."""
     _both_ints("'<<'", left, right)
     if right < 0:
         raise Fault(VALUE_ERROR, "The shift count is negative.")
@@ -149,7 +146,6 @@ def shift_left(runtime: Runtime, left: Any, right: Any) -> int:
 
 
 def shift_right(runtime: Runtime, left: Any, right: Any) -> int:
-    """`left >> right` of ints."""
     _both_ints("'>>'", left, right)
     if right < 0:
         raise Fault(VALUE_ERROR, "The shift count is negative.")
@@ -166,29 +162,26 @@ def _bitwise(sign: str, apply: Callable[[int, int], int]) -> Operation:
 
 
 def negate(runtime: Runtime, value: Any) -> int:
-    """`-value` of an int."""
     return -need_int(value, "Unary '-'")
 
 
 def plus(runtime: Runtime, value: Any) -> int:
-    """`+value` of an int."""
     return need_int(value, "Unary '+'")
 
 
 def invert(runtime: Runtime, value: Any) -> int:
-    """`~value` of an int."""
     return check_int(~need_int(value, "'~'"))
 
 
 def is_short_text(value: Any) -> bool:
-    """Whether comparing something to this costs nothing more: a text of at most 127 characters or bytes."""
+    """Whether comparison costs nothing extra: at most 127 characters or bytes."""
     return (type(value) is str or type(value) is bytes) and len(value) <= FREE_COMPARE_MAX_BYTES
 
 
 def compare_shift(left: Any, right: Any) -> int:
-    """Return by which power of two characters a comparison of two texts, or two bytes, is charged.
+    """Return the power of two characters by which a comparison is charged.
 
-    Texts beyond ASCII may be compared letter by letter, where their letters are of different widths in memory.
+    Non-ASCII texts of different memory widths may be compared letter by letter.
     """
     if type(left) is bytes or (left.isascii() and right.isascii()):
         return COMPARE_SHIFT
@@ -233,7 +226,6 @@ def _equal_items(runtime: Runtime, left: Any, right: Any, depth: int) -> bool:
 
 
 def not_equal(runtime: Runtime, left: Any, right: Any) -> bool:
-    """`left != right`."""
     return not equal(runtime, left, right)
 
 
@@ -252,7 +244,7 @@ def _order(sign: str, apply: Callable[[Any, Any], bool]) -> Operation:
 
 
 def contains(runtime: Runtime, item: Any, container: Any) -> bool:
-    """`item in container`: an element, a dict's key, or a part of a text or of bytes."""
+    """`item in container`: an element, dict key, or part of text or bytes."""
     kind = type(container)
     if kind is dict:
         charge_key(runtime, container, item)
@@ -274,7 +266,7 @@ def contains(runtime: Runtime, item: Any, container: Any) -> bool:
 
 
 def find_item(runtime: Runtime, items: Any, wanted: Any) -> int:
-    """Return the first index at which `items` holds `wanted`, or -1."""
+    """Return the first index of `wanted`, or -1."""
     runtime.gas -= 1
     if runtime.gas < 0:
         runtime.exhausted()
@@ -288,11 +280,10 @@ def find_item(runtime: Runtime, items: Any, wanted: Any) -> int:
 
 
 def charge_search(runtime: Runtime, text: Any, part: Any, times: int = 1, *, every: bool = False) -> None:
-    """Charge a search for `part` in `text` before it is made: by how often the last letter of `part` stands in `text`.
+    """Charge a search beforehand, by how often the last letter of `part` stands in `text`.
 
-    Only there is more than one letter looked at. From some lengths on the search is linear (as CPython decides it too).
-    `times` says how often it is made, `every` that it goes on behind the first place: a single letter that comes and goes
-    without a pattern then costs a wrong branch prediction each time.
+    From some lengths on the search is linear, as in CPython. `times` repeats it; `every` continues past the first match
+    and adds branch mispredictions.
     """
     size, width = len(text), len(part)
     if size < 64 or not width:
@@ -307,7 +298,6 @@ def charge_search(runtime: Runtime, text: Any, part: Any, times: int = 1, *, eve
 
 
 def not_contains(runtime: Runtime, item: Any, container: Any) -> bool:
-    """`item not in container`."""
     return not contains(runtime, item, container)
 
 
@@ -318,7 +308,6 @@ def _key_text(key: Any) -> str:
 
 
 def get_item(runtime: Runtime, container: Any, key: Any) -> Any:
-    """`container[key]`."""
     kind = type(container)
     if kind is dict:
         if type(key) is not str:
@@ -336,7 +325,7 @@ _INDEXED = frozenset((list, tuple, str, bytes, range))
 
 
 def check_index(container: Any, index: Any) -> int:
-    """Return `index` if it lies within the sequence (negative counts from the end). Raises INDEX_ERROR."""
+    """Return a valid index (negative from the end). Raises INDEX_ERROR."""
     count = len(container)
     if -count <= need_int(index, "An index") < count:
         return int(index)
@@ -344,7 +333,6 @@ def check_index(container: Any, index: Any) -> int:
 
 
 def get_slice(runtime: Runtime, container: Any, start: Any, stop: Any) -> Any:
-    """`container[start:stop]` of list, tuple, str or bytes."""
     kind = type(container)
     if kind not in (list, tuple, str, bytes):
         raise type_fault("Slicing", container)
@@ -362,7 +350,6 @@ def get_slice(runtime: Runtime, container: Any, start: Any, stop: Any) -> Any:
 
 
 def set_item(runtime: Runtime, container: Any, key: Any, value: Any) -> None:
-    """`container[key] = value` of a list or dict."""
     kind = type(container)
     if kind is dict:
         charge_key(runtime, container, key)
@@ -376,7 +363,6 @@ def set_item(runtime: Runtime, container: Any, key: Any, value: Any) -> None:
 
 
 def delete_item(runtime: Runtime, container: Any, key: Any) -> None:
-    """`del container[key]` of a list or dict."""
     kind = type(container)
     if kind is dict:
         charge_key(runtime, container, key)
@@ -394,10 +380,7 @@ def delete_item(runtime: Runtime, container: Any, key: Any) -> None:
 
 
 def close_holes(entries: dict[Any, Any]) -> None:
-    """Make a dict anew in its place if most of its room is of deleted entries: a walk passes each of them.
-
-    The deletions have paid for it: it takes three of them for each entry that remains.
-    """
+    """Rebuild a dict in place if deleted entries dominate: walks would pass them all."""
     if entries.__sizeof__() > HOLES_MIN_BYTES + HOLES_ENTRY_BYTES * len(entries):
         kept = list(entries.items())
         entries.clear()
@@ -405,7 +388,7 @@ def close_holes(entries: dict[Any, Any]) -> None:
 
 
 def iterate(runtime: Runtime, value: Any) -> Iterable[Any]:
-    """Return what a `for` runs over; a dict gives a snapshot of its keys."""
+    """Return what a `for` runs over; for a dict a snapshot of its keys."""
     kind = type(value)
     if kind is dict:
         runtime.charge(KEYS_GAS)
@@ -418,7 +401,6 @@ def iterate(runtime: Runtime, value: Any) -> Iterable[Any]:
 
 
 def unpack(runtime: Runtime, value: Any, count: int) -> Any:
-    """Return `value` if it is a list or tuple of exactly `count` items."""
     if type(value) is not tuple and type(value) is not list:
         raise type_fault("Unpacking", value)
     if len(value) != count:

@@ -1,5 +1,6 @@
-"""What the contract `lifecycle` alone may do: have a source compiled, and pay for that. Must never tell of a refused
-source what only one version of Python would say: the sentence is part of a receipt.
+"""Compilation of sources, for the contract `lifecycle` only.
+
+Refusals are part of a receipt, so they contain nothing that depends on Python's version.
 """
 
 from __future__ import annotations
@@ -27,17 +28,12 @@ def _require_lifecycle(runtime: Runtime, what: str) -> None:
 
 
 def _charge_source(runtime: Runtime, data: Any) -> None:
-    """Take the price of compiling a part of a source when it comes: that of the whole would not fit into one call."""
     _require_lifecycle(runtime, "charge_source")
     runtime.charge(SOURCE_PART_BYTE_GAS * len(need_bytes(data, "charge_source")))
 
 
 def _check_source(runtime: Runtime, data: Any) -> list[Any]:
-    """Have a source compiled that was paid for. Return [what is wrong with it or an empty text, the facts about it].
-
-    The facts are those of `compile_cache.describe_source`, or {} of a source that is refused. A refusal is a
-    result and no failure, so that it can be kept: what costs this much must not be asked twice.
-    """
+    """Return [problem or empty text, facts]; refusals are results, so they are kept."""
     _require_lifecycle(runtime, "check_source")
     price = SOURCE_CHECK_GAS + SOURCE_CHECK_BYTE_GAS * len(need_bytes(data, "check_source"))
     runtime.charge(price + SOURCE_KEPT_GAS)

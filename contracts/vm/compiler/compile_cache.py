@@ -1,7 +1,4 @@
-"""Sources as the chain names them: their hash, the facts that are kept of one, and each compiled once per process.
-
-Must never let what is remembered change an outcome: a source compiles the same each time.
-"""
+"""Source hashes and facts; compiles each source once, caching never changes outcomes."""
 
 from __future__ import annotations
 
@@ -25,13 +22,12 @@ _NAMELESS = "contract"
 
 
 def compute_source_hash(data: bytes) -> bytes:
-    """Return the 32-byte hash by which genesis and the chain name a source (its UTF-8 bytes)."""
+    """Return the 32-byte hash of a source's UTF-8 bytes."""
     return tagged_hash(SOURCE_TAG, data)
 
 
 @lru_cache(maxsize=SOURCES_KEPT_COUNT)
 def _compile(source: str) -> CompiledContract | tuple[tuple[Diagnostic, ...], Diagnostic]:
-    """Compile a source, or return what is wrong with it: a refusal is remembered too, it may have cost as much."""
     try:
         return compile_contract(source, _NAMELESS)
     except ContractSourceError as error:
@@ -39,10 +35,7 @@ def _compile(source: str) -> CompiledContract | tuple[tuple[Diagnostic, ...], Di
 
 
 def check_once(source: str) -> CompiledContract:
-    """Return a source compiled under no name that means anything, from memory if this process compiled it lately.
-
-    Raises ContractSourceError.
-    """
+    """Return a source compiled namelessly, cached. Raises ContractSourceError."""
     outcome = _compile(source)
     if isinstance(outcome, CompiledContract):
         return outcome
@@ -50,20 +43,16 @@ def check_once(source: str) -> CompiledContract:
 
 
 def compile_once(source: str, name: str) -> CompiledContract:
-    """Return the compiled contract, of which its name is no part: one source is compiled once for all its names.
-
-    Raises ContractSourceError.
-    """
+    """Return the compiled contract; one compilation serves all names. Raises ContractSourceError."""
     check_name(name)
     found = check_once(source)
     return replace(found, name=name, abi=Abi(name, found.abi.entries), prefix=flat_prefix(name))
 
 
 def describe_source(data: bytes, compiled: CompiledContract) -> dict[str, Any]:
-    """Return what the contract `lifecycle` keeps of a source: {source_hash, size_bytes, entries, migrates}.
+    """Return {source_hash, size_bytes, entries, migrates} for `lifecycle`.
 
-    An entry is [name, kind, [[parameter, type]], how many of them are required, type of the result]; exports and views
-    are listed.
+    An entry (export or view) is [name, kind, [[parameter, type]], required count, result type].
     """
     entries = compiled.abi.entries
     return {
@@ -79,7 +68,7 @@ def describe_source(data: bytes, compiled: CompiledContract) -> dict[str, Any]:
 
 
 def judge_source(data: bytes) -> tuple[str, dict[str, Any]]:
-    """Return what is wrong with a source (empty: nothing), and its facts (`describe_source`; {} if it is refused)."""
+    """Return a source's problem (empty if none) and its facts ({} if refused)."""
     try:
         facts = describe_source(data, check_once(data.decode()))
     except UnicodeDecodeError:

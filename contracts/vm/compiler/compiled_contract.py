@@ -1,7 +1,4 @@
-"""A compiled contract and how a source becomes one. Must never keep anything of a call.
-
-Constants and defaults are computed here, once, by the same checked operations that run at call time.
-"""
+"""A compiled contract and its compilation; nothing of a call is kept."""
 
 from __future__ import annotations
 
@@ -31,10 +28,9 @@ _NO_CONTEXT = CallContext(b"", 0, 0, b"", b"")
 
 @dataclass(frozen=True, slots=True)
 class CompiledEntry:
-    """One entry ready to run: its description, the tests of its arguments and result, its code and defaults.
+    """One entry ready to run: description, argument and result tests, code, defaults.
 
-    `plain` are the types of its parameters, if each is of one plain type: the quick test of its arguments.
-    `choices` are how many `|` the types of its parameters have, and that of its result.
+    `plain` are the parameter types if each is one plain type; `choices` count the `|` in parameter types and result.
     """
 
     entry: Entry
@@ -48,7 +44,7 @@ class CompiledEntry:
 
 @dataclass(frozen=True, slots=True)
 class CompiledContract:
-    """A contract ready to run. `source_hash` is the SHA-256 of the source's UTF-8 bytes."""
+    """A contract ready to run; `source_hash` is SHA-256 of the source's UTF-8 bytes."""
 
     name: str
     abi: Abi
@@ -58,8 +54,6 @@ class CompiledContract:
 
 
 class _NoHost:
-    """Stands for the ledger while constants are computed: there is nothing to reach."""
-
     def get(self, key: bytes) -> bytes | None:
         raise AssertionError(key)
 
@@ -85,10 +79,7 @@ def _no_source(data: bytes) -> tuple[str, dict[str, Any]]:
 
 
 def compile_contract(source: str, name: str, *, watch: Watch | None = None) -> CompiledContract:
-    """Check and compile a source. Raises ContractSourceError, whose `diagnostics` list every problem found.
-
-    With a `watch` every statement tells it when it runs: for authors only, and much slower.
-    """
+    """Compile a source; a `watch` sees every statement (slow). Raises ContractSourceError with `diagnostics`."""
     facts = check_source(source, name)
     constants, defaults, problems = _compute_constants(facts)
     if problems:
@@ -113,7 +104,7 @@ def _entry(facts: FunctionFacts, function: FunctionCode, defaults: tuple[Any, ..
 
 
 def find_problems(source: str, name: str) -> tuple[Diagnostic, ...]:
-    """Return every problem of a source, in its order; () if it compiles. For authors: slower than compiling by far."""
+    """Return all problems in source order; much slower than compiling."""
     found, facts = check_thoroughly(source, name)
     _, _, problems = _compute_constants(facts)
     known = {(one.line, one.column) for one in found}
@@ -124,7 +115,6 @@ def find_problems(source: str, name: str) -> tuple[Diagnostic, ...]:
 def _compute_constants(
     facts: SourceFacts,
 ) -> tuple[dict[str, Any], dict[str, list[Any]], list[Diagnostic]]:
-    """Compute what is sound of the constants and defaults; also return what cannot be computed."""
     runtime = Runtime(_NoHost(), _NO_CONTEXT, CONSTANT_GAS, _no_call, _no_source, read_only=True)
     runtime.memory = CONSTANTS_MAX_BYTES
     constants: dict[str, Any] = {}
@@ -151,7 +141,6 @@ def _compute_constants(
 
 
 def _is_sound(node: ast.expr, constants: dict[str, Any]) -> bool:
-    """Whether an expression is made of nothing but what a constant may be made of, all of it known."""
     for part in ast.walk(node):
         if isinstance(part, ast.Name) and part.id not in constants:
             return False
@@ -167,7 +156,7 @@ def _is_sound(node: ast.expr, constants: dict[str, Any]) -> bool:
 
 
 def _charge_tree(runtime: Runtime, root: Any) -> None:
-    """Take the modelled size of a constant, counting a part as often as it stands there, before anything walks it."""
+    """Charge a constant's modelled size before any walk; shared parts count each time."""
     pending = [root]
     while pending:
         value = pending.pop()

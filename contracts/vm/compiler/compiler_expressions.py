@@ -1,6 +1,6 @@
-"""The compiler's part for expressions: from checked syntax to closures. Must never see a source the checker has not passed.
+"""Compiles checked expressions to closures.
 
-The static cost of what it compiles (one unit per node, two more per call) gathers in `cost`; the enclosing block takes it.
+Static cost (one unit per node, two more per call) gathers in `cost`; the enclosing block charges it.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ DICT_DISPLAY_GAS = 2
 
 
 class FunctionCode:
-    """A compiled function; `body` is filled in once it is compiled, so that functions may call each other."""
+    """A compiled function; `body` is filled in later, allowing mutual calls."""
 
     __slots__ = ("body", "depth", "name", "param_count", "tail")
 
@@ -93,7 +93,7 @@ def _unfinished(frame: Frame) -> Any:
 
 
 class Scope:
-    """Where the names and constants of one function live in its frame."""
+    """Frame slots of one function's names and constants."""
 
     def __init__(self, facts: FunctionFacts) -> None:
         self.initial: list[Any] = []
@@ -109,13 +109,12 @@ class Scope:
             self.slots[name] = self.new_slot()
 
     def new_slot(self, initial: Any = UNSET) -> int:
-        """Return a new slot, holding `initial` when the function starts."""
         self.initial.append(initial)
         self._next += 1
         return self._next - 1
 
     def constant(self, value: Any) -> int:
-        """Return the slot of an immutable constant; a tuple is known by itself, since to look into it takes its size."""
+        """Return an immutable constant's slot; tuples are matched by identity."""
         key = (tuple, id(value)) if type(value) is tuple else (type(value), value)
         if key not in self._constants:
             self._constants[key] = self.new_slot(value)
@@ -142,12 +141,11 @@ class ExpressionCompiler:
         }  # fmt: skip
 
     def expression(self, node: ast.expr) -> Code:
-        """Compile one expression."""
         self.cost += 1
         return self._by_type[type(node)](node)
 
     def constant(self, value: Any) -> Code:
-        """Compile a constant; one that holds lists or dicts is made anew each time."""
+        """Compile a constant; lists and dicts are built anew each time."""
         if is_mutable(value):
             return Code(lambda frame: fresh_constant(frame[0], value))
         return read_slot(self.scope.constant(value), value)
@@ -439,7 +437,6 @@ def _user_call(function: FunctionCode, read: Callable[[Frame], tuple[Any, ...]])
 
 
 def _is_plain_key(node: ast.expr | None) -> bool:
-    """Whether a dict's key stands in the source as a text that needs no check when it is used."""
     return isinstance(node, ast.Constant) and type(node.value) is str and len(node.value) <= DICT_KEY_MAX_CHARS
 
 
@@ -448,7 +445,6 @@ def _method_fault(name: str, value: Any) -> Fault:
 
 
 def all_pass(tests: list[Callable[[Frame], Any]], frame: Frame) -> bool:
-    """Whether every condition of a comprehension holds."""
     for test in tests:  # noqa: SIM110 - a generator would cost a frame of its own
         if not test(frame):
             return False
@@ -456,8 +452,6 @@ def all_pass(tests: list[Callable[[Frame], Any]], frame: Frame) -> bool:
 
 
 def bind_one(slot: int) -> Callable[[Frame, Any], None]:
-    """Put each item of a loop into one variable."""
-
     def run(frame: Frame, item: Any) -> None:
         frame[slot] = item
 
@@ -465,7 +459,6 @@ def bind_one(slot: int) -> Callable[[Frame, Any], None]:
 
 
 def bind_many(slots: list[int]) -> Callable[[Frame, Any], None]:
-    """Unpack each item of a loop into variables."""
     count = len(slots)
 
     def run(frame: Frame, item: Any) -> None:

@@ -1,7 +1,6 @@
-"""The compiler's part for statements, and the compilation of whole functions. Must never see an unchecked source.
+"""Compiles checked statements and whole functions.
 
-A statement's closure returns None to go on, or one of three signals. Each block charges the static cost of its own
-statements when it is entered; what hangs inside (bodies of ifs and loops) are blocks of their own.
+Closures return None or one of three signals. Each block charges its static cost on entry, without nested blocks.
 """
 
 from __future__ import annotations
@@ -40,13 +39,12 @@ _PLAIN_STATEMENTS = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Expr, ast.Del
 
 
 class StatementCompiler(ExpressionCompiler):
-    """Compiles the statements of one function; each tells `watch` of itself, if there is one."""
+    """Compiles one function's statements, reporting each to `watch` if present."""
 
     watch: Watch | None = None
     function_name = ""
 
     def block(self, body: list[ast.stmt], extra_cost: int = 0, *, is_function: bool = False) -> tuple[Run, bool]:
-        """Compile a block; also tell whether it always leaves by return, break or continue."""
         outer_cost, self.cost = self.cost, extra_cost
         steps: list[Run] = []
         lines: dict[Run, int] = {}
@@ -74,7 +72,6 @@ class StatementCompiler(ExpressionCompiler):
         return run, leaves
 
     def _groups(self, body: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
-        """Yield the statements that do something, each by itself; what requires in a row is one step, unless watched."""
         requirements: list[ast.stmt] = []
         for statement in body:
             if _is_require(statement) and self.watch is None:
@@ -173,7 +170,6 @@ class StatementCompiler(ExpressionCompiler):
         return update_item
 
     def _require(self, statements: list[ast.stmt]) -> Run:
-        """Compile statements that all are calls of `require` into one step, which finds the line of a fault itself."""
         tests: list[tuple[Run, Run]] = []
         lines: dict[Run, int] = {}
         for statement in statements:
@@ -298,13 +294,10 @@ def _is_require(node: ast.stmt) -> bool:
 
 
 def _refusal(code: Run, message: Run | None) -> Run:
-    """Return what makes the fault of a requirement that is not met."""
     return lambda frame: require_fault(code(frame), MISSING if message is None else message(frame))
 
 
 def _without_value(step: Run) -> Run:
-    """Evaluate an expression for what it does, where its value could be taken for a signal."""
-
     def run(frame: Frame) -> None:
         step(frame)
 
@@ -365,7 +358,6 @@ def _for_many(source: Run, bind_items: Callable[[Frame, Any], None], body: Run) 
 
 
 def _run_block(steps: list[Run], plain_count: int, lines: dict[Run, int], cost: int, first_line: int) -> Run:
-    """Return what runs the steps in order; the first `plain_count` of them never give a signal."""
     plain, others = steps[:plain_count], steps[plain_count:]
     if len(steps) == 1 and not plain:
         only, line = steps[0], lines[steps[0]]
@@ -421,7 +413,7 @@ def _run_block(steps: list[Run], plain_count: int, lines: dict[Run, int], cost: 
 
 
 def nesting(node: ast.AST) -> int:
-    """Return how deep a function's syntax nests; a chain of elif counts as one level."""
+    """Return a function's nesting depth; elif chains count as one level."""
     if isinstance(node, ast.If) and len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
         here = 1 + max(nesting(child) for child in [node.test, *node.body])
         return max(here, nesting(node.orelse[0]))
@@ -437,7 +429,6 @@ def compile_function(
     defaults: dict[str, list[Any]],
     watch: Watch | None = None,
 ) -> None:
-    """Fill in the code of one function."""
     scope = Scope(facts)
     compiler = StatementCompiler(constants, functions, codes, defaults, scope)
     compiler.watch, compiler.function_name = watch, facts.node.name

@@ -1,6 +1,6 @@
-"""Running a contract's entry: the one door into the machine. Must never let an unforeseen exception decide a result.
+"""Runs an entry: the only way into the machine.
 
-The caller owns what the host gathered: on failure (`ok` false) it discards all writes and events.
+Unforeseen exceptions never decide a result. On failure the caller discards the host's writes and events.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ if sys.getrecursionlimit() < _RECURSION_LIMIT_FRAMES:
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """What a call came to. `code` is "OK" or an error code; `line` is the contract line of a failure, where known."""
+    """A call's result: `code` is "OK" or an error code; `line` locates a failure."""
 
     ok: bool
     code: str
@@ -75,13 +75,12 @@ class Outcome(msgspec.Struct, frozen=True):
 
 
 class _Garbage:
-    """Lists that hold themselves outlast their call until they are looked for: so they are, by what calls made."""
+    """Collects cyclic garbage after calls, by the bytes they made."""
 
     def __init__(self) -> None:
         self._made_bytes = 0
 
     def note(self, made_bytes: int) -> None:
-        """Count what a call made; look for what is left of the last ones if it may be much."""
         self._made_bytes += made_bytes
         if self._made_bytes > GARBAGE_MAX_BYTES:
             self._made_bytes = 0
@@ -102,10 +101,7 @@ def invoke(
     gas_limit: int,
     mode: Mode,
 ) -> Outcome:
-    """Run one entry and return what it came to; gas is in units of the reference table.
-
-    Raises InternalFault if the interpreter or the host fails in an unforeseen way: then there is no result.
-    """
+    """Run one entry; gas in reference units. Raises InternalFault on unforeseen failure."""
     runtime = Runtime(
         host,
         context,
@@ -166,7 +162,6 @@ def _copy_arguments(runtime: Runtime, args: list[Any]) -> list[Any]:
 
 
 def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arguments: list[Any]) -> Any:
-    """Run an entry as the contract on top of the stack and return its result, copied."""
     runtime.stack.append(compiled.name)
     runtime.contract, runtime.prefix = compiled.name, compiled.prefix
     runtime.gas -= len(found.accepts) + 1
@@ -202,7 +197,6 @@ def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arg
 def _enter_by_call(
     contracts: Mapping[str, CompiledContract], runtime: Runtime, contract: str, entry: str, arguments: list[Any]
 ) -> Any:
-    """What `call` does: run another contract's export or view with the same caller, gas and budgets."""
     runtime.gas -= CROSS_CALL_GAS
     if runtime.gas < 0:
         runtime.exhausted()

@@ -1,8 +1,7 @@
-"""Watching a run, statement by statement: for the author's kit. Must never change what a call does or what it costs.
+"""Statement-level watching for the author's kit; changes neither results nor costs.
 
-A contract that was compiled to be watched tells its `Watch` of each statement when it begins and when it ends; one that
-was not has nothing of this in it. The static cost of a statement is charged with its block, before the block begins, so
-that a place carries it: what a statement uses up is that and what the gas falls by between `enter` and `leave`.
+Static cost is charged with the block beforehand, so a statement's use is `Place` cost plus the gas drop from `enter` to
+`leave`.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from contracts.vm.model.closures import Frame, Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """A statement: its function, its line, its static cost in gas, and in which slot of a frame each name lives."""
+    """A statement: function, line, static gas, and names by frame slot."""
 
     function: str
     line: int
@@ -25,23 +24,22 @@ class Place:
 
 
 class Watch(Protocol):
-    """Who watches one contract."""
+    """Observes one contract."""
 
     def declare(self, place: Place) -> None:
-        """Hear, while the contract is compiled, of a statement that it has."""
+        """Called while compiling, once per statement."""
         ...
 
     def enter(self, place: Place, frame: Frame, gas: int) -> None:
-        """Hear that a statement begins, with the frame it runs in and the gas that is left."""
+        """Called before a statement, with its frame and remaining gas."""
         ...
 
     def leave(self, place: Place, frame: Frame, gas: int) -> None:
-        """Hear that it ended, also by a fault."""
+        """Called after a statement, also after a fault."""
         ...
 
 
 def watched(step: Run, place: Place, watch: Watch) -> Run:
-    """Return a statement that tells its watch when it begins and when it ends."""
     watch.declare(place)
 
     def run(frame: Frame) -> Any:

@@ -1,7 +1,7 @@
-"""The ABI: what annotations mean, and the check of arguments against them. Must never convert a value.
+"""The ABI: types from annotations and argument checks; values are never converted.
 
-A type is written as in Python: `int`, `str`, `bytes`, `bool`, `list`, `dict`, `tuple`, `object` (any value), `None`,
-`list[T]`, `dict[K, V]`, and unions of these with `|`.
+Types: `int`, `str`, `bytes`, `bool`, `list`, `dict`, `tuple`, `object` (any), `None`, `list[T]`, `dict[K, V]`, unions
+with `|`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TYPE_HELP = "Use int, str, bytes, bool, list, dict, list[T], dict[K, V], object 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One callable of a contract: parameters as (name, type); the last ones may be left out where `required` says so."""
+    """A callable: parameters as (name, type), the first `required` mandatory."""
 
     name: str
     kind: EntryKind
@@ -37,13 +37,12 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Abi:
-    """All entries of a contract, in the order of its source."""
+    """All entries in source order."""
 
     contract: str
     entries: tuple[Entry, ...]
 
     def entry(self, name: str) -> Entry | None:
-        """Return the entry of that name, or None."""
         for entry in self.entries:
             if entry.name == name:
                 return entry
@@ -87,7 +86,7 @@ def _accept_either(first: Accepts, second: Accepts) -> Accepts:
 
 
 def parse_type(node: ast.expr | None) -> Accepts | None:
-    """Return the test for an annotation, or None if it is not a type of the language."""
+    """Return an annotation's test, or None if it is no type."""
     if isinstance(node, ast.Constant) and node.value is None:
         return _is_none
     if isinstance(node, ast.Name):
@@ -113,7 +112,7 @@ def _parse_container(name: str, inside: ast.expr) -> Accepts | None:
 
 
 def type_text(node: ast.expr | None) -> str:
-    """Return the one spelling of an annotation that `parse_type` accepts; `object` where there is none."""
+    """Return the canonical spelling of a type; `object` if absent."""
     if isinstance(node, ast.Name):
         return node.id
     if isinstance(node, ast.Constant):
@@ -128,21 +127,17 @@ def type_text(node: ast.expr | None) -> str:
 
 
 def count_choices(node: ast.expr | None) -> int:
-    """Return how many `|` an annotation has: so many more looks a walk of an argument may take at each item."""
     return 0 if node is None else sum(isinstance(part, ast.BitOr) for part in ast.walk(node))
 
 
 def plain_types(params: tuple[tuple[str, str], ...]) -> list[type] | None:
-    """Return the types of parameters given as (name, type), or None unless each is of one plain type."""
+    """Return the types if each parameter has one plain type, else None."""
     types = [_PLAIN[kind] for _, kind in params if kind in _PLAIN]
     return types if len(types) == len(params) else None
 
 
 def check_arguments(entry: Entry, accepts: tuple[Accepts, ...], arguments: list[Any]) -> None:
-    """Refuse arguments that do not fit the entry's annotations. Raises ARGUMENTS_INVALID.
-
-    The walk of a container was charged when the argument was copied in.
-    """
+    """Raises ARGUMENTS_INVALID; the walk was charged when arguments were copied in."""
     if not entry.required <= len(arguments) <= len(accepts):
         wanted = str(len(accepts)) if entry.required == len(accepts) else f"{entry.required} to {len(accepts)}"
         message = f"{entry.name} takes {wanted} arguments, not {len(arguments)}."

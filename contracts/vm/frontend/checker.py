@@ -1,7 +1,4 @@
-"""The checker: is a parsed source in the contract language, and where not? Must never stop at the first problem.
-
-What it lets through the compiler can translate; every node type is refused unless it is named here.
-"""
+"""Checks that a source is in the contract language; node types not named are refused."""
 
 from __future__ import annotations
 
@@ -47,10 +44,7 @@ _REFUSED: dict[str, tuple[str, str]] = {
 
 
 def check_source(source: str, name: str) -> SourceFacts:
-    """Parse and check a source. Raises ContractSourceError with the problems found.
-
-    A source that cannot be parsed is looked at no further: `check_thoroughly` does that.
-    """
+    """Parse and check a source; stops if unparsable. Raises ContractSourceError."""
     check_name(name)
     text = prelex(source)
     verdict = min(text.diagnostics, key=lambda one: (one.line, one.column), default=None)
@@ -68,10 +62,7 @@ def check_source(source: str, name: str) -> SourceFacts:
 
 
 def check_thoroughly(source: str, name: str) -> tuple[tuple[Diagnostic, ...], SourceFacts]:
-    """Return all problems of a source, in its order, and what was understood of it.
-
-    For authors: it reads on where a line cannot be read, and may parse a source many times over.
-    """
+    """Return all problems in source order and the facts; may parse repeatedly."""
     try:
         check_name(name)
         diagnostics: list[Diagnostic] = []
@@ -87,14 +78,13 @@ def check_thoroughly(source: str, name: str) -> tuple[tuple[Diagnostic, ...], So
 
 
 def check_name(name: str) -> None:
-    """Refuse what is no contract's name. Raises ContractSourceError."""
+    """Raises ContractSourceError for an invalid contract name."""
     if _CONTRACT_NAME.fullmatch(name) is None:
         message = "A contract's name is 1 to 32 of a-z, 0-9, '-' and '_', a letter first."
         raise ContractSourceError("contract", (Diagnostic("CONTRACT_NAME", 1, 1, message, "Choose such a name."),))
 
 
 def _sorted(diagnostics: list[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the problems in the order of the source, without those that only repeat another at the same place."""
     unique = {(one.line, one.column, one.code): one for one in reversed(diagnostics)}
     for line, column, code in list(unique):
         if (line, column, _SAID_BY.get(code, "")) in unique:
@@ -103,10 +93,9 @@ def _sorted(diagnostics: list[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 
 class Checker(ExpressionChecker):
-    """Checks modules, functions and statements; expressions are checked by its base."""
+    """Checks modules, functions and statements."""
 
     def module(self, tree: ast.Module) -> None:
-        """Check a whole source: first what it defines, then what is inside."""
         for position, statement in enumerate(tree.body):
             if isinstance(statement, ast.FunctionDef):
                 self._declare_function(statement)
@@ -124,7 +113,6 @@ class Checker(ExpressionChecker):
             )
 
     def _at_the_top(self, node: ast.stmt) -> None:
-        """Refuse a statement that stands outside of functions, and look at what is inside it all the same."""
         if not isinstance(node, ast.Import | ast.ImportFrom | ast.ClassDef):
             empty = ast.FunctionDef("_", ast.arguments([], [], None, [], [], None, []), [node], [])
             self._bodies.append(FunctionFacts(empty, "", (), bound_names([node])))
@@ -136,7 +124,6 @@ class Checker(ExpressionChecker):
         self.report(node, "NOT_IN_LANGUAGE", message, fix)
 
     def _inside_refused(self, node: ast.stmt, *, in_loop: bool) -> None:
-        """Check what stands inside a statement that the language does not have."""
         if isinstance(node, ast.Try | ast.TryStar):
             bodies = [node.body, *[handler.body for handler in node.handlers], node.orelse, node.finalbody]
             for body in bodies:
@@ -332,7 +319,6 @@ class Checker(ExpressionChecker):
             self._inside_target(node)
 
     def _inside_target(self, node: ast.expr) -> None:
-        """Check what a target that is refused reads."""
         if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
             self._all(node.value, node.slice)
         elif isinstance(node, ast.Attribute | ast.Subscript) and dotted_name(node.value) not in RESERVED:
@@ -356,7 +342,7 @@ class Checker(ExpressionChecker):
                 pending.extend(sorted(functions[name].calls & functions.keys(), reverse=True))
 
     def _check_migration(self) -> None:
-        """A migration is run by the machine alone, so nobody can give it anything or take anything from it."""
+        """Only the machine runs migrations: they take and return nothing."""
         migrations = [facts for facts in self.facts.functions.values() if facts.kind == "migrate"]
         for facts in migrations[1:]:
             message = f"A source has one @migrate, and {migrations[0].node.name} is that."

@@ -1,4 +1,4 @@
-"""The checker's part for expressions: names, calls, operators, constants. Must never let a callable become a value."""
+"""Checks names, calls, operators and constants; callables never become values."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _BUILTIN_HINTS: dict[str, str] = {
 
 
 class ExpressionChecker:
-    """Checks expressions in the scope of the current function, and collects what is wrong."""
+    """Checks expressions in the current function's scope and collects problems."""
 
     def __init__(self, diagnostics: list[Diagnostic], source: str, unreadable: frozenset[str] = frozenset()) -> None:
         self.diagnostics = diagnostics
@@ -60,13 +60,12 @@ class ExpressionChecker:
         self._depth = 0
 
     def report(self, node: ast.AST, code: str, message: str, fix: str) -> None:
-        """Note a problem at a node (in an f-string: at the f-string, since Pythons number its inside differently)."""
+        """Record a problem; in f-strings at the f-string, since Python versions differ inside."""
         line, offset = self._place or (getattr(node, "lineno", 1), getattr(node, "col_offset", 0))
         before = self._lines[line - 1].encode("utf-8", "replace")[:offset].decode("utf-8", "ignore")
         self.diagnostics.append(Diagnostic(code, line, len(before) + 1, message, fix))
 
     def operator(self, node: ast.AST, op: ast.operator) -> None:
-        """Refuse the operators that the language does not have."""
         if type(op).__name__ in BINARY:
             return
         if isinstance(op, ast.Div):
@@ -75,7 +74,6 @@ class ExpressionChecker:
             self.report(node, "NOT_IN_LANGUAGE", "This operator is not in the language.", "Write it out.")
 
     def expression(self, node: ast.expr) -> None:
-        """Check one expression and all inside it."""
         self._depth += 1
         if self._depth > EXPRESSION_DEPTH_MAX:
             message = f"An expression is nested deeper than {EXPRESSION_DEPTH_MAX} levels."
@@ -121,7 +119,6 @@ class ExpressionChecker:
                 self._inside_refused_expression(node)
 
     def _inside_refused_expression(self, node: ast.expr) -> None:
-        """Check what stands inside an expression that the language does not have."""
         if isinstance(node, ast.Set):
             self._all(*node.elts)
         elif isinstance(node, ast.SetComp | ast.GeneratorExp):
@@ -150,7 +147,6 @@ class ExpressionChecker:
             self.report(node, "NOT_IN_LANGUAGE", "This is not a value of the language.", "Use None.")
 
     def is_local(self, name: str) -> bool:
-        """Whether a name is a variable at this place."""
         return name in self.comprehension_names or (self.current is not None and name in self.current.local_names)
 
     def _name(self, node: ast.Name) -> None:
@@ -338,7 +334,6 @@ class ExpressionChecker:
             self.current.calls.add(name)
 
     def constant_expression(self, node: ast.expr) -> None:
-        """Check what stands behind `NAME =` at the top, or a default: computed once, from constants alone."""
         pending: list[ast.AST] = [node]
         while pending:
             part = pending.pop()

@@ -1,9 +1,7 @@
-"""The pre-lexer: bounds a source before Python's own parser sees it. Must never let through what parsers of different
-versions read differently.
+"""The pre-lexer: bounds a source before Python's parser sees it.
 
-It knows strings, numbers, names and signs, refuses what the language has no use for, and limits nesting, so that
-`ast.parse` can neither warn, nor run deep, nor depend on the version of Python. It goes on after a problem wherever the
-text that follows can still be told apart, and notes each logical line, so that a reader of broken sources can as well.
+It rejects what parser versions read differently and limits nesting, so `ast.parse` cannot warn, recurse deeply or
+depend on the version.
 """
 
 from __future__ import annotations
@@ -68,8 +66,9 @@ WORDS: dict[str, tuple[str, str]] = {
 
 @dataclass(slots=True)
 class LogicalLine:
-    """One statement, or the head of one: its physical lines (1-based), indentation, first word; whether a block follows
-    (`opens`), and whether its text cannot be read reliably (`broken`)."""
+    """A statement or its head: physical lines (1-based), indentation, first word; `opens` a block, or is `broken`
+    (unreadable).
+    """
 
     first: int
     last: int
@@ -81,7 +80,7 @@ class LogicalLine:
 
 @dataclass(slots=True)
 class Prelexed:
-    """What the pre-lexer found. `fatal` forbids to parse the source as it is; from `unread` on nothing was read."""
+    """The pre-lexer's findings; `fatal` forbids parsing, text after `unread` was not read."""
 
     diagnostics: list[Diagnostic]
     fatal: bool
@@ -121,7 +120,6 @@ class _State:
 
 
 def prelex(source: str) -> Prelexed:
-    """Return the problems of a source's text, whether they forbid parsing it, and its logical lines."""
     state = _State(source)
     if len(source) > SOURCE_MAX_BYTES or len(source.encode("utf-8", "replace")) > SOURCE_MAX_BYTES:
         state.report(
@@ -145,14 +143,12 @@ def prelex(source: str) -> Prelexed:
 
 
 def _report_open_brackets(state: _State) -> None:
-    """Tell where the outermost open bracket is; what follows is read as if it were closed here."""
     _, line, column = state.brackets[0]
     state.report_at("BRACKET_OPEN", line, column, "This bracket is never closed.", "Close it.", fatal=True)
     state.brackets.clear()
 
 
 def _skip_stray(state: _State, position: int) -> int:
-    """Report what is no token; return where to go on."""
     character = state.source[position]
     end = position + 1
     if character in "\"'":
@@ -281,7 +277,6 @@ def _begin_line(state: _State, match: re.Match[str]) -> None:
 
 
 def _check_hidden(state: _State, text: str, start: int) -> None:
-    """Report what cannot be seen in a text of many lines, which begins at `start` of the source."""
     for offset in itertools.islice(find_hidden(text, "\n"), PROBLEMS_MAX_COUNT):
         before = text[:offset]
         line = state.line + before.count("\n")
@@ -329,7 +324,6 @@ def _check_escapes(state: _State, content: str, prefix: str, start: int) -> None
 
 
 def _check_fields(state: _State, start: int, content: str) -> bool:
-    """Check what stands in the braces of an f-string as any other code; return whether it is simple enough."""
     place, depth = 0, len(state.brackets)
     while place < len(content):
         character = content[place]
@@ -406,7 +400,7 @@ def _check_sign(state: _State, match: re.Match[str]) -> None:
 
 
 def _report_unpacking(state: _State, match: re.Match[str]) -> None:
-    """Stars that unpack are read differently from version to version (in comprehensions, in f-strings)."""
+    """Unpacking stars parse differently between Python versions."""
     if state.lines[-1].word == "def":
         state.report("PARAMETERS", match.start(), "There are only plain parameters.", "Remove '*', '/' and '**'.")
     elif match[0] == "*":

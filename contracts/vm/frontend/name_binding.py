@@ -1,6 +1,6 @@
-"""What a name or a call means in a contract, decided from the source alone. Must never look at a value.
+"""Resolves names and calls from the source alone, without values.
 
-Both the checker and the compiler ask here, so that they cannot disagree.
+The checker and the compiler share it, so that they agree.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ KIND_HELP = "Use @export, @view, @genesis or @migrate."
 
 @dataclass(slots=True)
 class FunctionFacts:
-    """One function of a source: its node, its kind ("" for a helper), and what its body binds and reaches."""
+    """One function: node, kind ("" for a helper), names that its body binds and reaches."""
 
     node: ast.FunctionDef
     kind: str
@@ -39,13 +39,12 @@ class FunctionFacts:
 
     @property
     def required(self) -> int:
-        """How many arguments have no default."""
         return len(self.params) - len(self.node.args.defaults)
 
 
 @dataclass(slots=True)
 class SourceFacts:
-    """The module: constants in order (name -> expression), functions by name; `doubtful` constants are not sound."""
+    """Constants in order and functions by name; `doubtful` constants are unsound."""
 
     constants: dict[str, ast.expr] = field(default_factory=dict)
     doubtful: set[str] = field(default_factory=set)
@@ -53,7 +52,6 @@ class SourceFacts:
 
 
 def bound_names(body: Sequence[ast.stmt]) -> frozenset[str]:
-    """Return the names that statements bind (not those of comprehensions, which have a scope of their own)."""
     names: set[str] = set()
     pending: list[ast.AST] = list(body)
     while pending:
@@ -67,7 +65,6 @@ def bound_names(body: Sequence[ast.stmt]) -> frozenset[str]:
 
 
 def _bound_by_refused(node: ast.AST) -> list[str]:
-    """Return the names that a statement binds which the language refuses: so that each is refused but once."""
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return [node.name]
     if isinstance(node, ast.Import | ast.ImportFrom):
@@ -78,7 +75,6 @@ def _bound_by_refused(node: ast.AST) -> list[str]:
 
 
 def dotted_name(node: ast.expr) -> str | None:
-    """Return `a` or `a.b` for a name or an attribute of a name."""
     if isinstance(node, ast.Name):
         return node.id
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
@@ -88,7 +84,7 @@ def dotted_name(node: ast.expr) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Arguments put to their parameters; None where the default stands."""
+    """Arguments by parameter; None stands for a default."""
 
     arguments: tuple[ast.expr | None, ...]
 
@@ -96,7 +92,7 @@ class Bound:
 def bind(  # noqa: PLR0911 - each return is another way not to fit
     params: Sequence[str], required: int, call: ast.Call, *, variadic: bool = False
 ) -> Bound | str:
-    """Match a call's arguments to parameters. Returns what is wrong as a sentence if they do not fit."""
+    """Match arguments to parameters; on mismatch return the problem as a sentence."""
     if variadic:
         if call.keywords:
             return "takes no arguments by name."
@@ -128,10 +124,7 @@ def bind(  # noqa: PLR0911 - each return is another way not to fit
 
 
 def naming_problem(name: str, params: Sequence[str], call: ast.Call) -> str:
-    """Return what Python has against giving these arguments by name, or by place; "" if nothing.
-
-    What Python's own functions and methods call their parameters, and which it takes by name alone, holds here too.
-    """
+    """Return Python's objection to named or positional passing, or ""."""
     for place, param in enumerate(params[: len(call.args)]):
         if param in ONLY_BY_NAME:
             return f"takes {param} by name only, and gets {place + 1} arguments by place."
@@ -142,7 +135,6 @@ def naming_problem(name: str, params: Sequence[str], call: ast.Call) -> str:
 
 
 def bind_method(name: str, call: ast.Call) -> dict[type, tuple[Method, Bound]] | str:
-    """Return, by type, the methods of that name that these arguments fit, or what is wrong."""
     fitting: dict[type, tuple[Method, Bound]] = {}
     problem = ""
     for kind, method in METHODS.get(name, {}).items():

@@ -1,7 +1,6 @@
-"""From text to a syntax tree, also of a source that is broken in places. Must never let Python's own failure decide.
+"""Parses a source to a syntax tree, tolerating broken lines for authors.
 
-What every node does with a source is `parse_source`. The rest serves authors: lines that cannot be read are taken out,
-one after another, so that one slip does not hide the other problems.
+Nodes use `parse_source` only.
 """
 
 from __future__ import annotations
@@ -25,11 +24,10 @@ _parsing = threading.RLock()
 
 
 def parse_alone(source: str, mode: Literal["exec", "eval"] = "exec") -> ast.AST:
-    """Return what `ast.parse` gives, with no other parse and no collection of garbage in between.
+    """Run `ast.parse` without a concurrent parse or garbage collection.
 
-    CPython counts the depth of a tree in one place for the whole process: a parse in another thread, or in a finalizer that
-    the collector runs, makes it fail with SystemError (gh-106905). Raises SyntaxError, ValueError, and InternalFault if the
-    parser itself fails twice: that depends on the machine and says nothing about the source.
+    CPython counts tree depth process-wide: parallel parses fail with SystemError (gh-106905). Raises SyntaxError,
+    ValueError, or InternalFault if the parser itself fails twice.
     """
     failure: Exception | None = None
     for _ in range(_PARSES_MAX_COUNT):
@@ -49,10 +47,7 @@ def parse_alone(source: str, mode: Literal["exec", "eval"] = "exec") -> ast.AST:
 
 
 def parse_source(source: str) -> ast.Module | Diagnostic:
-    """Return the tree of a source that the pre-lexer let through, or what Python says against it.
-
-    Raises InternalFault as `parse_alone` does.
-    """
+    """Return the tree or Python's objection. Raises InternalFault."""
     try:
         tree = parse_alone(source)
     except SyntaxError as error:
@@ -68,10 +63,7 @@ def parse_source(source: str) -> ast.Module | Diagnostic:
 def read_what_can_be_read(
     source: str, text: Prelexed, diagnostics: list[Diagnostic]
 ) -> tuple[ast.Module | None, frozenset[str]]:
-    """Return the tree of all that can be read, and the names in the lines that cannot; add what Python says of those.
-
-    The tree is None if nothing can be made of the source.
-    """
+    """Return the readable tree (None if nothing is) and names in unreadable lines; adds diagnostics."""
     reader = _Reader(source, text)
     for _ in range(SYNTAX_ERRORS_MAX_COUNT):
         tree = parse_source("\n".join(reader.lines))
@@ -86,8 +78,6 @@ def read_what_can_be_read(
 
 
 class _Reader:
-    """A source whose unreadable lines are replaced, first by something harmless, then by nothing."""
-
     def __init__(self, source: str, text: Prelexed) -> None:
         self.lines = source.split("\n")
         self.names: set[str] = set()
@@ -107,7 +97,6 @@ class _Reader:
                 self.lines[number] = ""
 
     def take_out(self, number: int) -> bool:
-        """Take out the logical line at a physical line. False if it is gone already."""
         place = bisect_right(self._starts, number) - 1
         if place < 0:
             return False
@@ -133,7 +122,6 @@ class _Reader:
 
 
 def _stand_in(line: LogicalLine, text: str) -> str:
-    """Return what holds the place of a line, so that the lines around it keep their meaning."""
     definition = _DEFINITION.search(text)
     if line.word == "def" and definition is not None:
         return f"def {definition[1]}(): {'' if line.opens else 'pass'}"

@@ -1,7 +1,6 @@
-"""The small closures that compiled contracts are made of. Must never hold anything of one call: they serve all calls.
+"""Closures of compiled contracts, shared by all calls, without call state.
 
-A frame is a list: slot 0 the runtime, slot 1 the result, then what `ctx` says, parameters, variables and constants. A
-closure takes the frame. Where an operand is simply a slot, a shape of the closure exists that reads it without a call.
+A frame is a list: slot 0 runtime, slot 1 result, then `ctx` fields, parameters, variables, constants.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ FIRST_FREE_SLOT = 7
 class Code:
     """A compiled expression.
 
-    `slot` is set if it only reads that slot, which certainly holds a value; `constant` if that value is always the same;
-    `gives` if its value is always of that type; `measures` if it is the length of what that slot holds.
+    `slot`: it only reads that surely set slot; `constant`: fixed value; `gives`: its type; `measures`: it is the length
+    of that slot.
     """
 
     run: Run
@@ -39,17 +38,15 @@ class Code:
 
 
 def read_slot(slot: int, constant: Any = MISSING) -> Code:
-    """Read a slot that certainly holds a value."""
     return Code(lambda frame: frame[slot], slot, constant, None if constant is MISSING else type(constant))
 
 
 def read_constant(value: Any) -> Code:
-    """Give a constant that cannot change."""
     return Code(lambda _: value)
 
 
 def read_variable(slot: int, name: str) -> Code:
-    """Read a variable that may not hold a value yet. Raises NAME_UNSET then."""
+    """Read a possibly unset variable. Raises NAME_UNSET."""
 
     def run(frame: Frame) -> Any:
         value = frame[slot]
@@ -61,7 +58,6 @@ def read_variable(slot: int, name: str) -> Code:
 
 
 def unary(operation: Callable[[Any, Any], Any], operand: Code) -> Code:
-    """Apply a checked operation of one operand."""
     inner, i = operand.run, operand.slot
     if i is not None:
         return Code(lambda frame: operation(frame[0], frame[i]))
@@ -73,7 +69,6 @@ def unary(operation: Callable[[Any, Any], Any], operand: Code) -> Code:
 
 
 def binary(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -> Code:
-    """Apply a checked operation of two operands, left first."""
     first, second, i, j = left.run, right.run, left.slot, right.slot
 
     def both_slots(frame: Frame) -> Any:
@@ -98,7 +93,6 @@ def binary(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -
 def fast_arithmetic(
     operation: Callable[[Any, Any, Any], Any], of_ints: Callable[[int, int], int], left: Code, right: Code
 ) -> Code:
-    """`left + right`, `-` or `*`: two ints are computed on the spot, by `of_ints`."""
     first, second, constant, i, j = left.run, right.run, right.constant, left.slot, right.slot
 
     def run(frame: Frame) -> Any:
@@ -128,7 +122,7 @@ def fast_arithmetic(
 
 
 def add_to_bytes(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -> Code:
-    """`left + right`, as keys of the state are made; what `left` gives is certainly bytes."""
+    """`left + right` where `left` is certainly bytes."""
     first, second, prefix, j = left.run, right.run, left.constant, right.slot
     header = HEADER_BYTES + (0 if prefix is MISSING else len(prefix))
 
@@ -160,7 +154,6 @@ def add_to_bytes(operation: Callable[[Any, Any, Any], Any], left: Code, right: C
 def fast_compare(
     operation: Callable[[Any, Any, Any], Any], of_ints: Callable[[Any, Any], bool], left: Code, right: Code
 ) -> Code:
-    """A comparison: two ints are compared on the spot, by `of_ints`."""
     first, second, constant, i, j = left.run, right.run, right.constant, left.slot, right.slot
 
     def run(frame: Frame) -> Any:
@@ -191,7 +184,6 @@ def fast_compare(
 
 
 def length_is(operation: Callable[[Any, Any], Any], left: Code, number: int) -> Code:
-    """`len(left) == number`, as sizes are checked; `left` measures a slot."""
     i = left.measures
 
     def run(frame: Frame) -> Any:
@@ -202,7 +194,6 @@ def length_is(operation: Callable[[Any, Any], Any], left: Code, number: int) -> 
 
 
 def equals_text(left: Code, text: str | bytes, *, wanted: bool) -> Code:
-    """`left == "text"` or `!=`, for a text so short that comparing it costs nothing more."""
     first, i = left.run, left.slot
     if i is not None:
         return Code((lambda frame: frame[i] == text) if wanted else (lambda frame: frame[i] != text))
@@ -212,7 +203,6 @@ def equals_text(left: Code, text: str | bytes, *, wanted: bool) -> Code:
 
 
 def get_named(get_item: Callable[[Any, Any, Any], Any], container: Code, name: str) -> Code:
-    """`container["name"]`: a dict is asked on the spot."""
     i = container.slot
     if i is None:
         return binary(get_item, container, read_constant(name))
@@ -227,7 +217,6 @@ def get_named(get_item: Callable[[Any, Any, Any], Any], container: Code, name: s
 
 
 def length_of(operation: Callable[[Any, Any], Any], operand: Code) -> Code:
-    """`len(operand)`: bytes are measured on the spot."""
     i = operand.slot
     if i is None:
         return unary(operation, operand)
@@ -240,10 +229,7 @@ def length_of(operation: Callable[[Any, Any], Any], operand: Code) -> Code:
 
 
 def gather(parts: list[Code], new_slot: Callable[[], int]) -> Callable[[Frame], tuple[Any, ...]]:
-    """Return what evaluates parts in order and gives all their values.
-
-    Parts that are no slots get one of their own (a part cannot change another's slot), so that one read gives all.
-    """
+    """Return a closure evaluating parts in order to a tuple; non-slot parts get slots."""
     if not parts:
         return lambda _: ()
     if len(parts) == 1:
@@ -264,7 +250,6 @@ def gather(parts: list[Code], new_slot: Callable[[], int]) -> Callable[[Frame], 
 
 
 def is_none(operand: Code, *, wanted: bool) -> Code:
-    """`operand is None` (or `is not None`)."""
     inner, i = operand.run, operand.slot
     if i is not None:
         return Code((lambda frame: frame[i] is None) if wanted else (lambda frame: frame[i] is not None))
@@ -274,7 +259,6 @@ def is_none(operand: Code, *, wanted: bool) -> Code:
 
 
 def call_function(function: Callable[..., Any], arguments: list[Code], new_slot: Callable[[], int]) -> Code:
-    """Call a builtin with the runtime and its arguments, in order."""
     runs = [argument.run for argument in arguments]
     if not runs:
         return Code(lambda frame: function(frame[0]))
@@ -287,7 +271,7 @@ def call_function(function: Callable[..., Any], arguments: list[Code], new_slot:
 
 
 def call_contract(function: Callable[..., Any], arguments: list[Code], new_slot: Callable[[], int]) -> Code:
-    """`call("contract", "entry", ...)`: where both names are constants they need no look when the call is made."""
+    """`call("contract", "entry", ...)`; constant names are resolved at compile time."""
     contract, entry = arguments[0].constant, arguments[1].constant
     if type(contract) is not str or type(entry) is not str:
         return call_function(function, arguments, new_slot)
@@ -303,7 +287,6 @@ def call_contract(function: Callable[..., Any], arguments: list[Code], new_slot:
 def call_method(
     name: str, table: dict[type, Callable[..., Any]], subject: Code, arguments: list[Code], fault: Any
 ) -> Code:
-    """Call the method that the table lists for the type of the subject; `fault(name, subject)` makes the refusal."""
     inner, runs = subject.run, [argument.run for argument in arguments]
     find = table.get
 

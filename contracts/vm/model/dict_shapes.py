@@ -1,8 +1,4 @@
-"""Dicts of the same shape, encoded without a walk of Python over their items. Must never change what a dict costs.
-
-A contract stores and emits dicts with the same names and types again and again. What follows from names and types
-alone is worked out once for each such shape: the encoded keys in their order, the charge, which items have a length.
-"""
+"""Fast encoding of dicts that share keys and types; gas is unchanged."""
 
 from __future__ import annotations
 
@@ -27,9 +23,9 @@ Select = Callable[[Any], tuple[Any, ...]]
 
 
 class _Shape(NamedTuple):
-    """What all dicts of one shape share. `size` counts the bytes of the keys and one for each item; `gas` the walk.
+    """Shared facts of one shape: `size` counts key bytes plus one per item, `gas` the walk.
 
-    `items` selects from a dict, in the order of the encoded keys; `texts` and `containers` select from these items.
+    `items` selects values in encoded key order; `texts` and `containers` select from these.
     """
 
     kinds: tuple[type, ...]
@@ -73,7 +69,6 @@ def _work_out(names: tuple[Any, ...], value: dict[Any, Any]) -> _Shape | None:
 
 
 def _find(names: tuple[Any, ...], value: dict[Any, Any]) -> _Shape | None:
-    """Return the shape of a dict if it is not the one that its names had last."""
     place = names, tuple(map(type, value.values()))
     shape = _shapes.get(place) or _work_out(names, value)
     if shape is not None:
@@ -85,8 +80,9 @@ def _find(names: tuple[Any, ...], value: dict[Any, Any]) -> _Shape | None:
 
 
 def encode_by_shape(runtime: Runtime, value: dict[Any, Any], size_max: int) -> bytes | None:
-    """Return a dict's canonical bytes, and charge its walk; None, and no charge, if it holds more than scalars, texts
-    and empty containers, has many keys, or comes near `size_max` bytes: such a one must be walked.
+    """Return canonical bytes and charge the walk; None without charge if it must be walked.
+
+    That is: non-empty containers inside, many keys, or a size near `size_max`.
     """
     if len(value) > _KEYS_MAX_COUNT:
         return None

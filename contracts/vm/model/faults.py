@@ -1,7 +1,6 @@
-"""The ways a contract can fail, at deployment and at run time. Must never carry contract data that was not public anyway.
+"""Failures at deployment and run time; they carry only public contract data.
 
-`Fault` is what a contract's own conduct leads to: a code, a sentence, a line; it decides a receipt. `InternalFault` is
-the interpreter's own failure; it must never decide one.
+`Fault` is the contract's own failure and decides a receipt; `InternalFault` is the interpreter's and never does.
 """
 
 from __future__ import annotations
@@ -41,12 +40,12 @@ _AUTHOR_CODE = re.compile(r"[A-Z][A-Z0-9_]{1,62}[A-Z0-9]", re.ASCII)
 
 
 def is_author_code(code: str) -> bool:
-    """Whether a contract may fail with this code: UPPER_SNAKE, 3 to 64 characters, not one of the machine's own."""
+    """Author codes are UPPER_SNAKE, 3 to 64 characters, not the machine's."""
     return _AUTHOR_CODE.fullmatch(code) is not None and code not in VM_CODES
 
 
 class Fault(Exception):  # noqa: N818 - a receipt's code, not a programming error
-    """A contract's failure. `line` is filled in by the innermost statement that was running."""
+    """A contract's failure; the innermost running statement sets `line`."""
 
     def __init__(self, code: str, message: str, line: int | None = None) -> None:
         self.code = code
@@ -56,12 +55,12 @@ class Fault(Exception):  # noqa: N818 - a receipt's code, not a programming erro
 
 
 class InternalFault(Exception):  # noqa: N818 - the counterpart of Fault
-    """The interpreter or its host failed in a way nobody foresaw; the call has no result at all."""
+    """An unforeseen interpreter or host failure; the call has no result."""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One problem of a source: where it is (1-based line and column), what it is, and what to write instead."""
+    """A source problem: 1-based line and column, and the suggested fix."""
 
     code: str
     line: int
@@ -74,10 +73,9 @@ class Diagnostic:
 
 
 class ContractSourceError(BlockRobotError):
-    """A source that is not in the contract language; `diagnostics` lists the problems found, by line.
+    """A source outside the contract language; `diagnostics` lists the problems for its author.
 
-    They are for the author: where Python's parser refuses a source, its words and places differ by version. `verdict`
-    is the one problem that every machine names alike, which is all that a receipt may say.
+    Parser wording differs by Python version; `verdict` is identical on all machines and fit for receipts.
     """
 
     def __init__(self, contract: str, diagnostics: tuple[Diagnostic, ...], verdict: Diagnostic | None = None) -> None:

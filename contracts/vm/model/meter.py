@@ -1,7 +1,6 @@
-"""What one call may use up, and what it runs against: gas, memory, depth, writes, events. Must never look at a clock.
+"""Limits of one call: gas, memory, depth, writes, events.
 
-Every charge is defined by the language (nodes, sizes of data), never by measured time or memory, so that each machine
-charges the same. Running out cannot be caught by a contract.
+Charges depend on nodes and data sizes, never on a clock or measured memory. Contracts cannot catch exhaustion.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ ALLOCATION_SHIFT = 9
 
 
 class HostInterface(Protocol):
-    """What the machine needs of its surroundings. Keys are whole flat keys; values and event data are encoded."""
+    """Ledger access: whole flat keys, encoded values and event data."""
 
     def get(self, key: bytes) -> bytes | None:
         """Return the encoded value under `key`, or None."""
@@ -37,17 +36,17 @@ class HostInterface(Protocol):
         """Store an encoded value under `key`."""
 
     def delete(self, key: bytes) -> None:
-        """Remove `key`; nothing happens if it is not there."""
+        """Remove `key`, if present."""
 
     def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
-        """Return at most `limit` (key, value) pairs under `prefix`, in key order."""
+        """Return up to `limit` (key, value) pairs in key order."""
 
     def emit(self, name: str, data: bytes) -> None:
         """Note an event."""
 
 
 class CallContext(msgspec.Struct, frozen=True, gc=False):
-    """What a contract may know of the transaction and block it runs in."""
+    """The transaction and block facts that a contract sees."""
 
     caller: bytes
     height: int
@@ -57,11 +56,7 @@ class CallContext(msgspec.Struct, frozen=True, gc=False):
 
 
 class Runtime:
-    """The state of one running call; shared by every contract the call reaches.
-
-    `enter(runtime, contract, entry, arguments)` is how `call` reaches another contract, `judge_source(data)` how the
-    contract `lifecycle` has a source compiled: it returns what is wrong with it, and the facts of it.
-    """
+    """The state of one running call, shared by all contracts it reaches."""
 
     __slots__ = (
         "calling_contract", "context_values", "contract", "depth", "enter", "events", "gas",
@@ -94,26 +89,24 @@ class Runtime:
         self.stack: list[str] = []
 
     def charge(self, gas: int) -> None:
-        """Take `gas` units."""
         self.gas -= gas
         if self.gas < 0:
             self.exhausted()
 
     def allocate(self, size: int) -> None:
-        """Take `size` modelled bytes of the memory budget, and one unit of gas, with one more per 512 of them."""
+        """Charge `size` modelled bytes; gas is 1 plus 1 per 512."""
         self.memory -= size
         self.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
         if self.memory < 0 or self.gas < 0:
             self.exhausted()
 
     def exhausted(self) -> NoReturn:
-        """Fail the call for whichever budget is spent."""
         if self.gas < 0:
             raise Fault(OUT_OF_GAS, "The call used up its gas.")
         raise Fault(MEMORY_BUDGET, "The call used up its memory.")
 
     def check_write(self) -> None:
-        """Count one state write; refuse it in a view."""
+        """Count a state write; refuse it in a view."""
         if self.read_only:
             raise Fault(VIEW_WRITES, "A view may not change the state.")
         self.writes_left -= 1
@@ -121,7 +114,7 @@ class Runtime:
             raise Fault(WRITE_BUDGET, "The call writes to the state more often than a call may.")
 
     def check_event(self) -> None:
-        """Count one event; refuse it in a view."""
+        """Count an event; refuse it in a view."""
         if self.read_only:
             raise Fault(VIEW_WRITES, "A view may not emit events.")
         if len(self.events) >= EVENTS_MAX_COUNT:

@@ -1,7 +1,7 @@
-"""The values a contract can hold: None, bool, int, str, bytes, list, dict, tuple, range. Must never let another in.
+"""The contract value types and their checks; no other type gets in.
 
-Also what crosses a border (state, events, arguments, results): walked and charged before it is copied or encoded, so
-that shared or cyclic structures cannot make the work larger than the charge.
+Border values (state, events, arguments, results) are walked and charged before copying or encoding: shared or cyclic
+structures cannot exceed the charge.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _decoded: dict[bytes, tuple[Any, int, int]] = {}
 
 
 class Mark:
-    """A sentinel of the interpreter; never reaches a contract."""
+    """An interpreter sentinel that never reaches a contract."""
 
     __slots__ = ("name",)
 
@@ -52,45 +52,43 @@ MISSING: Any = Mark("missing")
 
 
 def type_name(value: Any) -> str:
-    """Return the language's name for the value's type."""
     return "None" if value is None else type(value).__name__
 
 
 def type_fault(what: str, *values: Any) -> Fault:
-    """Return the fault for an operation on values of types it does not take."""
     return Fault(TYPE_ERROR, f"{what} does not take {' and '.join(type_name(value) for value in values)}.")
 
 
 def check_int(number: int) -> int:
-    """Return `number` if it is within 256 bits. Raises INT_OVERFLOW."""
+    """Check for 256 bits. Raises INT_OVERFLOW."""
     if INT_FLOOR < number < INT_LIMIT:
         return number
     raise Fault(INT_OVERFLOW, "An integer grew beyond 256 bits.")
 
 
 def need_int(value: Any, what: str) -> int:
-    """Return `value` if it is an int (a bool is none). Raises TYPE_ERROR."""
+    """Raises TYPE_ERROR unless it is an int; a bool is none."""
     if type(value) is int:
         return value
     raise type_fault(what, value)
 
 
 def need_str(value: Any, what: str) -> str:
-    """Return `value` if it is a str. Raises TYPE_ERROR."""
+    """Raises TYPE_ERROR unless it is a str."""
     if type(value) is str:
         return value
     raise type_fault(what, value)
 
 
 def need_bytes(value: Any, what: str) -> bytes:
-    """Return `value` if it is bytes. Raises TYPE_ERROR."""
+    """Raises TYPE_ERROR unless it is bytes."""
     if type(value) is bytes:
         return value
     raise type_fault(what, value)
 
 
 def check_dict_key(key: Any) -> None:
-    """Refuse what may not be a dict key: all but ints of at most 60 bits, and str and bytes that are quickly compared."""
+    """Allow only ints up to 60 bits and quickly compared str and bytes."""
     kind = type(key)
     if kind is str or kind is bytes:
         if len(key) <= DICT_KEY_MAX_CHARS:
@@ -104,9 +102,9 @@ def check_dict_key(key: Any) -> None:
 
 
 def charge_key(runtime: Runtime, entries: dict[Any, Any], key: Any) -> None:
-    """Refuse what may not be a key of a dict; charge a search for an int among many.
+    """Check a dict key; charge the search for an int among many.
 
-    Python finds ints by their low bits: keys can be chosen so that a search for one passes all the others.
+    Python hashes ints by low bits, so chosen keys can all collide.
     """
     check_dict_key(key)
     if type(key) is int and len(entries) > FREE_INT_KEYS_MAX_COUNT:
@@ -114,24 +112,22 @@ def charge_key(runtime: Runtime, entries: dict[Any, Any], key: Any) -> None:
 
 
 def charge_int_keys(runtime: Runtime, entries: dict[Any, Any], more: int = 0) -> None:
-    """Charge the same for each int of a dict whose keys are all looked up, among themselves and `more` others."""
+    """Charge collisions of all int keys, among themselves and `more` others."""
     count = len(entries) + more
     if count > FREE_INT_KEYS_MAX_COUNT:
         runtime.charge(sum(type(key) is int for key in entries) * (count >> INT_KEY_SHIFT))
 
 
 def unit_bytes(*texts: str) -> int:
-    """Return the modelled size of one character of a text that is made of these: Python takes 1, 2 or 4 for all of it."""
+    """Return the modelled size per character: Python uses 1, 2 or 4."""
     return 1 if all(map(str.isascii, texts)) else 4
 
 
 def text_bytes(text: str) -> int:
-    """Return the modelled size of a text."""
     return HEADER_BYTES + (len(text) if text.isascii() else 4 * len(text))
 
 
 def charge_decoded(runtime: Runtime, value: Any) -> None:
-    """Charge a value just read from bytes (a tree, so the walk is as long as the value)."""
     size, gas = _measure(value)
     runtime.memory -= size
     runtime.charge(gas)
@@ -139,7 +135,6 @@ def charge_decoded(runtime: Runtime, value: Any) -> None:
 
 
 def _measure(root: Any) -> tuple[int, int]:
-    """Return the modelled size of a value just read, and the gas that reading it costs."""
     kind = type(root)
     if kind is bytes or kind is str:
         size = HEADER_BYTES + len(root) if kind is bytes else text_bytes(root)
@@ -175,10 +170,7 @@ def _measure(root: Any) -> tuple[int, int]:
 
 
 def read_stored(runtime: Runtime, data: bytes) -> Any:
-    """Return the value that stored bytes stand for, under charge for the memory it takes.
-
-    Many calls read the same few entries: what those hold is kept decoded, and each reader gets a copy.
-    """
+    """Decode stored bytes under charge; frequent values are cached, readers get copies."""
     known = _decoded.get(data)
     value, size, gas = _decode(data) if known is None else known
     runtime.memory -= size
@@ -193,7 +185,6 @@ def read_stored(runtime: Runtime, data: bytes) -> Any:
 
 
 def _decode(data: bytes) -> tuple[Any, int, int]:
-    """Return a stored value, its modelled size and its price; keep them (not the value where a copy were not flat)."""
     value = decode_stored_value(data)
     size, gas = _measure(value)
     if _KEPT_MIN_BYTES <= len(data) <= _KEPT_MAX_BYTES:
@@ -204,7 +195,6 @@ def _decode(data: bytes) -> tuple[Any, int, int]:
 
 
 def _template(value: Any) -> Any:
-    """Return what to copy for further readers of a value, or MISSING if it holds others or much."""
     if type(value) is not dict and type(value) is not list:
         return value
     flat = _IMMUTABLE.issuperset(map(type, value.values() if type(value) is dict else value))
@@ -212,7 +202,7 @@ def _template(value: Any) -> Any:
 
 
 def encode_checked(runtime: Runtime, value: Any, size_max: int, what: str) -> bytes:
-    """Walk `value` under charge, then return its canonical bytes. Raises VALUE_ERROR beyond `size_max` bytes."""
+    """Walk a value under charge, then encode it. Raises VALUE_ERROR beyond `size_max`."""
     kind = type(value)
     if kind is dict:
         return encode_by_shape(runtime, value, size_max) or encode_walked(runtime, value, size_max, what)
@@ -222,7 +212,6 @@ def encode_checked(runtime: Runtime, value: Any, size_max: int, what: str) -> by
 
 
 def encode_walked(runtime: Runtime, value: Any, size_max: int, what: str) -> bytes:
-    """Do the same for any value, step by step."""
     _walk(runtime, value, 0, size_max, what)
     data = encode_value(value)
     if len(data) > size_max:
@@ -235,7 +224,6 @@ def _too_large(what: str) -> Fault:
 
 
 def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int:
-    """Charge the walk of a value; return what is left of `left` bytes after a lower bound of its encoded size."""
     kind = type(value)
     left -= 1 + len(value) if kind is bytes or kind is str else 1
     if kind in _IMMUTABLE:
@@ -265,9 +253,9 @@ def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int
 
 
 def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
-    """Return a copy of `value` that shares nothing mutable with it, tuples as lists, under charge.
+    """Return a charged deep copy, tuples as lists, sharing nothing mutable.
 
-    What is inside a container is charged as often as it stands there: whoever encodes the copy meets it that often.
+    Shared contents are charged per occurrence.
     """
     kind = type(value)
     if kind is bytes:
@@ -314,7 +302,6 @@ def _copy_text(runtime: Runtime, text: str, what: str) -> str:
 
 
 def count_items(root: Any) -> int:
-    """Return how many values stand inside of one that was just copied, at every depth."""
     count = 0
     pending = [root]
     while pending:
@@ -327,7 +314,7 @@ def count_items(root: Any) -> int:
 
 
 def fresh_constant(runtime: Runtime, value: Any) -> Any:
-    """Return a new copy of a module constant that holds lists or dicts, so that no call can change it for the next."""
+    """Copy a mutable module constant, isolating calls from each other."""
     kind = type(value)
     if kind is list:
         runtime.charge(4 + 2 * len(value))
@@ -346,7 +333,6 @@ def fresh_constant(runtime: Runtime, value: Any) -> Any:
 
 
 def is_mutable(value: Any) -> bool:
-    """Whether the value is, or holds, a list or dict."""
     if type(value) is tuple:
         return any(is_mutable(item) for item in value)
     return type(value) in (list, dict)

@@ -1,9 +1,4 @@
-"""What custody costs: erasing on a real cluster, following blocks, catching up, scanning, and the room it takes.
-
-Erasing is timed with real nodes, from a request to the last custodian's receipt being final. Following and catching up
-are timed with the same custodian code over the chosen store in this process, where nothing else is waited for. Must
-never count a record whose clip is not there in the end.
-"""
+"""Custody costs: erasing on real nodes, following, catching up, scanning, storage."""
 
 from __future__ import annotations
 
@@ -50,10 +45,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class CustodyOptions:
-    """Which store; how many erasures, how many records behind, and what a clip is (frames, bytes a frame).
-
-    `held` are numbers of kept clips beside which erasing is measured; with any, nothing else is.
-    """
+    """Store, erasures, backlog and clip size; with `held` only erasing beside kept clips is measured."""
 
     store: str = "sqlite"
     erasures: int = 50
@@ -64,8 +56,6 @@ class CustodyOptions:
 
 
 class _Custody:
-    """One custodian over a store of its own, and the blocks that it is told."""
-
     def __init__(self, store: CustodyStore, keys: EraseKeys, uri: str) -> None:
         self.store, self.keys, self.uri = store, keys, uri
         self.custodian = Custodian(store, keys, member=secrets.token_bytes(33), clock_ms=lambda: _START_MS)
@@ -73,7 +63,6 @@ class _Custody:
     name = "other"
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None:
-        """Hand a clip to another custodian of this process, as a link between nodes would."""
         return await self.custodian.export(record_id)
 
 
@@ -108,7 +97,6 @@ def _make_clip(options: CustodyOptions) -> SealedClip:
 
 
 async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) -> dict[str, Any]:
-    """Let one custodian follow with every clip staged, and another one that was away follow and fetch all of them."""
     async with _open_custody(options.store, folder / "a") as awake, _open_custody(options.store, folder / "b") as away:
         size_bytes, hook_s = 0, 0.0
         blocks: list[FinalizedEvents] = []
@@ -149,7 +137,6 @@ async def _measure_catching_up(
 
 
 async def _stored_bytes(folder: Path, custody: _Custody) -> int | None:
-    """Return what the store and the erase keys take up; of a server, what it says of the database and its indexes."""
     await custody.store.sweep()
     keys = sum(path.stat().st_size for path in (folder / "erase-keys").iterdir())
     size_bytes = (await custody.store.counts()).size_bytes
@@ -161,7 +148,7 @@ async def _stored_bytes(folder: Path, custody: _Custody) -> int | None:
 
 
 def _measure_scanning() -> float:
-    """Return how many announcements a wallet's view key tries in a second, on one core, none of them its own."""
+    """Return announcements scanned per second on one core, none the wallet's."""
     view, spend = (PrivateKey(secrets.token_bytes(32)) for _ in range(2))
     stranger = PrivateKey(secrets.token_bytes(32)).public_key
     chain_id, robot = secrets.token_bytes(32), PrivateKey(secrets.token_bytes(32)).public_key
@@ -176,7 +163,6 @@ def _measure_scanning() -> float:
 
 
 async def _measure_erasing(options: CustodyOptions, tell: Tell) -> tuple[list[float], dict[str, int]]:
-    """Return how long each erasure took on a real cluster, ms, and what was refused by code."""
     took_ms: list[float] = []
     errors: dict[str, int] = {}
     async with FreshNetwork(NODES_COUNT, store=options.store) as network:
@@ -196,11 +182,6 @@ async def _measure_erasing(options: CustodyOptions, tell: Tell) -> tuple[list[fl
 
 
 async def _run_held(options: CustodyOptions, tell: Tell) -> dict[str, Any]:
-    """Measure erasing beside each number of kept clips.
-
-    Figures: `held`, a row for each; `cpu_ratio`, the dearest median beside the cheapest. `ok` is False if a byte of an
-    erased clip is left.
-    """
     conditions = measure_conditions(nodes=0, store="sqlite", erasures=options.erasures, held=list(options.held))
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
     try:
@@ -216,12 +197,10 @@ async def _run_held(options: CustodyOptions, tell: Tell) -> dict[str, Any]:
 async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _text: None) -> dict[str, Any]:
     """Measure custody over one store.
 
-    Figures: `erase_p50_ms` and `erase_p95_ms` from a request to all receipts final, one erasure at a time;
-    `hook_records_per_s`, confirmations of staged clips in blocks of fifty; `catchup_s`, a custodian `behind` records
-    behind that has none of their clips follows the blocks and fetches every clip; `scan_records_per_s`, announcements
-    that a wallet tries on one core, and `hospital_day_scan_s`, what all of a day cost it, proofs and network apart;
-    `store_overhead`, bytes on disk a byte of ciphertext, erase keys too (of a server: what its `dbStats` says). `ok` is
-    False after any error, or if a clip is not where it should be.
+    `erase_p50_ms`/`erase_p95_ms`: request to all receipts final; `hook_records_per_s`: staged clips confirmed in blocks
+    of fifty; `catchup_s`: following and fetching `behind` clips; `scan_records_per_s` per core; `hospital_day_scan_s`:
+    a day without proofs and network; `store_overhead`: disk bytes, erase keys included, per ciphertext byte. `ok` is
+    False after any error or missing clip.
     """
     if options.held:
         return await _run_held(options, tell)

@@ -1,4 +1,4 @@
-"""Clips as robots make them, of people whose keys the measurement holds; sealed, uploaded, recorded, erased."""
+"""Test clips of people with known keys: sealed, uploaded, recorded, erased."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _POLL_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class SealedClip:
-    """A clip as a robot seals it: what is uploaded, and the two roots of its record."""
+    """A sealed clip: uploads, and its record's two roots."""
 
     upload: ClipUpload
     commitment_root: bytes
@@ -38,17 +38,15 @@ class SealedClip:
 
     @property
     def record_id(self) -> bytes:
-        """The id of its record."""
         return self.upload.record_id
 
     @property
     def size_bytes(self) -> int:
-        """The bytes of all its ciphertexts."""
+        """The size of all ciphertexts."""
         return sum(map(len, self.upload.ciphertexts))
 
 
 def seal_clip(frames: int, frame_bytes: int, *, txid: bytes = bytes(32), valid_until_ms: int = 0) -> SealedClip:
-    """Seal frames of random bytes to a fresh person."""
     record_id, public = secrets.token_bytes(RECORD_ID_BYTES), bytes(SealingKey.generate().public_key)
     plaintexts = tuple(secrets.token_bytes(frame_bytes) for _ in range(frames))
     keys = [secrets.token_bytes(_DATA_KEY_BYTES) for _ in plaintexts]
@@ -68,14 +66,13 @@ def seal_clip(frames: int, frame_bytes: int, *, txid: bytes = bytes(32), valid_u
 
 
 class ClipRobot:
-    """A registered robot on a fresh network, which records clips and lets their owners erase them."""
+    """A registered robot that records clips and requests erasures."""
 
     def __init__(self, key: PrivateKey, client: NetworkClient) -> None:
         self._key = key
         self.client = client
 
     async def open_visit(self) -> PrivateKey:
-        """Open a visit of somebody new; return the owner's key."""
         owner = PrivateKey(secrets.token_bytes(32))
         ephemeral = PrivateKey(secrets.token_bytes(32)).public_key
         arguments = [owner.public_key, ephemeral, 0, _bucket_ms(), PURPOSE]
@@ -89,7 +86,7 @@ class ClipRobot:
         frame_bytes: int,
         send: Callable[[ClipUpload], Awaitable[None]] | None = None,
     ) -> SealedClip:
-        """Seal a clip, `send` it (else: to every custodian), and record it; it is final when this returns."""
+        """Seal, `send` (default: to every custodian) and record a clip; waits for finality."""
         clip, bucket_ms = seal_clip(frames, frame_bytes), _bucket_ms()
         arguments: list[Any] = [clip.record_id, owner.public_key, clip.commitment_root, clip.ciphertext_root]
         arguments += [secrets.token_bytes(SEALED_METADATA_BYTES), bucket_ms, bucket_ms + RETENTION_DEFAULT_MS]
@@ -117,7 +114,6 @@ class ClipRobot:
     async def request_erasure(
         self, owner: PrivateKey, record_ids: Sequence[bytes], frames: Sequence[int] = ()
     ) -> bytes:
-        """Ask for an erasure in the owner's name; return its id once the request is final."""
         transaction = self.client.transactions.build(owner, "erasure", "request", [list(record_ids), list(frames)])
         receipt = await self.client.submit_and_wait(transaction)
         if not receipt.ok:
@@ -125,7 +121,7 @@ class ClipRobot:
         return transaction.txid
 
     async def wait_erased(self, owner: PrivateKey, erasure_id: bytes) -> None:
-        """Wait until every custodian's receipt is final. Raises TRANSACTION_NOT_FINAL_IN_TIME."""
+        """Wait for every custodian's final receipt. Raises TRANSACTION_NOT_FINAL_IN_TIME."""
         deadline_s = time.perf_counter() + ERASURE_TIMEOUT_S
         while True:
             entry = await self.client.state_value(erasure.REQUEST.key(erasure_id), owner)

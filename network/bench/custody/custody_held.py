@@ -1,7 +1,4 @@
-"""What erasing costs a custodian that keeps much, beside one that keeps little.
-
-The kept clips are small, so that many fit: what is measured depends on how many rows there are, not on their size.
-"""
+"""Erasing cost by number of kept clips; small clips, since only rows matter."""
 
 from __future__ import annotations
 
@@ -37,7 +34,6 @@ Tell = Callable[[str], None]
 
 
 def _kept_rows(slots: Sequence[int]) -> Iterator[tuple[ClipRow, list[FrameRow]]]:
-    """Yield confirmed clips of random bytes, as many as there are slots for."""
     for first in range(0, len(slots), KEPT_FRAMES_COUNT):
         record_id, text = secrets.token_bytes(16), secrets.token_bytes(KEPT_FRAME_BYTES)
         leaves = tuple(secrets.token_bytes(32) for _ in range(KEPT_FRAMES_COUNT))
@@ -49,7 +45,6 @@ def _kept_rows(slots: Sequence[int]) -> Iterator[tuple[ClipRow, list[FrameRow]]]
 
 
 def fill(folder: Path, keys: EraseKeys, held: int, tell: Tell) -> None:
-    """Write a new SQLite store of this many clips, without forcing each of them to the medium."""
     folder.mkdir(mode=0o700, parents=True)
     with closing(sqlite3.connect(folder / DATABASE_FILE_NAME, isolation_level=None)) as database:
         for setting in ("journal_mode = WAL", "synchronous = OFF", "secure_delete = ON"):
@@ -66,13 +61,10 @@ def fill(folder: Path, keys: EraseKeys, held: int, tell: Tell) -> None:
 
 
 class _Blocks:
-    """A custodian's blocks, one after the other."""
-
     def __init__(self, custodian: Custodian) -> None:
         self._custodian, self._height = custodian, 0
 
     async def follow(self, event: FinalizedEvent) -> tuple[float, float]:
-        """Bring one event into effect; return the CPU and the wall time that it took, ms."""
         self._height += 1
         block = FinalizedEvents(self._height, sha256(b"%d" % self._height), _START_MS + self._height, (event,))
         cpu_s, wall_s = time.process_time(), time.perf_counter()
@@ -87,7 +79,6 @@ def _recorded(clip: SealedClip, owner: bytes) -> FinalizedEvent:
 
 
 async def _erasures(custodian: Custodian, count: int) -> AsyncIterator[tuple[float, float]]:
-    """Let clips come, be recorded and erased, each in a block of its own; yield what each erasing block took."""
     blocks, owner = _Blocks(custodian), secrets.token_bytes(33)
     for _ in range(count):
         valid_until_ms = _START_MS + TRANSACTION_LIFETIME_MAX_MS
@@ -100,7 +91,7 @@ async def _erasures(custodian: Custodian, count: int) -> AsyncIterator[tuple[flo
 
 
 async def measure_held(held: int, erasures: int, folder: Path, tell: Tell) -> dict[str, Any]:
-    """Return what a block costs that erases one clip of five frames, beside `held` kept ones, in an SQLite store."""
+    """Measure erasing blocks (one five-frame clip each) beside `held` clips."""
     with EraseKeys(folder / "erase-keys") as keys:
         await asyncio.to_thread(fill, folder / "custody", keys, held, tell)
         async with SqliteStore(folder / "custody") as store:

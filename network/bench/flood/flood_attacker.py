@@ -1,7 +1,6 @@
-"""`python -m network.bench.flood.flood_attacker`: one process that floods a network of this machine, and nothing else.
+"""`python -m network.bench.flood.flood_attacker`: a process that floods a local network.
 
-Its orders come as one JSON object on standard input (keys among them, which no command line may show); it ends when its
-time is over, or when its parent is gone.
+Orders come as JSON on standard input, because they contain keys.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ STREAM_READ_BYTES = 400_000
 
 
 class _Rate:
-    """At most so many bytes a second, all connections together."""
+    """Limits bytes per second over all connections."""
 
     def __init__(self) -> None:
         self._started_s = time.monotonic()
@@ -56,8 +55,6 @@ class _Rate:
 
 
 class _Attack:
-    """One flood, until its time is over."""
-
     def __init__(self, orders: dict[str, Any]) -> None:
         self.orders = orders
         self.rate = _Rate()
@@ -79,7 +76,6 @@ class _Attack:
         return time.monotonic() < self._until_s and os.getppid() == self.orders["parent"]
 
     async def run(self) -> None:
-        """Flood until the time is over."""
         kind = self.orders["kind"]
         if kind in FRAMES:
             work = [self._listen_as_node(kind)]
@@ -97,7 +93,6 @@ class _Attack:
     # As a node
 
     async def _listen_as_node(self, kind: str) -> None:
-        """Be the node whose certificate this is: the others dial it."""
         folder = Path(self.orders["keys"])
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_3
@@ -185,7 +180,6 @@ class _Attack:
                     return
 
     async def _read_answer(self, flood: HttpFlood, reader: asyncio.StreamReader) -> bool:
-        """Read an answer, or a part of a stream; tell whether the connection stays open."""
         head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").lower()
         self.refused_count += " 429 " in head.split("\r\n", 1)[0]
         lengths = [line.partition(":")[2] for line in head.split("\r\n") if line.startswith("content-length:")]
@@ -217,7 +211,6 @@ async def _swallow(reader: asyncio.StreamReader) -> None:
 
 
 def main() -> None:
-    """Read the orders, flood, and say on standard output what was sent."""
     attack = _Attack(read_json_text(sys.stdin.read()))
     asyncio.run(attack.run())
     figures = {

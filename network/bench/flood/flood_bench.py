@@ -1,8 +1,4 @@
-"""What a flood does to a network: how late calls become final and `/status` answers, before it, under it and after it.
-
-Four real nodes with full blocks, a robot that submits a call twenty times a second, and an attacker in a process of his
-own: at most one core and 20 MB a second.
-"""
+"""Effect of floods on finality and `/status` latency: before, during, after."""
 
 from __future__ import annotations
 
@@ -49,7 +45,7 @@ FLOODS_OF_NETWORK_COUNT = 8
 
 @dataclass(frozen=True, slots=True)
 class FloodOptions:
-    """Who floods with what (`all`: with everything he can), and for how long each."""
+    """Who floods with which kinds (`all`: every possible one), and for how long each."""
 
     kind: str
     identity: Identity
@@ -58,7 +54,7 @@ class FloodOptions:
 
 @dataclass(slots=True)
 class _Latencies:
-    """When each call was submitted and how late it was final; one that is not final yet is as late as it is now."""
+    """Latency per call; pending calls count up to now."""
 
     started_s: list[float] = field(default_factory=list)
     final_s: dict[int, float] = field(default_factory=dict)
@@ -72,7 +68,7 @@ class _Latencies:
         ]
 
     def recovered_s(self, from_s: float, until_s: float, limit_ms: float) -> float | None:
-        """Return how long after a moment the first call was submitted from which on all were final in time."""
+        """Return time from `from_s` until all later submitted calls were final in time."""
         late = [place for place, started_s in enumerate(self.started_s) if from_s <= started_s < until_s]
         for place in reversed(late):
             final_s = self.final_s.get(place)
@@ -82,8 +78,6 @@ class _Latencies:
 
 
 class _Watch:
-    """Submits calls to one node, asks all nodes how they are, and notes how long both take. Use as `async with`."""
-
     def __init__(self, network: FreshNetwork, robot: LoadRobot) -> None:
         self._network, self._robot = network, robot
         self._follower = FinalityFollower(network.genesis, network.genesis.nodes[0], robot.key)
@@ -140,22 +134,17 @@ class _Watch:
             self.named.add(str(row["peer"]))
 
     def status_ms(self, from_s: float, until_s: float) -> list[float]:
-        """Return how long `/status` took, of what was asked between two moments."""
         return [took_ms for started_s, took_ms in self.status if from_s <= started_s < until_s]
 
 
 @dataclass(frozen=True, slots=True)
 class _Attacker:
-    """Who attacks in one flood: by what name he is known, and what his process is told."""
-
     names: tuple[str, ...]
     orders: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class _Scene:
-    """A running network in which a flood takes place: who submits, who attacks, and what is worth asking for."""
-
     network: FreshNetwork
     watched: LoadRobot
     attacker: LoadRobot
@@ -193,7 +182,6 @@ async def _describe(scene: _Scene, options: FloodOptions, kind: str, own: int) -
 
 
 async def _attack(orders: dict[str, Any]) -> dict[str, Any]:
-    """Let the attacker do his work, and return what he sent."""
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
@@ -212,7 +200,6 @@ async def _attack(orders: dict[str, Any]) -> dict[str, Any]:
 
 
 async def _measure(scene: _Scene, options: FloodOptions, kind: str, own: int) -> dict[str, Any]:
-    """Measure one flood on a running network."""
     network = scene.network
     async with _Watch(network, scene.watched) as watch:
         await asyncio.sleep(1.0)
@@ -264,7 +251,7 @@ def _read_logs(network: FreshNetwork) -> str:
 
 
 def choose_kinds(options: FloodOptions) -> list[str]:
-    """Return the kinds to send. Raises REQUEST_INVALID for one that there is not."""
+    """Return the kinds to send. Raises REQUEST_INVALID for an unknown one."""
     known = kinds_of(options.identity)
     if options.kind == "all":
         return known
@@ -276,7 +263,7 @@ def choose_kinds(options: FloodOptions) -> list[str]:
 
 
 async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]) -> dict[str, Any]:
-    """Measure each kind of flood; as a node, each with the certificate of another node that was never started."""
+    """Measure each flood kind; as a node, each uses another never started node's certificate."""
     kinds = choose_kinds(options)
     conditions = measure_conditions(nodes=NODES_COUNT, identity=options.identity, seconds=options.seconds)
     rows: list[dict[str, Any]] = []

@@ -1,7 +1,7 @@
-"""What an attacker sends, kind by kind: bytes that look like the protocol's, made without end.
+"""Endless attacker messages by kind, resembling the protocol.
 
-Every kind of frame and of request between nodes has at least one flood here, and so has every route that takes a body (the
-others: `flood_routes`); a test compares the list with the protocol's. Signatures are false unless a kind says otherwise.
+Every node frame, request and route with a body has a flood here; others are in `flood_routes`. Signatures are false
+unless stated.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _LIFETIME_MS = 5 * 60 * 1000
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What the attacker knows: the chain, a member's public key, how far it is, and the attacker's own key and name."""
+    """The attacker's knowledge: chain, a member's key and progress, its own key and name."""
 
     chain_id: bytes
     member: bytes
@@ -55,7 +55,6 @@ class Target:
 
 
 def false_signature(size: int = 65) -> bytes:
-    """Return random bytes that pass for a signature until somebody does the arithmetic."""
     return (secrets.token_bytes(32) + b"\x3f" + secrets.token_bytes(31) + b"\x00" * 8)[: size - 1] + b"\x01"
 
 
@@ -74,18 +73,15 @@ def _wire(target: Target, sender: bytes, contract: str, entry: str, arguments: l
 
 
 def by_strangers(target: Target) -> bytes:
-    """A transaction of a sender whom nobody knows."""
     sender = PrivateKey(secrets.token_bytes(32)).public_key
     return _wire(target, sender, "records", "record", [secrets.token_bytes(32)])
 
 
 def in_a_members_name(target: Target) -> bytes:
-    """A transaction that a member is said to have signed."""
     return _wire(target, target.member, "consent", "object", [secrets.token_bytes(32)])
 
 
 def registration(target: Target) -> bytes:
-    """A registration with a voucher that no registrar signed."""
     sender = PrivateKey(secrets.token_bytes(32)).public_key
     late_ms = time.time_ns() // 1_000_000 + _LIFETIME_MS
     arguments: list[object] = [
@@ -104,7 +100,6 @@ def registration(target: Target) -> bytes:
 
 
 def signed(target: Target) -> bytes:
-    """A transaction that the attacker signed as himself."""
     return sign_transaction(
         target.key,
         chain_id=target.chain_id,
@@ -248,10 +243,7 @@ FRAMES: dict[str, Callable[[Target], bytes]] = {
 
 @dataclass(frozen=True, slots=True)
 class HttpFlood:
-    """Requests of one route: their bodies, and whether they are sent slowly (`drips`), so that they stay open.
-
-    Of what `streams` a part is read, and the connection closed.
-    """
+    """Requests of one route; `drips` sends slowly, `streams` are read partly, then closed."""
 
     method: str
     path: str
@@ -341,7 +333,7 @@ HANDSHAKES = "handshakes"
 
 
 def pool_of(make: Callable[[Target], bytes], target: Target, count: int = POOL_COUNT) -> Iterator[bytes]:
-    """Yield messages without end: `count` different ones, then the same again."""
+    """Yield `count` different messages in an endless cycle."""
     made = []
     for _ in range(count):
         made.append(make(target))

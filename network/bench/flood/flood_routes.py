@@ -1,8 +1,4 @@
-"""Floods of requests without a body: every GET of the route table, at its dearest, and what is of no route. Sends nothing.
-
-The kinds come from the table: a new route is flooded as soon as it stands there, or a test fails because a parameter of
-it has no value here.
-"""
+"""Floods of body-less requests: every GET at its dearest, and unknown routes."""
 
 from __future__ import annotations
 
@@ -31,7 +27,7 @@ STRAYS: Mapping[str, HttpFlood] = {
 
 @dataclass(frozen=True, slots=True)
 class Landmarks:
-    """What the dearest requests are about: where full blocks begin, the fullest one, and a transaction of it."""
+    """Costly request targets: where full blocks begin, the fullest block, its transaction."""
 
     window: int
     height: int
@@ -40,13 +36,11 @@ class Landmarks:
 
 
 def read_kinds() -> list[str]:
-    """Return the names of all floods of GET routes."""
     filtered = [name + FILTERED for name, route in READS.items() if _asks(route, "contract")]
     return sorted([*READS, *filtered])
 
 
 def make_read(kind: str, landmarks: Landmarks) -> HttpFlood:
-    """Return the flood of a GET route."""
     route = READS[kind.removesuffix(FILTERED)]
     values = _values(route, landmarks)
     path, query = route.path, []
@@ -98,7 +92,6 @@ def _no_body(_target: Target) -> bytes:
 
 
 def kinds_of(identity: Identity) -> list[str]:
-    """Return the kinds of flood that somebody of this kind can send."""
     if identity == "node":
         return list(FRAMES)
     asked = [*BODIES, *read_kinds(), *STRAYS]
@@ -106,6 +99,5 @@ def kinds_of(identity: Identity) -> list[str]:
 
 
 def http_flood(kind: str, landmarks: Landmarks) -> HttpFlood:
-    """Return what a client sends for a kind."""
     found = BODIES.get(kind) or STRAYS.get(kind)
     return make_read(kind, landmarks) if found is None else found

@@ -1,4 +1,4 @@
-"""Fills a measured network's blocks, so that whoever asks for one asks for much."""
+"""Fills a measured network's blocks, making requests expensive."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ BUSY_PAUSE_S = 0.5
 
 
 async def fill_blocks(robots: Sequence[LoadRobot]) -> Landmarks:
-    """Submit records until there are full blocks, and return what is worth asking for then."""
     accepted = 0
     while accepted < RECORDS_COUNT:
         batch = [robots[place % len(robots)].sign_record() for place in range(BATCH_COUNT)]

@@ -1,6 +1,6 @@
-"""How a whole robot keeps up: frames from a recording at the camera's pace, and each found again by its owner.
+"""Whole-robot benchmark: recorded frames at camera pace, found by their owners.
 
-Real robots, real nodes, real wallets, each robot a process of its own.
+Real robots, nodes and wallets; each robot is a process.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class RobotOptions:
-    """What to measure; the network is cut for `cut_s` in the middle, 0 for not at all. Recordings are kept in `cache`."""
+    """`cut_s` is the partition length, 0 for none; recordings are kept in `cache`."""
 
     seconds: float
     robots: int
@@ -51,14 +51,11 @@ class RobotOptions:
 
     @property
     def frames(self) -> int:
-        """How many frames each robot's camera publishes."""
         return round(self.seconds * self.fps)
 
 
 @dataclass(slots=True)
 class _Played:
-    """A robot, and what came of it."""
-
     name: str
     member: bytes
     folder: Path
@@ -74,17 +71,14 @@ class _Played:
 
 @dataclass(slots=True)
 class _Cut:
-    """When nodes stood still, by the machine's clock in ms; zeros if they never did."""
+    """When nodes stood still, wall clock ms; zeros if never."""
 
     from_ms: int = 0
     until_ms: int = 0
 
 
 async def run_robot_benchmark(options: RobotOptions, tell: Tell) -> dict[str, Any]:
-    """Render, start a network, register, play, look with the owners' eyes, and return the result.
-
-    While the network is cut all node processes are stopped by SIGSTOP: connections stay open, and nobody answers.
-    """
+    """Run the robot benchmark; a cut stops all nodes by SIGSTOP, connections stay open."""
     scene = make_scene(loop_seconds(options.seconds), options.fps, options.seed)
     tags = load_or_draw_tags(options.cache, scene)
     bag = await asyncio.to_thread(
@@ -143,7 +137,6 @@ async def _enrol(stage: Stage, number: int) -> _Played:
 async def _play(
     stage: Stage, robots: list[_Played], bag: Path, scene: Scenario, options: RobotOptions, tell: Tell
 ) -> _Cut:
-    """Let all robots play at once, cut the network meanwhile if asked for, and wait until all is final."""
     loop_ms = round(scene.duration_s * 1000)
 
     async def play(robot: _Played) -> None:
@@ -173,7 +166,6 @@ async def _play(
 
 
 async def _cut(stage: Stage, robots: list[_Played], options: RobotOptions, tell: Tell) -> _Cut:
-    """Stop all nodes in the middle of the playing, for a while."""
     if not options.cut_s:
         return _Cut()
     for robot in robots:
@@ -198,7 +190,6 @@ def _now_ms() -> int:
 
 
 async def _look(stage: Stage) -> list[OwnFrames]:
-    """Let each person's wallet find and open all that is hers."""
     found = []
     for alias in PEOPLE:
         passphrase = (stage.wallets / f"{alias}.passphrase").read_text(encoding="utf-8").strip()
@@ -210,7 +201,6 @@ async def _look(stage: Stage) -> list[OwnFrames]:
 def make_figures(
     options: RobotOptions, robots: list[tuple[bytes, dict[str, Any], LoggedFrames]], owners: list[OwnFrames]
 ) -> dict[str, Any]:
-    """Return the figures of all robots, given as (member key, summary, log), and of all owners together."""
     frames = [summary["frames"] for _, summary, _ in robots]
     reckonings = [
         reckon(logged, [owner.frames.get(member, Counter()) for owner in owners]) for member, _, logged in robots
@@ -255,10 +245,7 @@ def make_figures(
 
 
 def is_good(figures: dict[str, Any]) -> bool:
-    """Tell whether something was kept, and every kept frame was found exactly once by its owner, and by no other.
-
-    Whose a frame is, the scene says, and no robot: two people who stand on different sides of it.
-    """
+    """Return whether each kept frame was found exactly once, by its owner alone."""
     wrong = (
         "frames_lost",
         "frames_never_arrived",
@@ -274,7 +261,6 @@ def is_good(figures: dict[str, Any]) -> bool:
 
 
 def _cut_figures(robots: list[_Played], cut: _Cut) -> dict[str, Any]:
-    """Return how soon all that waited for the end of the cut was final, and the latency of what it did not touch."""
     if not cut.until_ms:
         return {}
     times = [time for robot in robots for time in robot.logged.times]

@@ -1,4 +1,4 @@
-"""Holds what a robot says it kept against what owners found, frame by frame."""
+"""Compares a robot's kept frames with those that owners found."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from consensus.bounded_text import read_json_text
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """When a kept frame was decided, and when its record was final, in milliseconds of the robot's wall clock."""
+    """A kept frame's decision and its record's finality, robot wall clock ms."""
 
     decided_at_ms: int
     final_at_ms: int
 
     @property
     def took_ms(self) -> int:
-        """How long it took."""
         return self.final_at_ms - self.decided_at_ms
 
 
 @dataclass(slots=True)
 class LoggedFrames:
-    """What a robot's own log says: of each alias, how often each frame was paired, kept, withheld; and how long it took.
+    """A robot log: per alias how often each frame was paired, kept, withheld; durations.
 
-    `taken_at_ms` is when each frame was taken up, in that order.
+    `taken_at_ms` lists frame start times in order.
     """
 
     paired: dict[str, Counter[int]] = field(default_factory=dict)
@@ -39,13 +38,11 @@ class LoggedFrames:
 
     @property
     def frames_per_s(self) -> float:
-        """How many frames a second the robot took up, from the first to the last; 0 for fewer than two."""
         took_ms = self.taken_at_ms[-1] - self.taken_at_ms[0] if self.taken_at_ms else 0
         return 1000 * (len(self.taken_at_ms) - 1) / took_ms if took_ms > 0 else 0.0
 
 
 def read_frames(lines: Iterable[str]) -> LoggedFrames:
-    """Return what the lines of a robot's event log say of its frames."""
     found = LoggedFrames()
     counts = {IMAGE_PAIRED: found.paired, BLOCKCHAIN_TRANSACTION: found.kept, IMAGE_WITHHELD: found.withheld}
     for line in lines:
@@ -63,10 +60,10 @@ def read_frames(lines: Iterable[str]) -> LoggedFrames:
 
 @dataclass(frozen=True, slots=True)
 class Reckoning:
-    """Of one robot's frames, counted per frame and owner.
+    """One robot's frame counts per frame and owner.
 
-    `lost`: paired but neither kept nor withheld, or said to be kept and not found by its owner. `doubled`: found, kept
-    or settled more than once. `unexplained`: found by an owner though the robot does not say that it kept it.
+    `lost`: paired but neither kept nor withheld, or kept but not found; `doubled`: found, kept or settled twice;
+    `unexplained`: found but not kept.
     """
 
     lost: int
@@ -75,10 +72,9 @@ class Reckoning:
 
 
 def reckon(logged: LoggedFrames, found: Sequence[Counter[int]]) -> Reckoning:
-    """Compare a robot's log with what each owner found of that robot.
+    """Compare a robot's log with each owner's findings.
 
-    The log's aliases are drawn anew for each run and name nobody: they are given to owners in the way in which most
-    frames agree. That two owners were exchanged altogether cannot be seen here, but by what their pictures show.
+    Aliases are random per run and matched to owners by most common frames; exchanged owners show only in the pictures.
     """
     unsettled = sum(
         (_set_of(frames) - _set_of(logged.kept.get(alias)) - _set_of(logged.withheld.get(alias))).total()
@@ -100,10 +96,7 @@ def reckon(logged: LoggedFrames, found: Sequence[Counter[int]]) -> Reckoning:
 def match_owners(
     kept: Mapping[str, Counter[int]], found: Sequence[Counter[int]]
 ) -> list[tuple[Counter[int], Counter[int]]]:
-    """Return (kept, found) of each owner, in the way in which most frames agree; one without a partner has no frames.
-
-    All ways are tried: for a handful of owners.
-    """
+    """Return (kept, found) per owner by best total match; tries all permutations."""
     wide = max(len(kept), len(found))
     left = [*kept.values(), *(Counter[int]() for _ in range(wide - len(kept)))]
     right = [*found, *(Counter[int]() for _ in range(wide - len(found)))]
@@ -120,11 +113,11 @@ def _surplus(frames: Counter[int]) -> int:
 
 
 def untouched_by_cut(times: Sequence[Timed], cut_from_ms: int, caught_up_at_ms: int) -> list[Timed]:
-    """Return the frames that were final before the cut, or decided after all that waited for its end was final."""
+    """Return frames final before the cut or decided after the catch-up."""
     return [time for time in times if time.final_at_ms < cut_from_ms or time.decided_at_ms > caught_up_at_ms]
 
 
 def caught_up_at_ms(times: Sequence[Timed], cut_until_ms: int) -> int:
-    """Return when the last frame that was decided before the end of the cut was final; its end if none waited."""
+    """Return when the last frame decided before the cut's end became final, else its end."""
     waited = (time.final_at_ms for time in times if time.decided_at_ms <= cut_until_ms)
     return max([cut_until_ms, *waited])

@@ -1,7 +1,4 @@
-"""What owners find of robots' recordings: each wallet lists, fetches, checks and opens its own.
-
-This is the wallet's own code, on proofs of the chain; no picture is written anywhere.
-"""
+"""Owners' findings: real wallets list, fetch, verify and open recordings in memory."""
 
 from __future__ import annotations
 
@@ -21,10 +18,7 @@ PURPOSE = "own-access"
 
 @dataclass(slots=True)
 class OwnFrames:
-    """What one owner found: of each robot (by its member key) how often each frame, and what did not come as it should.
-
-    `misplaced_frames` show somebody who stands where another does.
-    """
+    """One owner's frame counts per robot (member key); `misplaced_frames` show somebody else's place."""
 
     frames: dict[bytes, Counter[int]] = field(default_factory=dict)
     record_count: int = 0
@@ -34,7 +28,6 @@ class OwnFrames:
     misplaced_frames: int = 0
 
     def note(self, robot: bytes, picture: Rendition, *, is_hers: bool) -> None:
-        """Count a picture that the wallet opened; what the scene says tells whether it shows its owner."""
         self.frames.setdefault(robot, Counter())[picture.sequence] += 1
         self.misplaced_frames += not is_hers
 
@@ -42,7 +35,7 @@ class OwnFrames:
 async def find_own_frames(
     wallet_file: Path, passphrase: str, genesis: Genesis, is_hers: Callable[[Rendition], bool]
 ) -> OwnFrames:
-    """Open a wallet and every picture in it; `is_hers` knows the scene. Raises what the network refuses."""
+    """Open a wallet and all its pictures. Raises the network's refusals."""
     found = OwnFrames()
     async with Wallet(Keystore.open(wallet_file, passphrase), genesis) as wallet:
         for report in await wallet.records():

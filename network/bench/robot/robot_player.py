@@ -1,8 +1,4 @@
-"""One robot of `bench robot`, as a process of its own: the real client on a looped recording.
-
-Prints progress as lines of JSON on standard error, and at the end one JSON object: the robot's own summary and what
-the process cost.
-"""
+"""One robot process of `bench robot`: the real client on a looped recording."""
 
 from __future__ import annotations
 
@@ -41,11 +37,7 @@ class _Progress:
 
 
 def read_peak_bytes(status: Path = Path("/proc/self/status")) -> int:
-    """Return the most memory that this process ever held at once.
-
-    The kernel's count since the program began; where there is none of the kind (macOS), that of `getrusage`, which may
-    include the program that started it.
-    """
+    """Return the process's peak memory; without /proc (macOS) `getrusage`, perhaps including its parent."""
     try:
         lines = split_lines(status.read_text(encoding="ascii", errors="replace"))
     except OSError:
@@ -84,7 +76,6 @@ async def _play(chosen: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Play, and print what came of it; a refusal is printed as `error`."""
     parser = argparse.ArgumentParser(prog="network.bench.robot.robot_player")
     for name in ("--folder", "--genesis", "--bag", "--events", "--approver"):
         parser.add_argument(name, type=Path, required=True)

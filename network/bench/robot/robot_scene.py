@@ -1,7 +1,4 @@
-"""The scene of `bench robot`: two registered people in view all the time, rendered once and played again and again.
-
-A stretch of it begins and ends with everybody at the same place, so that it can be looped.
-"""
+"""The `bench robot` scene: two registered people, rendered once, loopable."""
 
 from __future__ import annotations
 
@@ -56,19 +53,16 @@ _PLACES = (((-0.90, 2.05), (-0.95, 2.50)), ((0.85, 3.50), (1.05, 4.30)))  # (x, 
 
 
 def is_in_place(alias: str, picture: Rendition) -> bool:
-    """Tell whether what a picture shows stands on that person's side of the scene, which nobody leaves."""
     stands_left = all(x < 0 for x, _ in _PLACES[PEOPLE.index(alias)])
     shows_left = 2 * picture.x + picture.box_width < picture.width
     return stands_left == shows_left
 
 
 def loop_seconds(seconds: float) -> int:
-    """Return how long a stretch to render for so many seconds of playing."""
     return max(1, min(LOOP_MAX_S, math.ceil(seconds)))
 
 
 def make_scene(seconds: int, fps: int, seed: int) -> Scenario:
-    """Return a stretch of so many seconds; `seed` draws people's build and the camera's noise."""
     drawn = random.Random(seed)  # noqa: S311 - a scene, no secret
     text = _HEAD.format(seconds=seconds, fps=fps, seed=seed)
     for alias, places in zip(PEOPLE, _PLACES, strict=True):
@@ -88,7 +82,6 @@ def make_scene(seconds: int, fps: int, seed: int) -> Scenario:
 def _to_and_fro(
     seconds: int, places: tuple[tuple[float, float], tuple[float, float]]
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield waypoints that end where they began."""
     count = 2 * max(1, round(seconds / _STEP_S / 2))
     for number in range(count + 1):
         yield (seconds * number / count, *places[number % 2])
@@ -96,10 +89,10 @@ def _to_and_fro(
 
 
 class LoopedSource:
-    """A recording that is read again from its beginning when it ends, its stamps and numbers going on."""
+    """A recording looped with continuing stamps and numbers."""
 
     def __init__(self, recording: BagSource, *, loop_ms: int, frames: int) -> None:
-        """`loop_ms` is how long a round lasts; the source ends with its frame number `frames`."""
+        """`loop_ms` is a round's length; ends with frame `frames`."""
         self._recording = recording
         self._loop_ms = loop_ms
         self._frames = frames
@@ -111,24 +104,19 @@ class LoopedSource:
 
     @property
     def focal_px(self) -> float | None:
-        """The depth camera's focal length in pixels, None if the recording does not tell."""
         return self._recording.focal_px
 
     @property
     def focal_from(self) -> str:
-        """Where the focal length is from."""
         return self._recording.focal_from
 
     def shift_to(self, start_ms: int) -> None:
-        """Move the timeline so that the first event happens at `start_ms`."""
         self._recording.shift_to(start_ms)
 
     def empty_frames(self) -> list[Depth]:
-        """Return the recorded frames of the empty scene."""
         return self._recording.empty_frames()
 
     def events(self) -> Iterator[SourceEvent]:
-        """Yield the recording's frames and sightings, round after round. A recording without frames ends at once."""
         seen, rounds = 0, 0
         while True:
             before = seen
@@ -145,7 +133,6 @@ class LoopedSource:
                 return
 
     def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Yield the same events, each no earlier than `clock` says it was recorded."""
         return play_events(self.events(), clock)
 
     @staticmethod

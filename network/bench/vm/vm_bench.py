@@ -1,8 +1,4 @@
-"""How fast the contract machine is: the real `records.record`, alone and in blocks.
-
-Measured in CPU time of this thread, as the median of many batches, so that a busy machine does not change the figures
-much. The calls alone are the interpreter and its host functions over a dict; the blocks have state, receipts and trie.
-"""
+"""Contract machine speed on `records.record`, alone and in blocks; median thread CPU time."""
 
 from __future__ import annotations
 
@@ -37,19 +33,15 @@ class MemoryHost:
         self.entries: dict[bytes, bytes] = {}
 
     def get(self, key: bytes) -> bytes | None:
-        """Return the value under a key."""
         return self.entries.get(key)
 
     def put(self, key: bytes, value: bytes) -> None:
-        """Store a value."""
         self.entries[key] = value
 
     def delete(self, key: bytes) -> None:
-        """Remove a key."""
         self.entries.pop(key, None)
 
     def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
-        """Return the entries under a prefix, in key order."""
         return [(key, self.entries[key]) for key in sorted(self.entries) if key.startswith(prefix)][:limit]
 
     def emit(self, name: str, data: bytes) -> None:
@@ -57,28 +49,25 @@ class MemoryHost:
 
 
 class CountingHost(MemoryHost):
-    """Also counts how often a call of `records.record` asks it: whether to get, to put or to emit."""
+    """Also counts gets, puts and emits of `records.record`."""
 
     calls = 0
 
     def get(self, key: bytes) -> bytes | None:
-        """Count, and return the value under a key."""
         self.calls += 1
         return super().get(key)
 
     def put(self, key: bytes, value: bytes) -> None:
-        """Count, and store a value."""
         self.calls += 1
         super().put(key, value)
 
     def emit(self, name: str, data: bytes) -> None:
-        """Count an event."""
         self.calls += 1
         super().emit(name, data)
 
 
 class RecordBench:
-    """A robot with one open visit, ready to record clip after clip."""
+    """A robot with one open visit, ready to record."""
 
     def __init__(self, contracts: Mapping[str, CompiledContract]) -> None:
         self.contracts = contracts
@@ -92,7 +81,6 @@ class RecordBench:
         self._opened = self.host.entries.copy()
 
     def invoke(self, entry: str, arguments: list[Any]) -> Outcome:
-        """Call an entry of `records` as the robot. Raises RuntimeError if the contract refuses."""
         outcome = invoke(
             self.contracts, "records", entry, arguments,
             host=self.host, context=_CONTEXT, gas_limit=CALL_GAS_MAX, mode="export",
@@ -102,17 +90,15 @@ class RecordBench:
         return outcome
 
     def next_arguments(self) -> list[Any]:
-        """Return the arguments that record one clip under a new id."""
         self.count += 1
         metadata = b"m" * SEALED_METADATA_BYTES
         return [u64(self.count) * 2, OWNER, b"1" * 32, b"2" * 32, metadata, _NOW_MS, _NOW_MS + 1_000_000]
 
     def record(self) -> Outcome:
-        """Record one clip under a new id."""
         return self.invoke("record", self.next_arguments())
 
     def run_batch(self) -> float:
-        """Record `BATCH_CALLS_COUNT` clips from the opened visit on; return the CPU time in seconds that the calls took."""
+        """Record `BATCH_CALLS_COUNT` clips; return the calls' CPU seconds."""
         self.host.entries = self._opened.copy()
         batch = [self.next_arguments() for _ in range(BATCH_CALLS_COUNT)]
         started = time.thread_time()
@@ -121,7 +107,6 @@ class RecordBench:
         return time.thread_time() - started
 
     def count_host_calls(self) -> int:
-        """Return how often one record asks its host."""
         counting = CountingHost()
         counting.entries = self.host.entries
         self.host = counting
@@ -130,7 +115,7 @@ class RecordBench:
 
 
 def measure_compile_ms() -> float:
-    """Return the median CPU time in milliseconds to compile the privacy contracts, each from its text."""
+    """Return the median CPU ms to compile the privacy contracts from text."""
     sources = {name: read_source(name) for name in PRIVACY_CONTRACTS}
     rounds: list[float] = []
     for _ in range(_COMPILE_ROUNDS_COUNT):
@@ -142,9 +127,9 @@ def measure_compile_ms() -> float:
 
 
 def measure_record_us(seconds: float) -> tuple[list[float], int]:
-    """Return the CPU time in microseconds of one `records.record`, batch for batch, and the gas that one takes.
+    """Return CPU µs of one `records.record` per batch, and its gas.
 
-    Runs for about `seconds` of CPU time, at least two batches. What they stored is dropped in between.
+    Runs about `seconds` of CPU time, at least two batches.
     """
     bench = RecordBench(load_contracts())
     gas = bench.record().gas_used
@@ -158,10 +143,7 @@ def measure_record_us(seconds: float) -> tuple[list[float], int]:
 
 
 def run_vm_benchmark(seconds: float = 3, *, profile: bool = False) -> dict[str, Any]:
-    """Measure for about `seconds` of CPU time each, and return name, ok, figures and conditions.
-
-    With `profile`, also how many microseconds of one `records.record` go where.
-    """
+    """Measure for about `seconds` CPU time each; `profile` adds where the time goes."""
     conditions = measure_conditions(nodes=0)
     compile_ms = measure_compile_ms()
     records, gas = measure_record_us(seconds)

@@ -1,8 +1,4 @@
-"""Whole blocks of `records.record`, executed on a state with its trie.
-
-A chain of its own in memory: a robot, people with open visits, and a state of many thousand other entries, so that the
-trie is as deep as a network's. Blocks are executed on overlays of unfinalized ones, as nodes do it.
-"""
+"""Full blocks of `records.record`, executed on a state with a realistically deep trie."""
 
 from __future__ import annotations
 
@@ -35,7 +31,6 @@ Execute = Callable[[StateView, int, int, list[Transaction]], BlockResult]
 
 
 def build_state(entries_count: int) -> MemoryState:
-    """Return a state in which the robot has an open visit with each owner, among so many other entries."""
     robot = {"handle": bytes(32), "role": "robot", "org": "bench", "status": "active", "since": 0}
     entries = {flat_prefix("filler") + sha256(u64(number)): u64(number) for number in range(entries_count)}
     entries[identity.MEMBER.key(_ROBOT.public_key)] = encode_value(robot)
@@ -63,7 +58,6 @@ def _sign(entry: str, arguments: list[object]) -> Transaction:
 
 
 def sign_record(number: int) -> Transaction:
-    """Return a transaction that records one clip, never the same for two numbers."""
     seed = sha256(u64(number))
     metadata = bytes(SEALED_METADATA_BYTES)
     owner = _OWNERS[number % _OWNERS_COUNT]
@@ -71,7 +65,6 @@ def sign_record(number: int) -> Transaction:
 
 
 def execute_in_process(parent: StateView, height: int, time_ms: int, transactions: list[Transaction]) -> BlockResult:
-    """Execute a block here, with the contracts that ship."""
     context = BlockContext(chain_id=CHAIN_ID, height=height, time_ms=time_ms)
     return execute_block(parent, load_contracts(), context, transactions)
 
@@ -83,7 +76,7 @@ def _require_all(result: BlockResult) -> None:
 
 
 class BlockBench:
-    """A chain of blocks of records, as full as gas and the number of transactions allow: of `calls_a_block` each."""
+    """A chain of full record blocks with `calls_a_block` calls each."""
 
     def __init__(self, entries_count: int = ENTRIES_COUNT) -> None:
         self.state = build_state(entries_count)
@@ -95,16 +88,14 @@ class BlockBench:
 
     @property
     def head(self) -> StateView:
-        """What the next block stands on."""
         return self._unfinalized[-1] if self._unfinalized else self.state
 
     def next_transactions(self) -> list[Transaction]:
-        """Return the decoded transactions of a full block."""
         first, self._number = self._number, self._number + self.calls_a_block
         return [sign_record(number) for number in range(first, self._number)]
 
     def execute(self, transactions: list[Transaction], execute: Execute = execute_in_process) -> BlockResult:
-        """Execute a block on the head and let it become the head. Raises RuntimeError if a call is refused."""
+        """Execute a block as the new head. Raises RuntimeError if a call is refused."""
         self._height += 1
         result = execute(self.head, self._height, NOW_MS + 1, transactions)
         _require_all(result)
@@ -117,10 +108,10 @@ class BlockBench:
 
 
 def measure_block_call_us(seconds: float) -> tuple[list[float], int]:
-    """Return the CPU time in microseconds that one call of a block took, block for block, and the calls of a block.
+    """Return CPU µs per call for each block, and calls per block.
 
-    Included: decoding the arguments, execution, receipts and their root, writes, trie pages and the state root.
-    Not included: signatures, storage, another process. Executes for about `seconds` of CPU time, at least two blocks.
+    Includes decoding, execution, receipts, trie and roots, but no signatures, storage or second process. Executes at
+    least two blocks.
     """
     bench = BlockBench()
     bench.execute(bench.next_transactions())

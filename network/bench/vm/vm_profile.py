@@ -1,8 +1,4 @@
-"""Where the time of one `records.record` goes: samples of the running interpreter.
-
-A timer of the process's CPU time interrupts the calls a thousand times a second; each sample counts for the innermost
-function that belongs to one of the groups. Nothing is wrapped or traced, so that the shares are those of a plain run.
-"""
+"""Samples where the CPU time of `records.record` goes, 1000 times a second, untraced."""
 
 from __future__ import annotations
 
@@ -32,7 +28,6 @@ _GROUPS = {
 
 
 def group_of(frame: FrameType | None) -> str:
-    """Return the group that a sample counts for: that of its innermost function that has one."""
     while frame is not None:
         code = frame.f_code
         name = PurePath(code.co_filename).name
@@ -45,10 +40,7 @@ def group_of(frame: FrameType | None) -> str:
 
 
 def sample_shares(run: Callable[[], object], batches: int) -> dict[str, float]:
-    """Call `run` so many times and return the share (0 to 1) of the CPU time that each group took, largest first.
-
-    Only in the main thread of a process, as all signals.
-    """
+    """Return each group's CPU share (0 to 1), largest first; main thread only."""
     samples: Counter[str] = Counter()
 
     def note(_: int, frame: FrameType | None) -> None:

@@ -1,9 +1,4 @@
-"""What a million gas is in CPU time, from the cheapest program to the dearest.
-
-Runs the hostile corpus, a small program for every operation, builtin, method and host function, and the methods at each
-place where their item can stand and after what a block did before (`network.lab.hostile.places`); or searches for dearer
-ones (`network.lab.hostile.searching`). All are held against one reference, a loop that does nothing.
-"""
+"""CPU time of a million gas, cheapest to dearest program, against an empty loop."""
 
 from __future__ import annotations
 
@@ -29,7 +24,7 @@ PROGRAMS: tuple[Program, ...] = (*MICRO, *PLACES, *CORPUS)
 
 
 def measure_reference() -> float:
-    """Return the milliseconds of CPU time of a million gas of the reference."""
+    """Return CPU ms of a million gas of the reference."""
     price = measure_reliably(REFERENCE, SURE_ROUNDS_COUNT, GAS_LIMIT)
     assert price is not None
     return price.seconds_per_million_gas * 1000
@@ -52,7 +47,7 @@ def _build(
 
 
 def run_worst_benchmark(programs: Iterable[Program] = PROGRAMS, *, rounds: int = 3) -> dict[str, Any]:
-    """Measure the programs; return name, ok (the dearest is at most ten times the reference), figures and the table."""
+    """Measure programs; `ok` if the dearest is at most ten times the reference."""
     conditions = {**measure_conditions(nodes=0), "rounds": rounds}
     prices = measure_all(programs, rounds=rounds)
     dearest, cheapest, middle = prices[0], cheapest_first(prices)[0], prices[len(prices) // 2]
@@ -79,7 +74,6 @@ def run_worst_benchmark(programs: Iterable[Program] = PROGRAMS, *, rounds: int =
 
 
 def run_worst_search(minutes: float, seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
-    """Search for so many minutes of CPU time; return name, ok, figures, and the dearest programs with their sources."""
     conditions = {**measure_conditions(nodes=0), "seed": seed}
     started = time.monotonic()
     found = search(minutes * 60, seed, tell)

@@ -1,9 +1,4 @@
-"""How many calls of `records.record` a worker executes, in blocks, with state and trie.
-
-A ledger in a temporary folder, the node's own machine and worker, full blocks, each stored before the next. What counts
-is the processor time of both processes while a block is verified, as if they shared one core. Not included: signatures,
-which are checked before, and the storing.
-"""
+"""Throughput of `records.record` through a worker, in CPU time of both processes."""
 
 from __future__ import annotations
 
@@ -40,7 +35,6 @@ _PURPOSE = "bench"
 
 
 def _processor_s(pid: int) -> float:
-    """Return this thread's processor time and that of the worker, together; else the time that passes."""
     try:
         return time.thread_time() + time.clock_gettime(~pid << 3 | 2)  # the kernel's number of that process's clock
     except OSError:
@@ -48,7 +42,7 @@ def _processor_s(pid: int) -> float:
 
 
 class BlockBench:
-    """A robot with an open visit on a ledger of its own, and a worker that executes its records."""
+    """A robot with an open visit on its own ledger, and a worker."""
 
     def __init__(self, folder: Path) -> None:
         self._genesis: Genesis = make_chain(NetworkSize(1, 1)).genesis
@@ -59,7 +53,6 @@ class BlockBench:
         self._calls_a_block = BLOCK_TRANSACTIONS_MAX_COUNT
 
     async def run(self, seconds: float) -> tuple[int, float]:
-        """Execute blocks for about so many seconds of processor time; return calls and seconds."""
         await self._store.commit([genesis_block(self._genesis)], b"")
         await self._prepare_state()
         begin = Begin(genesis_to_json(self._genesis), str(self._folder), WORKER_MEMORY_MAX_BYTES)
@@ -112,13 +105,11 @@ class BlockBench:
         return [self._sign("record", [sha256(u64(self._count))[:16], *fixed]) for _ in range(self._calls_a_block)]
 
     def _find_calls_a_block(self, machine: WorkerMachine) -> int:
-        """Return how many records fit into a block."""
         with self._store.snapshot() as parent:
             result, _ = machine.build(parent, self._height + 1, _NOW_MS + self._height + 1, self._records())
         return len(result.receipts)
 
     async def _block(self, machine: WorkerMachine, transactions: list[Transaction]) -> float:
-        """Verify a block and store it; return the processor time (s) of the verifying."""
         pid = int(machine.describe()["pid"])
         with self._store.snapshot() as parent:
             started_s = _processor_s(pid)
@@ -152,7 +143,6 @@ def _require_good(parent: StateView, result: BlockResult) -> None:
 
 
 def measure_block_calls_per_s(seconds: float) -> float:
-    """Return how many calls of `records.record` go through a worker in one second of one core."""
     with tempfile.TemporaryDirectory() as folder:
         calls, spent_s = asyncio.run(BlockBench(Path(folder) / "ledger").run(seconds))
     return calls / spent_s

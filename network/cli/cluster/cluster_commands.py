@@ -1,4 +1,4 @@
-"""`blockrobot up | down | status | logs`: a local cluster from the command line."""
+"""`blockrobot up | down | status | logs`: a local cluster."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def up(
 
 
 def _tell_people(place: Path) -> None:
-    """Publish the demonstration's notice: nobody is asked for consent without one. A network runs without it, too."""
+    """Publish the demonstration's notice: without one nobody is asked for consent."""
     try:
         asyncio.run(publish_demo_notice(place))
     except (BlockRobotError, OSError) as error:
@@ -118,7 +118,6 @@ def _tell_people(place: Path) -> None:
 
 
 def _first_failure(cluster: Cluster, error: BaseException) -> BaseException:
-    """Return what to say of a new network that is about to be removed: its logs go with it, so their ends are told."""
     if not isinstance(error, BlockRobotError) or error.code != "CLUSTER_START_FAILED":
         return error
     names = str(error.context.get("nodes", "")).split()[:TOLD_NODES_COUNT]
@@ -176,7 +175,6 @@ def status(folder: Path | None, is_watching: bool, seconds: float | None, as_jso
 
 
 def _tell_faults(cluster: Cluster, place: Path) -> None:
-    """Say what was broken on purpose: the table shows it only once it hurts."""
     from network.faults.control import FaultControl  # noqa: PLC0415 - only when it is needed
 
     broken = [state.name for state in asyncio.run(FaultControl(cluster).state()) if state.running and state.describe()]
@@ -212,10 +210,6 @@ _TONES = {"ready": "green", "waiting": "yellow", "stopped": "yellow"}
 
 
 def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
-    """Say in a word or two how a node is: one that runs but gives no answer may be starting or stuck.
-
-    One that is ready itself may be cut off with a quorum it cannot hear from, or not be allowed to lead.
-    """
     if not row.running:
         return "stopped"
     if row.status is None:
@@ -230,7 +224,6 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
 
 
 def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:
-    """Print the state of every node."""
     if as_json:
         nodes = [{"name": row.name, "running": row.running, **(row.status or {})} for row in reports]
         print_json({"ok": all(row.status for row in reports), "directory": str(folder), "nodes": nodes})
@@ -267,7 +260,6 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
 
 
 def _lies(row: NodeStatusReport, accused_by: Sequence[str]) -> list[str]:
-    """Say who knows that a node contradicted itself, and that it was told to."""
     told = []
     if row.behaviour:
         told.append(f"{row.name} was told to lie ({row.behaviour}).")
@@ -279,7 +271,6 @@ def _lies(row: NodeStatusReport, accused_by: Sequence[str]) -> list[str]:
 
 
 def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
-    """Say what a node's own words tell of that does not go as it should, a sentence each."""
     told = []
     if status.get("silent"):
         told.append(f"{name} signs nothing ({status['silent']['reason']}) until {status['silent']['until']}.")

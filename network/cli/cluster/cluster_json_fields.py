@@ -1,4 +1,4 @@
-"""Which fields the commands of a local network answer with `--json`: up, status, fault, console, explore and the like."""
+"""`--json` fields of local network commands: up, status, fault, console, explore, etc."""
 
 from __future__ import annotations
 

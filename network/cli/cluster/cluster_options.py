@@ -1,4 +1,4 @@
-"""Which network a command means: the option, and how it is told in a next step."""
+"""The network option of commands, and its text in next steps."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from clients.sdk.terminal.terminal import home_folder
 
 
 def network_folder(folder: Path | None) -> Path:
-    """Return the folder that a command means: the one given, or the user's own network."""
     return folder or home_folder() / "network"
 
 
 def dir_words(place: Path) -> str:
-    """Return what a command that is told as a next step needs to mean the network in `place`, a blank before it."""
+    """Return the option (leading blank included) that selects `place` in a suggested command."""
     return "" if place.absolute() == network_folder(None).absolute() else f" --dir {shlex.quote(str(place.absolute()))}"
 
 

@@ -1,4 +1,4 @@
-"""`blockrobot console`, and `up --console`: the page of a local network."""
+"""`blockrobot console` and `up --console`: the page of a local network."""
 
 from __future__ import annotations
 
@@ -35,7 +35,6 @@ def console(folder: Path | None, no_browser: bool, as_json: bool) -> None:
 
 
 def show_console(cluster: Cluster, *, no_browser: bool, as_json: bool) -> None:
-    """Serve the console in the foreground until Ctrl-C."""
     from network.console.serving import serve_console  # noqa: PLC0415 - only when it is needed
 
     def opened(page: Opened) -> None:

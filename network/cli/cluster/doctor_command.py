@@ -1,4 +1,4 @@
-"""`blockrobot doctor`: what is wrong with the network or a node, and what to do."""
+"""`blockrobot doctor`: diagnoses network or node and suggests remedies."""
 
 from __future__ import annotations
 

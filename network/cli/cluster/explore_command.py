@@ -1,7 +1,7 @@
-"""`blockrobot explore`: a node's explorer in the browser, in one's own session.
+"""`blockrobot explore`: a node's explorer in the browser.
 
-What goes to the page is a signed answer to the node's challenge: it opens one session, once, within a minute. It stands
-in a file that only its owner can read, and in the fragment of the address there: no server, proxy or process list sees it.
+The page gets a signed challenge answer, valid once within a minute, through an owner-only file and the address
+fragment: unseen by servers, proxies and process lists.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _REFUSED = frozenset({"SESSION_REFUSED", "NOT_PERMITTED"})
 
 @dataclass(frozen=True, slots=True)
 class Entrance:
-    """A node's explorer, who looks, and the address that opens it once."""
+    """A node's explorer, its viewer and the one-time address."""
 
     node: NodeAddress
     signer: Signer
@@ -92,9 +92,9 @@ def explore(
 
 
 async def find_entrance(signers: list[Signer], node_name: str | None) -> Entrance:
-    """Return a way into a node's explorer for the first signer that it lets in.
+    """Return an entrance for the first admitted signer.
 
-    Raises SESSION_REFUSED if it lets none in, NODE_UNREACHABLE, NOT_FOUND for a node that nobody knows.
+    Raises SESSION_REFUSED, NODE_UNREACHABLE, or NOT_FOUND for an unknown node.
     """
     async with open_pinned_client(signers[0].genesis, signers[0].folder / PIN_FILE) as client:
         refusal: BlockRobotError | None = None
@@ -109,7 +109,6 @@ async def find_entrance(signers: list[Signer], node_name: str | None) -> Entranc
 
 
 async def _enter_any(client: NetworkClient, signer: Signer, node_name: str | None) -> Entrance:
-    """Enter the named node, or the first that answers."""
     nodes = await _nodes_of(client, signer, node_name)
     failure: BlockRobotError | None = None
     for node in nodes:
@@ -135,7 +134,6 @@ async def _nodes_of(client: NetworkClient, signer: Signer, node_name: str | None
 
 
 async def _enter(client: NetworkClient, signer: Signer, node: NodeAddress) -> Entrance:
-    """Make sure that the node lets this key look, then sign a challenge for the page."""
     await client.ask_node(node, "GET", "/v1/explorer/status", key=signer.key)
     key = signer.key.public_key
     body = msgspec.json.encode({"public_key": key.hex()})
@@ -147,7 +145,7 @@ async def _enter(client: NetworkClient, signer: Signer, node: NodeAddress) -> En
 
 
 def keep_link(folder: Path, target: str) -> Path:
-    """Write the file that leads to the explorer, readable by its owner alone; remove those that open nothing any more."""
+    """Write the explorer link file, owner-only; remove expired ones."""
     if folder.is_dir():
         for old in folder.glob("open-*.html"):
             with contextlib.suppress(FileNotFoundError):  # another command tidies up too

@@ -34,7 +34,6 @@ def _control(folder: Path | None, seed: int = 0) -> FaultControl:
 
 
 def _do(control: FaultControl, action: Action, *, as_json: bool) -> None:
-    """Do one thing, wait for the nodes that were started, and say what was done."""
     started = asyncio.run(carry_out_requested(control, action))
     if as_json:
         print_json({"ok": True, "done": action.describe()})
@@ -283,7 +282,6 @@ def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
 
 
 def _is_stopped(cluster: Cluster, results: list[StepDone]) -> bool:
-    """Tell whether no node runs any more, though the plan's last step was not to kill one."""
     was_killed = bool(results) and isinstance(results[-1].step.action, Kill)
     return not was_killed and not any(cluster.is_running(name) for name in cluster.names)
 

@@ -1,4 +1,4 @@
-"""`blockrobot status --watch`: a calm live table, or a line for each change."""
+"""`blockrobot status --watch`: a live table, or a line per change."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ _TEXT_COLUMNS = frozenset({"node", "state", "leads", "faults"})
 
 
 async def watch(cluster: Cluster, *, as_json: bool, seconds: float | None) -> None:
-    """Show the network until q is pressed, the terminal is interrupted, or the seconds are over."""
     if as_json or not console.is_terminal:
         await _tell_changes(cluster, as_json=as_json, seconds=seconds)
     else:
@@ -90,7 +89,6 @@ async def _show_table(cluster: Cluster, seconds: float | None) -> None:
 
 @contextlib.contextmanager
 def _quit_key() -> Iterator[asyncio.Event]:
-    """Watch the keyboard for q while the table is shown; give the terminal back as it was."""
     import termios  # noqa: PLC0415 - not on every system, and only for a terminal
     import tty  # noqa: PLC0415
 
@@ -114,7 +112,6 @@ def _quit_key() -> Iterator[asyncio.Event]:
 
 
 def render(picture: Picture, folder: str) -> Group:
-    """Return the table and the line of finality below it."""
     table = Table(title=f"Network in {escape(folder)}", title_justify="left")
     for column in _COLUMNS:
         table.add_column(column, justify="left" if column in _TEXT_COLUMNS else "right")

@@ -1,7 +1,4 @@
-"""`blockrobot contract new | test`: begin a contract, and prove what it does.
-
-`test` runs pytest in a process of its own with the kit's plugin, which writes down the gas and the lines of each call.
-"""
+"""`blockrobot contract new | test`: creates a contract; tests it with pytest and gas report."""
 
 from __future__ import annotations
 
@@ -89,7 +86,6 @@ def test(path: Path, lines: bool, chosen: str | None, as_json: bool) -> None:
 
 
 def _run_pytest(path: Path, chosen: str | None, report: Path, *, quiet: bool) -> tuple[int, str]:
-    """Run pytest on a path; return its exit code, and what it printed if that is not to be seen."""
     command = [sys.executable, "-W", _NOISE, "-m", "pytest", str(path), "--contract-report", str(report), "-q"]
     # Named as pytest names it, for it would not take the same plugin a second time under another name.
     command += ["-p", "blockrobot" if importlib.metadata.entry_points(group="pytest11", name="blockrobot") else PLUGIN]
@@ -134,7 +130,6 @@ def _shown_file(source: dict[str, Any]) -> str:
 
 
 def ranges(numbers: list[int]) -> str:
-    """Return numbers as text, runs of them as 3-7."""
     parts: list[list[int]] = []
     for number in numbers:
         if parts and parts[-1][1] == number - 1:
@@ -145,7 +140,6 @@ def ranges(numbers: list[int]) -> str:
 
 
 def _print_lines(source: dict[str, Any]) -> None:
-    """Print a source with the runs and the gas of each line; a line that could run and never did has 0."""
     if not source["file"]:
         return
     console.print(escape(f"\n{_shown_file(source)}\n   runs      gas"))

@@ -1,4 +1,4 @@
-"""`blockrobot contract call | query`: use a contract on a running network."""
+"""`blockrobot contract call | query`: uses a contract on a running network."""
 
 from __future__ import annotations
 
@@ -41,10 +41,9 @@ source_option = click.option(
 
 
 class TypedCommand(click.Command):
-    """A command whose arguments may be negative numbers: says how those are written, where one is taken for an option."""
+    """A command that explains negative number arguments mistaken for options."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """See click.Command.parse_args."""
         written = list(args)
         try:
             return super().parse_args(ctx, args)
@@ -152,10 +151,6 @@ def _read_source(path: Path | None) -> str | None:
 
 
 async def _form_now(client: NetworkClient, key: PrivateKey, contract: str) -> ContractForm | None:
-    """Return the form that a call was refused by: another version may have come since the arguments were read.
-
-    None if it cannot be read.
-    """
     try:
         await client.catch_up(key)
         return await find_form(client, key, contract, None)

@@ -1,7 +1,4 @@
-"""`blockrobot contract check | vectors`: what is wrong with a source; whether this machine agrees with all others.
-
-Exit codes: 0 all is well, 1 something is not.
-"""
+"""`blockrobot contract check | vectors`: source problems and golden vectors; exit code 1 on any failure."""
 
 from __future__ import annotations
 
@@ -22,7 +19,7 @@ LINE_SHOWN_MAX_CHARS = 120
 
 
 def check_file(path: Path, name: str) -> tuple[list[str], tuple[Diagnostic, ...], list[dict[str, Any]]]:
-    """Return a source's lines, all its problems, and the entries of its ABI if there are none. Raises OSError."""
+    """Return lines, problems, and ABI entries if sound. Raises OSError."""
     data = path.read_bytes()
     try:
         source = data.decode()
@@ -51,7 +48,6 @@ def _entry_json(entry: Any) -> dict[str, Any]:
 
 
 def source_lines(lines: list[str], problem: Diagnostic) -> tuple[str, str]:
-    """Return the line of a problem, cut to a terminal's width, and a caret below its place."""
     text = lines[problem.line - 1] if problem.line <= len(lines) else ""
     column = min(problem.column, len(text) + 1)
     start = max(0, column - LINE_SHOWN_MAX_CHARS + 20)

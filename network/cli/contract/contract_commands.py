@@ -1,4 +1,4 @@
-"""`blockrobot contract`: the group of all that concerns contracts."""
+"""`blockrobot contract`: the group of contract commands."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""`blockrobot contract events`: what contracts tell, in order, each once.
+"""`blockrobot contract events`: contract events in order, each once.
 
-The place to go on from lies in a file that is replaced after what was read has been written out: whoever is stopped and
-started again, by whatever means, misses nothing. With `--out` the written file is itself the memory, so that not even a
-kill in the middle of a line makes one come twice.
+The position file is replaced only after output is written, so restarts miss nothing. With `--out` the output file is
+the position: even a kill within a line duplicates nothing.
 """
 
 from __future__ import annotations
@@ -44,22 +43,18 @@ EVENT_BEGINS = b'{"place": "'
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Which events: of one contract, of one name, or all; on which chain."""
+    """Event filter: contract, name or all, on one chain."""
 
     chain: str
     contract: str | None
     name: str | None
 
     def memory(self, place: Place) -> bytes:
-        """Return what a state file holds once everything before this place has been written out."""
         fields = {"chain": self.chain, "contract": self.contract, "name": self.name, "next": str(place)}
         return json.dumps(fields).encode() + b"\n"
 
     def remembered(self, path: Path) -> Place | None:
-        """Return the place in a state file, or None without one.
-
-        Raises EVENTS_STATE_OF_OTHERS, and EVENTS_STATE_BROKEN for what is none.
-        """
+        """Return a state file's position, or None. Raises EVENTS_STATE_OF_OTHERS, EVENTS_STATE_BROKEN."""
         try:
             fields = read_json_text(path.read_bytes())
             place = read_place(fields["next"])
@@ -75,13 +70,11 @@ class Wanted:
         return place
 
     def words(self) -> str:
-        """Say which events."""
         which = "all events" if self.name is None else f"the events {self.name}"
         return which if self.contract is None else f"{which} of the contract {self.contract}"
 
 
 def event_json(event: FoundEvent) -> dict[str, Any]:
-    """Return an event for `--json`: with its place, by which one that comes twice can be told."""
     return {
         "place": str(event.place),
         "contract": event.contract,
@@ -92,9 +85,9 @@ def event_json(event: FoundEvent) -> dict[str, Any]:
 
 
 def last_written(path: Path) -> Place | None:
-    """Return the place after the last whole line of a file, cutting off one that was not finished; None if it has none.
+    """Return the place after the last whole line, or None; truncates a partial line.
 
-    Raises EVENTS_FILE_FOREIGN for a file that something else wrote.
+    Raises EVENTS_FILE_FOREIGN for a foreign file.
     """
     if not path.exists():
         return None
@@ -121,7 +114,6 @@ def _place_of_last(path: Path, whole: bytes) -> Place | None:
 
 
 def _append(path: Path, events: tuple[FoundEvent, ...]) -> None:
-    """Append events as lines and wait until they are on the disk."""
     if not events:
         return
     text = "".join(json.dumps(event_json(event), ensure_ascii=False) + "\n" for event in events)
@@ -140,7 +132,7 @@ def _show(event: FoundEvent, *, as_json: bool) -> None:
 
 @contextlib.asynccontextmanager
 async def _stopped_by_signals() -> AsyncIterator[None]:
-    """Cancel what runs inside at SIGINT or SIGTERM, between two pages; that is a clean end."""
+    """SIGINT and SIGTERM cancel between two pages: a clean end."""
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
     assert task is not None
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -171,9 +163,9 @@ async def follow(
     *,
     forever: bool,
 ) -> None:
-    """Give every page to `take`, from a place on; end at the newest block unless `forever`.
+    """Pass every page to `take`; end at the newest block unless `forever`.
 
-    While no node answers, `forever` goes on asking. Raises what a reader cannot wait for, such as BLOCK_PRUNED.
+    `forever` retries unreachable nodes. Raises permanent errors such as BLOCK_PRUNED.
     """
     place, silent = first, False
     while True:
@@ -199,7 +191,6 @@ async def follow(
 
 
 async def _warn_of_unknown(client: NetworkClient, key: PrivateKey, contract: str | None) -> None:
-    """Say so if the chain has no contract of this name: it may come, or the name is wrong."""
     if contract is None:
         return
     try:

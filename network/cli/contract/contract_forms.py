@@ -1,7 +1,4 @@
-"""What a contract on a chain takes: its source and ABI, from where a command can get them.
-
-The chain checks every call itself; here the ABI only turns texts into values, and catches mistakes before a signature.
-"""
+"""Sources and ABIs of on-chain contracts; the chain still checks each call."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ class ContractForm:
     abi: Abi
 
     def line(self, number: int | None) -> str:
-        """Return a line of the source, stripped; an empty text if there is none of this number."""
+        """Return a stripped source line, empty if out of range."""
         lines = split_lines(self.source)
         return lines[number - 1].strip() if number is not None and 0 < number <= len(lines) else ""
 
@@ -34,7 +31,7 @@ def form_of(source: str, name: str) -> ContractForm:
 
 
 async def find_form(client: NetworkClient, key: PrivateKey, name: str, source: str | None) -> ContractForm:
-    """Return the form of a contract: of the source that is given, or of the version in force, proved.
+    """Return the form of the given source, or of the active version, proved.
 
     Raises CONTRACT_NOT_FOUND, CONTRACT_SOURCE_INVALID.
     """

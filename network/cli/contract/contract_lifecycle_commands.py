@@ -1,7 +1,4 @@
-"""`blockrobot contract propose | approve | ...`: how organisations change contracts.
-
-What may be deployed, and when it takes effect, is the contract `lifecycle`'s to say.
-"""
+"""`blockrobot contract propose | approve | ...`: organisations change contracts via `lifecycle`."""
 
 from __future__ import annotations
 
@@ -51,7 +48,6 @@ version_option = click.option(
 
 
 def when_options(command: Any) -> Any:
-    """Add --height, --delay and --note."""
     for option in (note_option, delay_option, height_option):
         command = option(command)
     return command
@@ -62,8 +58,6 @@ def _propose(seat: GovernanceSigner, kind: str, arguments: dict[str, Any]) -> To
 
 
 def _version_in_force(seat: GovernanceSigner, name: str) -> int:
-    """Return the version that is in force, or was when the contract was disabled; 0 of one that is not there."""
-
     async def read(client: NetworkClient) -> int:
         row = (await read_contracts(client, seat.key)).find(name)
         return 0 if row is None else row.version
@@ -72,10 +66,7 @@ def _version_in_force(seat: GovernanceSigner, name: str) -> int:
 
 
 def _report(seat: GovernanceSigner, told: Told, what: str, name: str, *, wait: bool, as_json: bool) -> None:
-    """Tell what a call came to: proposed, or decided and (if it is waited for) what became of the contract.
-
-    Raises CONTRACT_CHANGE_FAILED.
-    """
+    """Raises CONTRACT_CHANGE_FAILED."""
     decision = told.decision
     if not as_json and (told.proposal is not None or decision.due_height is None):
         report_decision(told, what, "contract", as_json=False)

@@ -1,4 +1,4 @@
-"""`blockrobot contract list | show | diff`: what the chain has, what is proposed, what differs."""
+"""`blockrobot contract list | show | diff`: contracts, proposals, differences."""
 
 from __future__ import annotations
 
@@ -62,7 +62,6 @@ def _failed_json(row: VersionRow) -> dict[str, Any]:
 
 
 def _print_failed(row: VersionRow) -> None:
-    """Say that the newest version of a contract is not the one in force, and why."""
     text = f"{row.name} version {row.version} failed at height {row.since_height}: {row.failure}"
     console.print(f"[bold]{escape(text)}[/bold]")
 
@@ -78,7 +77,6 @@ def _asked_json(row: ProposalRow) -> dict[str, Any]:
 
 
 def _print_proposal(row: ProposalRow, needed: int) -> None:
-    """Say what a proposal asks for, who proposed it and who stands behind it."""
     arguments = row.arguments
     console.print(escape(_told_proposal(row)))
     when = [f"not before block {arguments['height']}"] if arguments.get("height") else []
@@ -315,13 +313,13 @@ def diff(
 
 
 def diff_lines(before: Edition, after: Edition) -> list[str]:
-    """Return what differs, as a unified diff: none only if the texts are the same, to the last line's end."""
+    """Return a unified diff, empty only if equal including line ends."""
     old, new = before.source.split("\n"), after.source.split("\n")
     return list(difflib.unified_diff(old, new, before.title, after.title, lineterm=""))
 
 
 def beyond_ascii(lines: list[str]) -> list[str]:
-    """Return for each changed line with letters beyond ASCII which they are: some look like others."""
+    """Return non-ASCII letters per changed line: some look like others."""
     changed = [line for line in lines[2:] if line[:1] in ("+", "-") and not line.isascii()]
     return [f"{line[0]} {' '.join(f'U+{ord(one):04X}' for one in line if ord(one) > 127)}" for line in changed]
 
@@ -342,13 +340,12 @@ def _print_diff(lines: list[str], changes: list[tuple[str, str]]) -> None:
 
 
 def _read_file(name: str, text: str) -> Edition | None:
-    """Return a file's source, or None if there is no such file."""
     path = Path(text)
     return edition_of_source(read_source(path), name, text) if text and path.is_file() else None
 
 
 def _proposal_about(view: ContractsView, name: str, text: str) -> ProposalRow:
-    """Return the open proposal that is named, if it is about this contract. Raises GOVERNANCE_PROPOSAL_CLOSED."""
+    """Raises GOVERNANCE_PROPOSAL_CLOSED."""
     found = find_proposal(view.proposals, text)
     if found.arguments["name"] != name:
         raise BlockRobotError(
@@ -358,7 +355,6 @@ def _proposal_about(view: ContractsView, name: str, text: str) -> ProposalRow:
 
 
 async def _find_edition(client: NetworkClient, key: PrivateKey, name: str, text: str) -> Edition:
-    """Return what is named: a version by its number, or an open proposal by the first digits of its id."""
     if text.isdigit() and len(text) < ID_PREFIX_MIN_CHARS:
         return await read_edition(client, key, name, int(text))
     view = await read_contracts(client, key)

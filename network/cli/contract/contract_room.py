@@ -1,6 +1,6 @@
-"""Looks, before a source is uploaded, whether its proposal has a place.
+"""Checks before a source upload whether its proposal has room.
 
-The contracts have the last word; but an upload drops the oldest of those before it, also for a proposal they refuse.
+Contracts decide, but an upload evicts the oldest one even if the proposal is refused.
 """
 
 from __future__ import annotations
@@ -19,10 +19,7 @@ UPLOADS_MAX_COUNT = 4
 async def require_room(
     client: NetworkClient, seat: GovernanceSigner, membership: MembershipView, source_hash: bytes
 ) -> None:
-    """Refuse an upload whose proposal has no place, or that takes its source from another one.
-
-    Raises GOVERNANCE_PROPOSALS_TOO_MANY.
-    """
+    """Refuse uploads without room or evicting another's source. Raises GOVERNANCE_PROPOSALS_TOO_MANY."""
     admin_key = ADMIN.key(seat.key.public_key)
     organisation = (await client.state_values([admin_key], seat.key)).values[admin_key] or seat.organisation
     own = [row for row in membership.proposals if row.organisation == organisation]

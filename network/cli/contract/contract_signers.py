@@ -1,7 +1,7 @@
-"""Who signs a call, and whose session asks: an officer, a member, a wallet.
+"""Who signs a call and opens the session: officer, member or wallet.
 
-`--as hospital` is the admin of an organisation, `--as hospital/registrar` its registrar, `--key FILE` any key of raw 32
-bytes (a robot's, an admin's elsewhere), `--wallet PROFILE` the person whose wallet that is.
+`--as hospital` is an organisation's admin, `--as hospital/registrar` its registrar, `--key FILE` raw 32 bytes,
+`--wallet PROFILE` a person.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ OFFICES = ("", "admin", "registrar")
 
 @dataclass(frozen=True, slots=True)
 class Signer:
-    """Who speaks to which network: its folder and genesis, a name for the key, the key."""
+    """A network's folder and genesis, a key and its name."""
 
     folder: Path
     genesis: Genesis
@@ -41,7 +41,6 @@ class Signer:
 
 
 def signer_options(command: Any) -> Any:
-    """Add --dir, --as, --key and --wallet."""
     options = (
         click.option("--wallet", "wallet_profile", metavar="PROFILE", help="The person whose wallet this is."),
         click.option(
@@ -60,9 +59,9 @@ def signer_options(command: Any) -> Any:
 def find_signers(
     folder: Path | None, officer: str | None, key_file: Path | None, wallet_profile: str | None
 ) -> list[Signer]:
-    """Return who could speak: the one that is named, else every admin whose key is in the network's folder.
+    """Return the named signer, else every admin whose key is in the folder.
 
-    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID, and what opening a wallet raises.
+    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID, and wallet errors.
     """
     place = network_folder(folder)
     if not (place / "genesis.json").exists():
@@ -95,7 +94,6 @@ def find_signers(
 
 
 def take_signer(signers: list[Signer]) -> Signer:
-    """Return the one who signs. A usage error if there could be several."""
     if len(signers) > 1:
         names = " | ".join(signer.name for signer in signers)
         raise click.UsageError(f"Say who signs: --as {names} (or --key FILE, --wallet PROFILE).")
@@ -103,8 +101,6 @@ def take_signer(signers: list[Signer]) -> Signer:
 
 
 def with_network(signer: Signer, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
-    """Run work with a client of the signer's network."""
-
     async def run() -> T:
         async with open_pinned_client(signer.genesis, signer.folder / PIN_FILE) as client:
             return await work(client)
@@ -113,7 +109,7 @@ def with_network(signer: Signer, work: Callable[[NetworkClient], Awaitable[T]]) 
 
 
 def read_with_first(signers: list[Signer], work: Callable[[NetworkClient, PrivateKey], Awaitable[T]]) -> T:
-    """Read as the first of them whom the nodes let in: what is read is the same for all."""
+    """Read as the first signer that nodes admit; results are the same."""
     for place, signer in enumerate(signers):
         try:
             return with_network(signer, lambda client, key=signer.key: work(client, key))  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""`blockrobot contract trace`: why a transaction came to what it came to, line by line."""
+"""`blockrobot contract trace`: explains a transaction's result line by line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Waits until a decided change of a contract is final, and tells what became of it."""
+"""Waits until a decided contract change is final, and reports its result."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ no_wait_option = click.option(
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """What became of a change: `state` is in force, disabled, failed or overtaken; `failure` says why it failed."""
+    """A change's result: in force, disabled, failed (see `failure`) or overtaken."""
 
     state: str
     version: int
@@ -36,17 +36,13 @@ class Arrival:
 
 
 async def pause() -> None:
-    """Let the chain go on for a moment."""
     await asyncio.sleep(LOOK_EVERY_S)
 
 
 async def await_change(
     client: NetworkClient, key: PrivateKey, name: str, decision: Decision, tell: Callable[[str], None]
 ) -> Arrival | None:
-    """Wait until the block is final with which a decided change comes; return what became of it, proved.
-
-    None if it is too far ahead to wait for, or not final in time. `tell` takes lines about how far it is.
-    """
+    """Return a change's proved result once final; None if too far ahead or late."""
     height = decision.due_height
     if height is None or height > decision.height + WAIT_AHEAD_MAX_BLOCKS:
         return None

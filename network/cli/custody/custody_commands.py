@@ -1,6 +1,6 @@
-"""`blockrobot custody`: how custodians stand, the proof of what they hold, and the mending of it.
+"""`blockrobot custody`: custodians' status, proofs of storage and repair.
 
-Who may: whoever may read a custodian's data directory, for the operator's token lies there.
+Reading a custodian's data directory authorizes: the operator's token is there.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def custody() -> None:
 
 
 def _custodians(node: str | None, folder: Path | None) -> list[NodeConfig]:
-    """Return the custodians that a command means. Raises NOT_FOUND, CLUSTER_NOT_RUNNING, CUSTODY_ELSEWHERE."""
+    """Raises CLUSTER_NOT_RUNNING, CUSTODY_ELSEWHERE, NOT_FOUND."""
     configs = [find_node(node, folder)] if node else list(Cluster(network_folder(folder)).configs.values())
     found = [config for config in configs if config.custodian_key_path is not None]
     if not found:
@@ -116,7 +116,6 @@ def _print_status(configs: list[NodeConfig], answers: list[dict[str, Any] | Bloc
 
 
 def _print_uploads(configs: list[NodeConfig], answers: list[dict[str, Any] | BlockRobotError]) -> None:
-    """Print who brought how much, and how long the room lasts."""
     table = Table(title="Uploads", title_justify="left", pad_edge=False, collapse_padding=True)
     for column in ("node", "organisation", "robot"):
         table.add_column(column, no_wrap=True)
@@ -144,7 +143,6 @@ def _print_uploads(configs: list[NodeConfig], answers: list[dict[str, Any] | Blo
 
 
 def _run(configs: list[NodeConfig], work: str, *, as_json: bool) -> list[dict[str, Any]]:
-    """Let the custodians do one thing after another, saying on a terminal how far each is."""
     reports = []
     with status_line("Asking ...", as_json=as_json) as show:
 

@@ -21,7 +21,6 @@ _SHOWN_CHARS = 60
 
 
 def _read_ids(_context: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> tuple[bytes, ...]:
-    """Return record ids from hex. Raises click.BadParameter."""
     ids = []
     for text in given:
         try:
@@ -104,7 +103,7 @@ def hunt(
 
 
 def _require_kept(traces: list[Trace], trace_file: Path) -> None:
-    """Raise FILE_UNUSABLE if a trace would be begun of a record of which there is nothing to note any more."""
+    """Raises FILE_UNUSABLE if nothing remains to trace."""
     gone = ", ".join(trace.record_id.hex() for trace in traces if not trace.is_compared)
     if gone:
         raise BlockRobotError(

@@ -1,4 +1,4 @@
-"""`blockrobot frames`: which pictures of an empty scene a robot may publish."""
+"""`blockrobot frames`: which empty-scene pictures a robot may publish."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _read_hex(text: str, size: int, what: str) -> bytes:
 
 
 def _read_folder(folder: Path, robot: str | None) -> tuple[bytes, list[bytes]]:
-    """Return whose frames lie in a folder, and their bytes. Raises BACKGROUND_NOT_FOUND."""
+    """Raises BACKGROUND_NOT_FOUND."""
     pictures = [path for path in sorted(folder.glob("*.png")) if path.name != PREVIEW_FILE]
     if not pictures:
         raise BlockRobotError("BACKGROUND_NOT_FOUND", f"There are no empty frames in {folder}.")
@@ -64,9 +64,9 @@ def _read_folder(folder: Path, robot: str | None) -> tuple[bytes, list[bytes]]:
 
 
 def _look_at(place: Path, preview: bytes) -> None:
-    """Have a person look at the preview that was drawn of the frames read, which nobody can exchange meanwhile.
+    """Show a preview drawn from the frames as read, so nobody can exchange it.
 
-    Without a terminal it is left beside the frames for her. Raises Abort for a no.
+    Without a terminal it is saved beside them. Raises Abort for a no.
     """
     if not sys.stdin.isatty():
         file = place / PREVIEW_FILE
@@ -82,7 +82,7 @@ def _look_at(place: Path, preview: bytes) -> None:
 
 
 def _require_shown(place: Path, preview: bytes) -> None:
-    """Refuse frames that the preview beside them does not show. Raises BACKGROUND_PREVIEW_DIFFERS."""
+    """Raises BACKGROUND_PREVIEW_DIFFERS."""
     try:
         shown = (place / PREVIEW_FILE).read_bytes()
     except OSError:

@@ -1,7 +1,4 @@
-"""Which fields the commands of those who govern and keep a network answer with `--json`.
-
-Organisations, producers, settings, certificates, notices, new nodes and the doctor.
-"""
+"""`--json` fields of governance, node, certificate, notice and doctor commands."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What the commands of governance share: whose key signs, which network, how a decision is told.
+"""Shared by governance commands: signing key, network, reporting of decisions.
 
-The admin's key of an organisation lies in the network's folder, `organisations/<name>/admin.key` (raw 32 bytes).
+An organisation's admin key is `organisations/<name>/admin.key` (raw 32 bytes) in the network's folder.
 """
 
 from __future__ import annotations
@@ -49,7 +49,6 @@ key_option = click.option(
 
 
 def governing_options(command: Any) -> Any:
-    """Add --dir, --as and --key."""
     for option in (key_option, as_option, folder_option):
         command = option(command)
     return command
@@ -57,7 +56,7 @@ def governing_options(command: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class GovernanceSigner:
-    """Who speaks: the network's folder and genesis, the organisation's name, the admin's key."""
+    """A network's folder and genesis, an organisation's name and admin key."""
 
     folder: Path
     genesis: Genesis
@@ -66,13 +65,12 @@ class GovernanceSigner:
 
 
 def admin_keys(folder: Path) -> dict[str, Path]:
-    """Return the key files of the organisations that can speak on this machine, by name."""
     found = sorted((folder / "organisations").glob(f"*/{ADMIN_KEY_FILE}"))
     return {path.parent.name: path for path in found}
 
 
 def read_private_key(path: Path) -> PrivateKey:
-    """Read a key file of raw 32 bytes. Raises ORGANISATION_KEY_NOT_FOUND, KEY_INVALID."""
+    """Read 32 raw bytes. Raises ORGANISATION_KEY_NOT_FOUND, KEY_INVALID."""
     try:
         return PrivateKey(path.read_bytes())
     except FileNotFoundError:
@@ -87,9 +85,9 @@ def _open_network(folder: Path | None) -> tuple[Path, Genesis]:
 
 
 def resolve_signer(folder: Path | None, organisation: str | None, key_file: Path | None) -> GovernanceSigner:
-    """Find who speaks; if several organisations could, it must be said which.
+    """Return the signer; an ambiguous organisation is a usage error.
 
-    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID; a usage error if it is not said.
+    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID.
     """
     seats = _find_seats(folder, organisation, key_file)
     if len(seats) > 1:
@@ -99,7 +97,6 @@ def resolve_signer(folder: Path | None, organisation: str | None, key_file: Path
 
 
 def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | None) -> list[GovernanceSigner]:
-    """Return all who could speak, those of the genesis file first."""
     place, genesis = _open_network(folder)
     if key_file is not None:
         return [GovernanceSigner(place, genesis, organisation or "", read_private_key(key_file))]
@@ -115,7 +112,7 @@ def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | 
 
 
 def with_client(seat: GovernanceSigner, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
-    """Run work with a client of the seat's network. Raises GOVERNANCE_NOT_ADMIN if its key may not even ask."""
+    """Run work with a network client. Raises GOVERNANCE_NOT_ADMIN."""
 
     async def run() -> T:
         async with open_pinned_client(seat.genesis, seat.folder / PIN_FILE) as client:
@@ -141,7 +138,7 @@ def read_as_any(
     key_file: Path | None,
     work: Callable[[NetworkClient, PrivateKey], Awaitable[T]],
 ) -> T:
-    """Read as any organisation whose key is here: what is proved is the same for all of them."""
+    """Read as any local organisation: proved results are the same."""
     seats = _find_seats(folder, organisation, key_file)
     for place, seat in enumerate(seats):
         try:
@@ -154,7 +151,7 @@ def read_as_any(
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A decision, the membership after it, and the proposal it is about (None once it is closed)."""
+    """A decision, the membership afterwards, and its proposal (None once closed)."""
 
     decision: Decision
     membership: MembershipView
@@ -166,7 +163,7 @@ def decide(
     work: Callable[[Governor], Awaitable[Decision]],
     check: Callable[[NetworkClient], Awaitable[None]] | None = None,
 ) -> Told:
-    """Let the seat's admin decide something (after a check, if asked to), wait until it is final, read what follows."""
+    """Check if requested, decide, wait for finality, read the result."""
 
     async def run(client: NetworkClient) -> Told:
         if check is not None:
@@ -187,10 +184,7 @@ def propose_once(
     work: Callable[[Governor], Awaitable[Decision]],
     check: Callable[[NetworkClient, MembershipView], Awaitable[None]] | None = None,
 ) -> Told:
-    """Let the seat's admin propose something that is not proposed already (after a check, if asked to).
-
-    Raises GOVERNANCE_PROPOSED_ALREADY, and what `decide` raises.
-    """
+    """Propose unless already open. Raises GOVERNANCE_PROPOSED_ALREADY, and as `decide`."""
 
     async def look(client: NetworkClient) -> None:
         before = await read_membership(client, seat.key)
@@ -204,9 +198,9 @@ def propose_once(
 def _refuse_twice(
     seat: GovernanceSigner, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
 ) -> None:
-    """Refuse what is open already: two proposals of one change would share its voices out. Raises as above.
+    """Refuse duplicates of open proposals, which would split the approvals.
 
-    An organisation that revokes a certificate of its own needs nobody: whatever is open, its own word counts at once.
+    Exempt: revoking an own certificate, which takes effect at once.
     """
     if kind == "revoke_certificate" and seat.organisation in {"", arguments["organisation"]}:
         return
@@ -222,7 +216,7 @@ def _refuse_twice(
 
 
 async def _tell_closed(client: NetworkClient, key: PrivateKey, text: str) -> None:
-    """Say of a proposal that was open how it ended. Raises GOVERNANCE_PROPOSAL_CLOSED if it is still known."""
+    """Raises GOVERNANCE_PROPOSAL_CLOSED."""
     row = await find_closed(client, key, text)
     if row is not None:
         ended = {"executed": "was decided", "withdrawn": "was withdrawn", "expired": "expired"}.get(
@@ -239,7 +233,7 @@ def decide_on_proposal(
     work: Callable[[Governor, ProposalRow], Awaitable[Decision]],
     check: Callable[[NetworkClient, MembershipView, ProposalRow], Awaitable[None]] | None = None,
 ) -> tuple[Told, ProposalRow]:
-    """Find the open proposal of a contract by the first digits of its id, check it if asked to, and decide on it."""
+    """Find an open proposal by id prefix, check if requested, and decide."""
 
     async def run(client: NetworkClient) -> tuple[Told, ProposalRow]:
         before = await read_membership(client, seat.key)
@@ -262,17 +256,14 @@ def decide_on_proposal(
 
 
 def command_group(contract: str) -> str:
-    """Return the group of commands that is about the proposals of a contract."""
     return _GROUPS[contract]
 
 
 def shown_id(identifier: bytes) -> str:
-    """Return the first digits of an id or key, enough to name it on the command line."""
     return identifier.hex()[:ID_SHOWN_CHARS]
 
 
 def to_json(value: Any) -> Any:
-    """Return a value with bytes as hexadecimal text."""
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, dict):
@@ -281,7 +272,6 @@ def to_json(value: Any) -> Any:
 
 
 def proposal_json(row: ProposalRow, needed: int) -> dict[str, Any]:
-    """Return an open proposal for `--json`."""
     return {
         "id": row.id.hex(),
         "kind": row.kind,
@@ -295,7 +285,6 @@ def proposal_json(row: ProposalRow, needed: int) -> dict[str, Any]:
 
 
 def summary_of(row: ProposalRow) -> str:
-    """Say in a few words what a proposal asks for."""
     arguments = row.arguments
     if row.kind == "set":
         return f"{arguments['name']} = {arguments['value']}"
@@ -305,7 +294,6 @@ def summary_of(row: ProposalRow) -> str:
 
 
 def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:
-    """Print open proposals as a table, with how to approve them."""
     if not rows:
         console.print("No open proposals.")
         return
@@ -318,7 +306,6 @@ def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:
 
 
 def plain_table(title: str, columns: list[str]) -> Table:
-    """Return an empty table in the house's style; what is too long for the terminal is folded, never cut off."""
     table = Table(title=title, title_justify="left")
     for column in columns:
         table.add_column(column, overflow="fold")
@@ -326,7 +313,6 @@ def plain_table(title: str, columns: list[str]) -> Table:
 
 
 def report_decision(told: Told, what: str, group: str, *, as_json: bool, needs_others: bool = True) -> None:
-    """Tell what a call came to: in force at a height, or waiting for other organisations."""
     decision, proposal, needed = told.decision, told.proposal, told.membership.majority
     if as_json:
         print_json(

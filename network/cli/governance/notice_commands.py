@@ -1,4 +1,4 @@
-"""`blockrobot notice`: what an organisation tells people, and its register of processing."""
+"""`blockrobot notice`: an organisation's notice to people, and its register of processing."""
 
 from __future__ import annotations
 
@@ -45,7 +45,6 @@ _file = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
 def is_at_terminal() -> bool:
-    """Tell whether somebody is there who can be asked."""
     return sys.stdin.isatty()
 
 
@@ -58,7 +57,7 @@ def notice() -> None:
 
 
 def read_notice_file(path: Path) -> Notice:
-    """Read a notice from its TOML file. Raises NOTICE_INVALID with what is missing."""
+    """Read a notice from TOML. Raises NOTICE_INVALID."""
     data = read_given_file(path, TOML_MAX_BYTES)
     try:
         text = data.decode("utf-8")
@@ -122,7 +121,6 @@ async def _own_organisation(client: NetworkClient, seat: GovernanceSigner) -> st
 
 
 def _ask_to_publish(organisation: str, before: PublishedNotice | None, found: Notice, *, yes: bool) -> None:
-    """Show what people would read, or what would change of it, and ask unless `yes`. Nothing if it is in force already."""
     if yes or (before is not None and before.notice == found):
         return
     lines = tell_notice(found) if before is None else tell_changes(before.notice, found)

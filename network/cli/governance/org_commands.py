@@ -190,7 +190,6 @@ def _propose(
     as_json: bool,
     anyway: bool = True,
 ) -> None:
-    """Propose a change; unless `anyway`, look first whether the producers left over can go on."""
     seat = resolve_signer(folder, organisation, key_file)
 
     async def look(client: NetworkClient, before: MembershipView) -> None:

@@ -1,4 +1,4 @@
-"""`blockrobot producer`: who produces blocks, who would, who lied."""
+"""`blockrobot producer`: producers, candidates and equivocation."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _seat_of(row: CandidateRow) -> str:
 
 
 def _print_evidence(row: CandidateRow) -> None:
-    """Two signatures of one producer over two ids in one round: all that an outsider needs to check them."""
+    """Two signatures over two ids in one round prove it to outsiders."""
     told = row.evidence
     console.print(
         f"\n{escape(row.name)} signed two {told['kind']}s in epoch {told['epoch']}, round {told['round']}; "
@@ -134,7 +134,7 @@ def list_producers(folder: Path | None, organisation: str | None, key_file: Path
 
 
 def _find_key(text: str, view: ProducersView, membership: MembershipView) -> bytes:
-    """Return the producer key that a node's name, a key or the first digits of a key stand for. Raises NOT_FOUND."""
+    """Accepts a node name, key or key prefix. Raises NOT_FOUND."""
     known = {node.producer_key: node.name for node in membership.nodes if node.producer_key}
     known.update({row.key: row.name for row in view.candidates})
     wanted = text.strip().lower()
@@ -161,10 +161,9 @@ def _vote(
     as_json: bool,
     after: Callable[[ProducersView, bytes], list[CandidateRow]] | None = None,
 ) -> None:
-    """Call for a candidate, wait until it is final, and tell how it stands now.
+    """Vote on a candidate and report the final standing.
 
-    If the call may cost a seat, `after` tells who would have one then, and it is looked first whether they can go on.
-    Raises GOVERNANCE_QUORUM_UNWELL.
+    `after` computes the remaining seats to check first. Raises GOVERNANCE_QUORUM_UNWELL.
     """
 
     async def run(client: NetworkClient) -> tuple[Decision, ProducersView, MembershipView, bytes]:

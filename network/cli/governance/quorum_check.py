@@ -1,7 +1,6 @@
-"""Looks before a producer goes whether enough of the others are well.
+"""Checks, before a producer leaves, that enough others are healthy.
 
-The contracts cannot know which nodes run. What they let pass could still stop the chain at once, and then no further
-transaction could mend it.
+Contracts cannot know which nodes run; an accepted change could stop the chain beyond repair by transaction.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ LOOK_AGAIN_S = 1.0
 
 
 def anyway_option(command: Any) -> Any:
-    """Add --anyway."""
     text = "Do it even if too few of the producers that would be left answer now."
     return click.option("--anyway", is_flag=True, help=text)(command)
 
@@ -43,7 +41,7 @@ async def _answers(client: NetworkClient, node: NodeAddress) -> bool:
 
 
 async def find_unwell(client: NetworkClient, folder: Path, names: Iterable[str]) -> list[str]:
-    """Return which of these nodes do not answer, or, where they run on this machine, say that they are not ready."""
+    """Return nodes that do not answer or, if local, are not ready."""
     addresses = {node.name: node for node in client.nodes}
     asked = [name for name in names if name in addresses]
     answers = await asyncio.gather(*(_answers(client, addresses[name]) for name in asked))
@@ -62,10 +60,10 @@ def seats_after(
     withdrawn: tuple[bytes, str] | None = None,
     maximum: int | None = None,
 ) -> list[CandidateRow]:
-    """Return who would have a seat after a change, by the rules of the contract's election.
+    """Return the seats after a change, by the election contract's rules.
 
-    `withdrawn` is a candidate's key and the organisation that takes its vote back (empty: some one of them). Newcomers
-    that wait for a seat are not counted in: nobody can promise that they are still ready when the change takes effect.
+    `withdrawn` is a candidate key and the organisation withdrawing its vote (empty: any). Waiting newcomers are
+    excluded: they may be unready.
     """
     most = view.max_producers if maximum is None else maximum
     ranked = []
@@ -90,10 +88,9 @@ async def require_live_quorum(
     after: Sequence[CandidateRow],
     silenced: Collection[str] = (),
 ) -> None:
-    """Refuse a change after which those with a seat (`seats_after`) could not make anything final.
+    """Refuse a change after which the seats could not finalize.
 
-    `silenced` names nodes that keep their seat and cannot use it at first: whose key is replaced signs nothing until its
-    operator gives it the new one. Raises GOVERNANCE_QUORUM_UNWELL.
+    `silenced` nodes keep a seat but cannot sign until given a new key. Raises GOVERNANCE_QUORUM_UNWELL.
     """
     seated = [row for row in view.candidates if row.turn is not None]
     left = [row.name for row in after]
@@ -122,10 +119,7 @@ async def check_membership_change(
     kind: str,
     arguments: Mapping[str, Any],
 ) -> None:
-    """Look before one stands behind a change that takes producers out, or silences one for a while.
-
-    Raises GOVERNANCE_QUORUM_UNWELL.
-    """
+    """Check a change that removes or silences producers. Raises GOVERNANCE_QUORUM_UNWELL."""
     if kind not in {"remove_node", "remove_org", "rekey_producer"}:
         return
     view = await read_producers(client, reader)
@@ -141,7 +135,7 @@ async def check_membership_change(
 
 
 async def check_setting(client: NetworkClient, folder: Path, reader: PrivateKey, name: str, value: int | str) -> None:
-    """Look before one stands behind a lower number of seats. Raises GOVERNANCE_QUORUM_UNWELL."""
+    """Check a lower number of seats. Raises GOVERNANCE_QUORUM_UNWELL."""
     if name == "max_producers" and isinstance(value, int) and value > 0:
         view = await read_producers(client, reader)
         await require_live_quorum(client, folder, view, seats_after(view, maximum=value))

@@ -1,7 +1,4 @@
-"""`blockrobot settings`: the chain's settings, proposed, approved and listed.
-
-What a setting may be is decided by the contract; the ranges shown here are for readers.
-"""
+"""`blockrobot settings`: chain settings; the contract decides, shown ranges are informative."""
 
 from __future__ import annotations
 

@@ -140,7 +140,6 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
 
 
 def _read_counts(_context: click.Context, _option: click.Parameter, text: str | None) -> tuple[int, ...]:
-    """Read numbers with commas between them."""
     counts = tuple(int(part) if part.isascii() and part.isdigit() else 0 for part in (text or "").split(",") if text)
     if not all(0 < count <= HELD_MAX_COUNT for count in counts):
         raise click.BadParameter(f"Write numbers from 1 to {HELD_MAX_COUNT:,}, such as 250,4000.")
@@ -269,7 +268,7 @@ def _tell_line(line: str) -> None:
 
 
 class _Teller:
-    """Says on standard error how far a measurement is: one moving line for a person, a line now and then for a file."""
+    """Progress on standard error: a moving line on terminals, else occasional lines."""
 
     def __init__(self) -> None:
         self._last = 0.0
@@ -360,7 +359,6 @@ def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, 
 
 
 def _finish(result: dict[str, Any], *, as_json: bool) -> None:
-    """Print a result and exit 1 if it is not `ok`."""
     if as_json:
         print_json(result)
     else:

@@ -28,7 +28,7 @@ _MARKER = ".blockrobot-demo"
 
 
 def _clear(out: Path) -> None:
-    """Make `out` an empty folder, but never delete a folder that no demonstration made."""
+    """Never deletes a folder that no demonstration made."""
     if out.exists() and any(out.iterdir()):
         if not (out / _MARKER).exists():
             raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is not empty and not of an earlier demonstration.")

@@ -1,4 +1,4 @@
-"""`blockrobot experiment`: the paper's evaluation on a network of one's own."""
+"""`blockrobot experiment`: the paper's evaluation on an own network."""
 
 from __future__ import annotations
 

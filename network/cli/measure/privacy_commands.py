@@ -1,4 +1,4 @@
-"""`blockrobot privacy`: what our own ledger gives away."""
+"""`blockrobot privacy`: what the ledger reveals."""
 
 from __future__ import annotations
 
@@ -54,8 +54,6 @@ def attack(seed: int, people: int, days: int, uid_bits: int, as_json: bool) -> N
 
 
 class _Teller:
-    """Says on standard error what is being tried."""
-
     def __init__(self) -> None:
         self._started = time.monotonic()
 

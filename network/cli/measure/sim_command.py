@@ -1,4 +1,4 @@
-"""`blockrobot sim`: plays whole networks in one process, under faults from seeds."""
+"""`blockrobot sim`: simulates networks in one process under seeded faults."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def _read_plan(path: Path) -> Plan:
 
 
 def _make_plans(seeds: range, profile: str, nodes: int, rounds: int, byzantine: int) -> list[Plan]:
-    """Return a plan for each seed. Raises UsageError for what the profile has no room for."""
+    """Raises UsageError beyond the profile's capacity."""
     from network.sim.plan import make_flood_plan, make_growth_plan, max_faulty  # noqa: PLC0415 - a node's code, only when it is needed
     from network.sim.sweep import plan_of  # noqa: PLC0415
 
@@ -191,7 +191,7 @@ def _make_plans(seeds: range, profile: str, nodes: int, rounds: int, byzantine: 
 
 
 def _refuse_beside_a_plan() -> None:
-    """A plan says all that these options say; a given one would silently count for nothing."""
+    """A plan overrides these options; refuse rather than ignore them."""
     context = click.get_current_context()
     for name in ("seeds", "profile", "nodes", "rounds", "byzantine"):
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
@@ -222,8 +222,6 @@ def _values(observation: Observation) -> list[Any]:
 
 
 class _Progress:
-    """One line now and then, and one for each seed that broke a promise, on standard error."""
-
     def __init__(self) -> None:
         self._last_s = time.monotonic()
         self._failed_count = 0
@@ -282,7 +280,6 @@ def _report(total: SweepResult, conditions: dict[str, Any], plan_file: Path | No
 
 
 def _print_failure(failure: Failure, plan_file: Path | None) -> None:
-    """Say what broke, how to see it again, and under how few faults it still breaks."""
     from network.sim.plan_file import plan_to_toml  # noqa: PLC0415 - a node's code, only when it is needed
 
     plan = failure.plan

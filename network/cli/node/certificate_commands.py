@@ -1,7 +1,6 @@
-"""`blockrobot certificate`: the certificates by which nodes know one another.
+"""`blockrobot certificate`: certificates by which nodes authenticate one another.
 
-An organisation issues and renews with its own authority, on its own machine; revoking is a transaction, so that it
-counts on every node from the same height on.
+Issue and renewal are local to an organisation; revocation is a transaction.
 """
 
 from __future__ import annotations
@@ -192,7 +191,7 @@ def revoke(
 
 
 def _organisation(config: NodeConfig, folder: Path | None) -> str:
-    """Return whose node it is. Raises NOT_FOUND."""
+    """Raises NOT_FOUND."""
     place = network_folder(folder)
     known = list(Cluster(place).configs.values()) if (place / "genesis.json").is_file() else []
     return organisation_of(config, [*known, config])

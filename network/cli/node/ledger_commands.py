@@ -1,4 +1,4 @@
-"""`blockrobot node prune` and `node diff`: a node's ledger, cut short or held against another's."""
+"""`blockrobot node prune` and `node diff`: prunes or compares a ledger."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def prune(node: str, keep: int, folder: Path | None, as_json: bool) -> None:
 
 
 def _prune_running(config: NodeConfig, keep: int) -> dict[str, Any]:
-    """Ask a running node to prune, and wait until it has. Raises NODE_NOT_READY if it does not in time."""
+    """Raises NODE_NOT_READY."""
     request = request_pruning(config.data_dir, keep)
     deadline = time.monotonic() + RUNNING_TIMEOUT_S
     while request.exists():

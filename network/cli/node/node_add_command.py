@@ -1,4 +1,4 @@
-"""`blockrobot node add`: one more node on this machine, from its keys to its seat."""
+"""`blockrobot node add`: one more local node, from keys to seat."""
 
 from __future__ import annotations
 
@@ -81,8 +81,6 @@ def add(
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """What the command line asks for."""
-
     name: str | None
     organisation: str | None
     is_producer: bool
@@ -115,7 +113,7 @@ async def _add(
 
 
 def _make(cluster: Cluster, membership: MembershipView, growth: Growth, wanted: _Wanted) -> NodeEntry:
-    """Make the node's data directory; return its entry. Raises NODE_EXISTS, NOT_FOUND, AUTHORITY_NOT_HERE."""
+    """Raises AUTHORITY_NOT_HERE, NODE_EXISTS, NOT_FOUND."""
     configs = list(cluster.configs.values())
     known = newest_directory(cluster.genesis, of_chain(configs, cluster.genesis.chain_id))
     owner = wanted.organisation or _smallest(cluster.folder, membership, list(growth.voices))
@@ -133,13 +131,12 @@ def _make(cluster: Cluster, membership: MembershipView, growth: Growth, wanted: 
 
 
 def _free_name(cluster: Cluster, known: DirectoryContent, membership: MembershipView) -> str:
-    """Return the first `node-N` that nobody has or had."""
     taken = {*known.nodes, *cluster.names, *(node.name for node in membership.nodes)}
     return next(name for number in itertools.count(1) if (name := f"node-{number}") not in taken)
 
 
 def _smallest(folder: Path, membership: MembershipView, voices: list[str]) -> str:
-    """Return which organisation of this machine has the fewest nodes. Raises AUTHORITY_NOT_HERE if none can sign."""
+    """Raises AUTHORITY_NOT_HERE."""
     able = [name for name in voices if (folder / "organisations" / name / "ca.key.pem").is_file()]
     if not able:
         raise BlockRobotError("AUTHORITY_NOT_HERE", f"No organisation's ca.key.pem is in {folder / 'organisations'}.")

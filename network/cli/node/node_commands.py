@@ -1,4 +1,4 @@
-"""`blockrobot node`: what is done to one node."""
+"""`blockrobot node`: commands for one node."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def node() -> None:
 
 
 def find_node(text: str, folder: Path | None) -> NodeConfig:
-    """Return the configuration of the node that a command means: a data directory, or a name in a network's folder.
+    """Return a node's configuration by data directory or network name.
 
     Raises NOT_FOUND, DATA_DIRECTORY_INVALID, CONFIGURATION_INVALID.
     """

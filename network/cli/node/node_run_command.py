@@ -1,4 +1,4 @@
-"""`blockrobot node run`: one node in the foreground, until it is told to stop."""
+"""`blockrobot node run`: runs one node in the foreground."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def run(
 
 
 async def _start(config: NodeConfig, folder: Path | None) -> None:
-    """Start a node of the local network. Raises CLUSTER_ALREADY_RUNNING, CLUSTER_START_FAILED, NOT_FOUND."""
+    """Raises CLUSTER_ALREADY_RUNNING, CLUSTER_START_FAILED, NOT_FOUND."""
     cluster = Cluster(network_folder(folder))
     if cluster.config(config.name).data_dir != config.data_dir:
         raise BlockRobotError("NOT_FOUND", f"{config.data_dir} is not of the network in {cluster.folder}.")

@@ -1,4 +1,4 @@
-"""`blockrobot node init | directory`: a node that joins, and who is there."""
+"""`blockrobot node init | directory`: joining nodes and the directory."""
 
 from __future__ import annotations
 
@@ -119,13 +119,11 @@ def init(
 
 
 def _is_home(network: Path, beginning: Genesis) -> bool:
-    """Tell whether the network's folder is that of this genesis file, or of no network yet."""
     path = network / "genesis.json"
     return not path.is_file() or load_genesis(path).chain_id == beginning.chain_id
 
 
 def _speaker(organisation: str, network: Path | None, authority: Path | None) -> str:
-    """Return the option by which an admin speaks here: the node's organisation only if its admin's key is here."""
     if network is not None and organisation in admin_keys(network):
         return f"--as {organisation}"
     if authority is not None and (authority / ADMIN_KEY_FILE).is_file():
@@ -134,11 +132,7 @@ def _speaker(organisation: str, network: Path | None, authority: Path | None) ->
 
 
 def next_steps(name: str, speaker: str, place: Path, network: Path | None, folder: Path | None) -> list[str]:
-    """Return what has to happen before a new node takes part, as commands that can be typed as they stand.
-
-    `speaker` is the option that says whose admin signs, `network` the local network that the node belongs to, if it
-    does; `folder` is what --dir said.
-    """
+    """Return the commands to run before a new node participates; `speaker` is the signer option, `folder` --dir."""
     where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
     run = shlex.quote(str(place)) if network is None else f"{name} --detach{where}"
     return [

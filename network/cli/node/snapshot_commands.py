@@ -1,4 +1,4 @@
-"""`blockrobot node snapshot`: make, restore and look at snapshots of a node's state."""
+"""`blockrobot node snapshot`: creates, restores and inspects state snapshots."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from node.storage.lmdb_reader import LedgerFile
 
 
 class _Bar:
-    """A progress bar on a terminal, and nothing elsewhere or with --json."""
+    """Shown only on a terminal without --json."""
 
     def __init__(self, what: str, *, as_json: bool) -> None:
         columns = (TextColumn(what), BarColumn(), DownloadColumn(), TimeElapsedColumn())
@@ -35,7 +35,6 @@ class _Bar:
         self._bar.stop()
 
     def expect(self, size_bytes: int) -> None:
-        """Say how many bytes there are in all."""
         self._bar.update(self._task, total=size_bytes)
 
     def __call__(self, _chunks: int, size_bytes: int) -> None:

@@ -1,4 +1,4 @@
-"""Draws a process map with Graphviz, where its `dot` is installed."""
+"""Draws a process map with Graphviz, where `dot` is installed."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ PICTURE_FORMS: dict[str, tuple[str, ...]] = {"svg": (), "png": ("-Gdpi=160",)}  
 
 
 def write_dot(text: str, path: Path) -> None:
-    """Write a map's DOT file, from which `dot` draws it at any time."""
     path.write_text(text, encoding="utf-8")
 
 
 def draw_with_graphviz(dot_file: Path) -> list[Path]:
-    """Draw a DOT file as SVG and PNG beside it and return their paths.
+    """Draw a DOT file as SVG and PNG beside it; return their paths.
 
-    Raises DRAWING_UNAVAILABLE if there is no `dot`, or if it fails; the DOT file stays.
+    Raises DRAWING_UNAVAILABLE without `dot` or if it fails; the DOT file stays.
     """
     program = shutil.which(GRAPHVIZ_PROGRAM)
     if program is None:

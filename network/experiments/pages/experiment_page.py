@@ -1,8 +1,4 @@
-"""The page of an experiment: one file that reads from the question to the answer.
-
-What was asked and what held; what share was paired, where time goes, what was lost, each beside the published run; the
-process map; what people see; the statistics tables.
-"""
+"""An experiment's page in one file: checks, figures beside the published run, map, tables."""
 
 from __future__ import annotations
 
@@ -26,7 +22,7 @@ _IN_MS = '<span class="visually-hidden">in milliseconds</span>'
 
 
 def build_page(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | None = None) -> str:
-    """Return an experiment's page. `drawn` is Graphviz's process map as SVG; `refusal` says why it drew none."""
+    """Return an experiment's page. `drawn`: Graphviz's SVG map; `refusal`: why there is none."""
     experiment = outcome.experiment
     sections = [Section("What was checked", _checks(outcome.checks.checks) + quiet(_told(outcome.conditions)))]
     if outcome.reading is not None:
@@ -47,7 +43,6 @@ def build_page(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | N
 
 
 def build_index(outcomes: Sequence[Outcome], result: dict[str, Any]) -> str:
-    """Return the page over all experiments of a run."""
     rows = []
     for outcome in outcomes:
         held = sum(check.ok for check in outcome.checks.checks)

@@ -13,7 +13,7 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Durations:
-    """How long something took, in milliseconds. All zero where nothing was measured (`count` 0)."""
+    """Statistics of durations in ms; all zero if nothing was measured (`count` 0)."""
 
     count: int
     max_ms: float
@@ -24,7 +24,6 @@ class Durations:
 
     @classmethod
     def of(cls, values_ms: list[int]) -> Durations:
-        """Return the figures of a list of durations."""
         if not values_ms:
             return cls(0, 0.0, 0.0, 0.0, 0.0, 0.0)
         return cls(
@@ -39,43 +38,38 @@ class Durations:
 
 @dataclass(slots=True)
 class Tally:
-    """What was counted of one activity or one pair: how often in each case, and every duration."""
+    """Counts per case and all durations of one activity or pair."""
 
     by_case: dict[str, int] = field(default_factory=dict)
     durations_ms: list[int] = field(default_factory=list)
 
     def add(self, case: str, duration_ms: int | None) -> None:
-        """Count once more in a case."""
         self.by_case[case] = self.by_case.get(case, 0) + 1
         if duration_ms is not None:
             self.durations_ms.append(duration_ms)
 
     @property
     def absolute(self) -> int:
-        """How often it happened."""
         return sum(self.by_case.values())
 
     @property
     def cases(self) -> int:
-        """In how many cases it happened."""
         return len(self.by_case)
 
     @property
     def max_repetition(self) -> int:
-        """How often it happened in the case where it happened most."""
         return max(self.by_case.values(), default=0)
 
     @property
     def durations(self) -> Durations:
-        """The figures of the durations."""
         return Durations.of(self.durations_ms)
 
 
 @dataclass(slots=True)
 class FlowGraph:
-    """Activities, pairs of activities of which the second directly followed the first, and where cases begin and end.
+    """Activities, directly-following pairs, and where cases begin and end.
 
-    An activity's durations are those since the event that it followed; a case's first event has none.
+    An activity's durations are since its predecessor; a case's first event has none.
     """
 
     activities: dict[str, Tally] = field(default_factory=dict)
@@ -87,10 +81,7 @@ class FlowGraph:
 
 
 def build_flow_graph(table: EventTable) -> FlowGraph:
-    """Return the directly-follows graph of a table: activities and pairs in order of first occurrence.
-
-    What a log notes about the run itself happened to no frame and no tag, and is left out.
-    """
+    """Return the directly-follows graph, in order of first occurrence; skips events about the run."""
     graph = FlowGraph()
     for case, events in table.cases().items():
         if events[0].activity in RUN_NOTES:

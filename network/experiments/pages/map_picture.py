@@ -1,7 +1,4 @@
-"""Draws a process map as SVG by our own hand, for where Graphviz is not: activities in a column, arrows in lanes.
-
-It shows the same graph with the same figures as the DOT file; only the layout is plainer.
-"""
+"""Draws a process map as SVG without Graphviz: activities in a column, arrows in lanes."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ _HEAD = (
 
 @dataclass(frozen=True, slots=True)
 class _Arrow:
-    """One pair on the page: where it leaves and enters, and the lane in which it runs."""
+    """One pair on the page: exit, entry and lane."""
 
     pair: Pair
     from_y: float
@@ -35,7 +32,6 @@ class _Arrow:
 
 
 def order_activities(graph: FlowGraph) -> list[str]:
-    """Return the activities from top to bottom: each below those that it mostly follows, dead ends before the rest."""
     names = list(graph.activities)
     rank = dict.fromkeys(names, 0)
     forward = [
@@ -53,7 +49,6 @@ def order_activities(graph: FlowGraph) -> list[str]:
 
 
 def draw_svg(graph: FlowGraph) -> str:
-    """Return the map as one SVG element, complete in itself."""
     order = order_activities(graph)
     arrows = _lay_out(graph, order)
     lanes = 1 + max((arrow.lane for arrow in arrows), default=0)
@@ -69,7 +64,6 @@ def draw_svg(graph: FlowGraph) -> str:
 
 
 def _lay_out(graph: FlowGraph, order: list[str]) -> list[_Arrow]:
-    """Give each pair its points on the boxes' right edges and the innermost lane that is free along its way."""
     ends: dict[str, list[tuple[int, Pair, bool]]] = {name: [] for name in order}
     place = {name: index for index, name in enumerate(order)}
     for first, second in graph.pairs:

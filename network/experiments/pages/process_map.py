@@ -1,4 +1,4 @@
-"""The process map as DOT text: what follows what, how often and how fast."""
+"""The process map as DOT text, with frequencies and durations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ _FONT = 'fontname="Helvetica,Arial,sans-serif"'
 
 
 def show_duration(milliseconds: float) -> str:
-    """Return a duration as a reader says it: `13 ms`, `2.68 s`, `1.5 min`."""
     if abs(milliseconds) < 1_000:
         return f"{milliseconds:.0f} ms"
     if abs(milliseconds) < 60_000:
@@ -21,12 +20,10 @@ def show_duration(milliseconds: float) -> str:
 
 
 def edge_label(tally: Tally) -> str:
-    """Return what stands beside an arrow: how often, and how long on average."""
     return f"{tally.absolute:,} × {show_duration(tally.durations.mean_ms)}"
 
 
 def counted(tally: Tally) -> str:
-    """Return what stands in an activity's box: how often, in how many cases."""
     return f"{tally.absolute:,} in {tally.cases:,} {'case' if tally.cases == 1 else 'cases'}"
 
 
@@ -36,7 +33,7 @@ def _quote(text: str) -> str:
 
 
 def build_dot(graph: FlowGraph) -> str:
-    """Return the map in DOT. Nodes are named by number, so that no activity's name can be taken for an instruction."""
+    """Return the map in DOT; nodes are numbered, which prevents injection by activity names."""
     names = {activity: f"a{number}" for number, activity in enumerate(graph.activities)}
     busiest = max((tally.absolute for tally in graph.pairs.values()), default=1)
     lines = [

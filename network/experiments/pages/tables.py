@@ -1,7 +1,4 @@
-"""The statistics tables, in the layout of the prototype's authors: frequencies and durations, for people and as CSV.
-
-One row an activity, one row a pair of activities.
-"""
+"""Statistics tables in the prototype authors' layout, one row per activity or pair."""
 
 from __future__ import annotations
 
@@ -29,10 +26,7 @@ _KEYS = ("absolute", "cases", "max_repetition", "max_ms", "mean_ms", "median_ms"
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One activity (`following` is empty) or one pair of activities, with the values under `HEADINGS`.
-
-    A duration is the time since the event before in the same case; None where no event was before.
-    """
+    """One activity (`following` empty) or pair, with the values under `HEADINGS`."""
 
     activity: str
     following: str
@@ -40,11 +34,9 @@ class Row:
 
     @property
     def name(self) -> str:
-        """The activity, or `first → second`."""
         return f"{self.activity} → {self.following}" if self.following else self.activity
 
     def as_json(self) -> dict[str, Any]:
-        """Return the row as JSON."""
         return {"activity": self.activity, "following": self.following, **dict(zip(_KEYS, self.values, strict=True))}
 
 
@@ -56,26 +48,22 @@ def _row(activity: str, following: str, tally: Tally) -> Row:
 
 
 def activity_rows(graph: FlowGraph) -> list[Row]:
-    """Return a row for each activity, the most frequent first."""
     rows = [_row(name, "", tally) for name, tally in graph.activities.items()]
     return sorted(rows, key=lambda row: -(row.values[0] or 0))
 
 
 def pair_rows(graph: FlowGraph) -> list[Row]:
-    """Return a row for each pair of activities, the most frequent first."""
     rows = [_row(first, second, tally) for (first, second), tally in graph.pairs.items()]
     return sorted(rows, key=lambda row: -(row.values[0] or 0))
 
 
 def show_value(value: float | None) -> str:
-    """Return a cell's text; what was not measured is a dash."""
     if value is None:
         return "-"
     return f"{value:,.1f}".removesuffix(".0") if isinstance(value, float) else f"{value:,}"
 
 
 def show_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table for a terminal: the first column to the left, the others to the right."""
     lines = [list(headings), *[list(row) for row in rows]]
     widths = [max(len(line[place]) for line in lines) for place in range(len(headings))]
     return "\n".join(
@@ -88,13 +76,11 @@ def show_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def show_rows(rows: Sequence[Row]) -> str:
-    """Return the statistics table of rows for a terminal."""
     short = [heading.replace(" frequency", "").replace(" duration (ms)", "") for heading in HEADINGS]
     return show_table(["", *short], [[row.name, *map(show_value, row.values)] for row in rows])
 
 
 def write_table(rows: Sequence[Row], path: Path) -> None:
-    """Write rows as CSV: activity, following, and the values under `HEADINGS`."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["activity", "following", *HEADINGS])
@@ -103,7 +89,6 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
 
 
 def figure_rows(figures: RunFigures) -> list[tuple[str, int | float]]:
-    """Return the figures of a run as (name, value), in the order of the page."""
     rows: list[tuple[str, int | float]] = [
         ("length (s)", figures.length_s),
         ("frames that the camera published", figures.frames_published),

@@ -1,1 +1,1 @@
-"""`blockrobot bench hiding`: what attackers recover of the people whom the robot hides."""
+"""`blockrobot bench hiding`: what attackers recover of hidden people."""

@@ -1,4 +1,4 @@
-"""Attacks on a scene: every attacker on every way of hiding, on what the robot released."""
+"""Runs every attacker on every way of hiding, on released frames of a scene."""
 
 from __future__ import annotations
 
@@ -28,10 +28,9 @@ OURS_NOT_CUT, CONTROL_NOT_CUT = "ours-not-cut", "control-not-cut"
 
 @dataclass(slots=True)
 class FrameScore:
-    """What attackers recovered of the others in one frame: (way of hiding, attacker) -> IoU.
+    """One frame's recovery of others: (way of hiding, attacker) -> IoU.
 
-    `released` is False where the cut was clean but the matcher in doubt: nothing was shown, the cut is judged all the
-    same.
+    `released` is False if the matcher was in doubt: nothing was shown, but the cut is judged.
     """
 
     released: bool
@@ -43,7 +42,7 @@ class FrameScore:
 
 @dataclass(slots=True)
 class SceneReport:
-    """All that is kept of a judged scene: numbers only. `unattacked`: chosen frames without a score, and why."""
+    """A judged scene, numbers only. `unattacked`: chosen frames without score, and why."""
 
     seed: int
     number: int
@@ -57,14 +56,13 @@ class SceneReport:
 
 @dataclass(frozen=True, slots=True)
 class Examples:
-    """Views to learn from, as they were and as we would release them."""
+    """Training views: originals and as we would release them."""
 
     raw: list[Example]
     ours: list[Example]
 
 
 def learn_from(scene: Scene) -> Examples:
-    """Return examples of one training scene: truth is known to the attacker here, as of scenes of their own."""
     stage, rng = Stage(scene), np.random.default_rng([scene.seed, scene.number, 0xE0])
     found = Examples([], [])
     indices = list(stage.frame_indices())
@@ -88,7 +86,6 @@ def learn_from(scene: Scene) -> Examples:
 
 
 def judge_scene(scene: Scene, attackers: Mapping[str, LearnedAttacker]) -> SceneReport:
-    """Play a scene and attack some of what was released: the frame with the narrowest gap, and others at random."""
     stage = Stage(scene)
     timed = Timed(stage)
     played = play(stage, timed)
@@ -120,7 +117,6 @@ def _attack(
     attackers: Mapping[str, LearnedAttacker],
     rng: np.random.Generator,
 ) -> FrameScore | str:
-    """Return what was recovered, or why a frame could not be attacked."""
     label = stage.scene.owners[shown.alias]
     depth, labels = stage.renderer.frame_with_truth(shown.index)
     others = (labels > 0) & (labels != label)
@@ -157,7 +153,6 @@ def _attack(
 
 
 def _rendition(stage: Stage, shown: Shown, depth: Depth, labels: Labels) -> Depth | None:
-    """Return what was released, or what the cut gives where the matcher was in doubt (None: nothing)."""
     if shown.kept is not None:
         return placed(shown.kept, depth.shape)
     return owner_cut(stage, depth, labels, stage.scene.owners[shown.alias], troubled=False)

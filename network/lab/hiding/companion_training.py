@@ -1,9 +1,9 @@
-"""Trains the companion model on synthetic scenes and writes it as the file that the robot reads.
+"""Trains the companion model on synthetic scenes and writes the robot's model file.
 
     python -m network.lab.hiding.companion_training --out clients/robot/hiding/companion-model.json
 
-Needs the extra `[attack]` (scikit-learn); the same scenes and seeds give the same trees. It must never draw a scene
-that the bench judges: its seeds lie below those of `network.lab.hiding.companions`.
+Needs `[attack]` (scikit-learn); deterministic. Its seeds lie below those of `network.lab.hiding.companions`, so that no
+judged scene is trained on.
 """
 
 from __future__ import annotations
@@ -68,7 +68,6 @@ Floats = npt.NDArray[np.float64]
 
 
 def sample(seed: int) -> list[tuple[int, bool, Floats]]:
-    """Return (stratum's number, whether it is two people, cues) of a scene's silhouettes; doubtful ones are left out."""
     stratum = ROUND[seed % len(ROUND)]
     scenario = replace(draw_scene(seed, stratum), seed=NOISE_SEED)  # one camera's noise, made once
     rng = np.random.default_rng([seed, 0x7A1E])
@@ -81,7 +80,6 @@ def sample(seed: int) -> list[tuple[int, bool, Floats]]:
 
 
 def collect(first: int, scenes: int, workers: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], Floats]:
-    """Return (stratum, label, cues) of many scenes, in order of their seeds."""
     with worker_pool(workers) as pool:
         rows = [row for made in pool.map(sample, range(first, first + scenes), chunksize=8) for row in made]
     return (
@@ -92,7 +90,6 @@ def collect(first: int, scenes: int, workers: int) -> tuple[npt.NDArray[np.int64
 
 
 def train(labels: npt.NDArray[np.bool_], cues: Floats) -> dict[str, Any]:
-    """Return the trees of a gradient boosting model as the table that `trees_of` reads, without its thresholds."""
     from sklearn.ensemble import GradientBoostingClassifier  # noqa: PLC0415 - the optional extra, only when used
 
     model = GradientBoostingClassifier(
@@ -129,7 +126,6 @@ def train(labels: npt.NDArray[np.bool_], cues: Floats) -> dict[str, Any]:
 def with_thresholds(
     table: dict[str, Any], strata: npt.NDArray[np.int64], labels: npt.NDArray[np.bool_], cues: Floats
 ) -> dict[str, Any]:
-    """Return the table with the log-odds that few enough single people reach in scenes kept apart from training."""
     trees = trees_of({**table, "suspect": 0.0, "certain": 0.0})
     odds = np.array([trees.log_odds(row) for row in cues])
     suspect = max(
@@ -141,13 +137,11 @@ def with_thresholds(
 
 
 def _reached_by(odds: Floats, strata: npt.NDArray[np.int64], names: Sequence[str], share: float) -> float:
-    """Return the log-odds that only a share of the single people of some strata reach; minus infinity for none."""
     chosen = odds[np.isin(strata, [i for i, name in enumerate(ROUND) if name in names])]
     return float(np.quantile(chosen, 1 - share)) if chosen.size else -math.inf
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Train, set the thresholds and write the file."""
     parser = argparse.ArgumentParser(description="Train the model that tells companions in one silhouette.")
     parser.add_argument("--out", type=Path, required=True, help="the model file to write")
     parser.add_argument("--scenes", type=int, default=SCENES_DEFAULT_COUNT, help="scenes to learn from")

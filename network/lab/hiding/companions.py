@@ -1,8 +1,6 @@
-"""Judges the cues for a companion in the same silhouette on scenes that the model has not seen, with the truth at hand.
+"""Judges the companion cues on scenes unseen in training, by ground truth.
 
-Figures for each kind of companion and of single person, per frame and per track, of what a robot makes of its frames:
-segmentation, then the watch that pools its suspicion. It must never take its scenes from the seeds of training, and it
-counts every silhouette that holds more than a trace of a second person, whatever the robot called it.
+No scene is from training seeds, and every silhouette with a second person counts.
 """
 
 from __future__ import annotations
@@ -55,7 +53,7 @@ GOAL_FOUND, GOAL_FALSE, GOAL_AIDS = 0.90, 0.01, 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observed:
-    """One silhouette with its cues, whose it is (label of the most pixels) and the second person's share of it."""
+    """One silhouette: cues, owner (label of most pixels), second person's share."""
 
     frame: int
     person: int
@@ -65,10 +63,7 @@ class Observed:
 
 
 def observe(scenario: Scenario, frames: Iterable[int], watch: CompanionWatch | None = None) -> Iterator[Observed]:
-    """Yield the silhouettes of some frames of a scene; what is mostly nobody's, such as a door, is left out.
-
-    With a `watch`, which sees all silhouettes, the trouble is what a robot would say; the frames are then in time order.
-    """
+    """Yield a scene's silhouettes, without those of no person; `watch` needs time order."""
     renderer = Renderer(scenario)
     background = learn_background([renderer.empty_frame(i) for i in range(BACKGROUND_FRAMES_COUNT)])
     for index in frames:
@@ -104,13 +99,11 @@ def _look(job: tuple[str, Stratum, Manner | None, bool | None, int]) -> tuple[st
 def judge_companions(
     seed: int = 1, *, scenes: int = SCENES_DEFAULT_COUNT, workers: int | None = None
 ) -> dict[str, Any]:
-    """Return how often companions are found and single people taken for two: one object as every measurement has.
+    """Return how often companions are found and single people taken for two.
 
-    `scenes` scenes of each kind are judged, four times as many of single people without aid.
-    Under `strata` each kind, as a robot with the shipped model withholds it: `merged_frames` is the share of silhouettes
-    that are withheld as merged, `merged_tracks` that of followed people of whom any is; `shown_share` is the share of
-    silhouettes of two people that would be shown (`faint_shown` of them with less than 6 % of the second), and
-    `split_share` that of silhouettes of one person after all.
+    `scenes` per kind, four times as many of single people without aid. Per stratum: `merged_frames` and `merged_tracks`
+    are withheld shares, `shown_share` is two people shown (`faint_shown`: second below 6 %), `split_share` one person
+    after all.
     """
     conditions = measure_conditions(nodes=0, seed=seed, scenes_a_kind=scenes, frames_a_scene=TRACK_FRAMES_COUNT)
     jobs = [
@@ -130,7 +123,6 @@ def judge_companions(
 
 
 def rates(name: str, seen: list[tuple[str, int, list[Observed]]], *, pairs: bool) -> dict[str, float | int | None]:
-    """Return the figures of one kind: of its silhouettes that hold two people, or one."""
     tracks: dict[tuple[int, int], list[Observed]] = {}
     split = total = 0
     for kind, seed, observed in seen:
@@ -164,7 +156,6 @@ def _share(flags: list[bool]) -> float | None:
 
 
 def goals_met(companions: dict[str, Any], singles: dict[str, Any]) -> dict[str, bool]:
-    """Return which goals are met, per frame."""
     wanted = [companions[name]["merged_frames"] for name in ("arm in arm", "embrace", "pushing")]
     aids = [singles[name]["merged_frames"] for name in ("wheelchair", "rollator")]
     return {

@@ -1,7 +1,4 @@
-"""What a learned attacker looks at, pixel by pixel: the picture, its surroundings, and the owner's outline. Pure.
-
-Holds nothing back: a bite in the owner's outline, its mirror image and its rows are features like any other.
-"""
+"""Per-pixel features for learned attackers: picture, surroundings, owner's outline. Pure."""
 
 from __future__ import annotations
 
@@ -44,7 +41,7 @@ NAMES = (
 
 
 def features(view: View) -> Floats:
-    """Return the features of every pixel: shape (height, width, len(NAMES))."""
+    """Return the pixels' features, shape (height, width, len(NAMES))."""
     depth, empty = _metres(view.picture), _metres(view.empty)
     hole = (view.picture == 0).astype(np.float32)
     known = (1 - hole) * (view.empty > 0)
@@ -96,7 +93,6 @@ def _of_owner(view: View, depth: Floats) -> list[Floats]:
 
 
 def _row_ends(owner: npt.NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Return where each row of the owner begins and ends (px); rows without the owner take the middle."""
     some = owner.any(axis=1)
     left = owner.argmax(axis=1).astype(np.float32)
     right = (owner.shape[1] - 1 - owner[:, ::-1].argmax(axis=1)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The judge's figures, from numbers noted scene by scene. Pure; must never average a bad stratum away: each is listed."""
+"""The judge's figures from per-scene numbers. Pure; each stratum is listed, never averaged away."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ GOAL_FOREIGN_SHARE = 0.001  # of the others' visible pixels, in any one renditio
 
 
 def summarise(reports: Sequence[SceneReport], gaits: Sequence[GaitReport], *, seed: int) -> dict[str, Any]:
-    """Return all figures: in sum, by attacker, by stratum, of re-identification, and which goals hold."""
     overall = _of(reports, seed)
     cpu = [value for report in reports for value in report.cpu_ms]
     wall = [value for report in reports for value in report.wall_ms]
@@ -42,8 +41,6 @@ def summarise(reports: Sequence[SceneReport], gaits: Sequence[GaitReport], *, se
 
 
 def goals(figures: dict[str, Any]) -> dict[str, bool]:
-    """Return which goals hold; what was not measured does not hold."""
-
     def at_most(name: str, limit: float) -> bool:
         return figures[name] is not None and figures[name] <= limit
 
@@ -59,7 +56,6 @@ def goals(figures: dict[str, Any]) -> dict[str, bool]:
 
 
 def by_attacker(scenes: Scenes, seed: int) -> dict[str, dict[str, Any]]:
-    """Return for each attacker its mean IoU on each way of hiding, and the paired difference of ours and control."""
     names = sorted({name for frames in scenes for frame in frames for _, name in frame.ious})
     table = {}
     for name in names:
@@ -73,13 +69,11 @@ def by_attacker(scenes: Scenes, seed: int) -> dict[str, dict[str, Any]]:
 
 
 def _attacked(reports: Sequence[SceneReport], *, released: bool) -> Scenes:
-    """Return the attacked frames of each scene: those that were released, or also those whose cut alone was judged."""
     scenes = [[frame for frame in report.frames if frame.released or not released] for report in reports]
     return [frames for frames in scenes if frames]
 
 
 def _leak(scenes: Scenes, seed: int) -> dict[str, Any]:
-    """Return what the attacker that gains most gains, and what is recovered without hiding."""
     attackers = by_attacker(scenes, seed)
     worst = max(attackers.values(), key=lambda row: (row["difference_upper95"], row[OURS] or 0.0), default=None)
 
@@ -102,7 +96,6 @@ def _leak(scenes: Scenes, seed: int) -> dict[str, Any]:
 
 
 def _of(reports: Sequence[SceneReport], seed: int) -> dict[str, Any]:
-    """Return the figures of some scenes: of what was released, and (`cut_`) of every clean cut, bound or not."""
     played = [report.played for report in reports]
     kept, wrong = sum(p.kept for p in played), sum(p.wrong for p in played)
     visible = sum(p.visible for p in played)
@@ -126,7 +119,6 @@ def _of(reports: Sequence[SceneReport], seed: int) -> dict[str, Any]:
 
 
 def _sum_of(counts: Iterable[Counter[str]]) -> dict[str, int]:
-    """Return the sums by reason, in the order of the reasons' names."""
     total: Counter[str] = Counter()
     for some in counts:
         total.update(some)
@@ -134,7 +126,6 @@ def _sum_of(counts: Iterable[Counter[str]]) -> dict[str, int]:
 
 
 def _scene_means(scenes: Scenes, way: str, name: str) -> list[float]:
-    """Return one mean for each scene in which this attacker was tried on this way of hiding."""
     means = []
     for frames in scenes:
         values = [frame.ious[way, name] for frame in frames if (way, name) in frame.ious]
@@ -167,6 +158,5 @@ def _reid(gaits: Sequence[GaitReport]) -> dict[str, Any]:
 
 
 def share_of_right(gaits: Sequence[GaitReport], way: str) -> float | None:
-    """Return the share of clips in which the right person was named, or None without clips."""
     clips = sum(report.clips.get(way, 0) for report in gaits)
     return round(sum(report.right.get(way, 0.0) for report in gaits) / clips, 4) if clips else None

@@ -1,8 +1,4 @@
-"""Re-identification by silhouette and gait: who was the other person, told from what an attacker recovers over time.
-
-The attacker has walks of everyone of a population, with true silhouettes, and may only guess where they recover
-nothing. What is shown of a probe is what the robot's own hider released.
-"""
+"""Re-identification by silhouette and gait from what an attacker recovers over time."""
 
 from __future__ import annotations
 
@@ -39,10 +35,7 @@ EVERY_PX = 2
 
 @dataclass(slots=True)
 class GaitReport:
-    """For each way of hiding: right guesses (a guess without a silhouette counts 1/people) and clips.
-
-    Of the probes' frames: how many there were and were released, and the largest share of the other that any shows.
-    """
+    """Right guesses (without silhouette: 1/people) and clips per way of hiding."""
 
     seed: int
     people: int
@@ -62,7 +55,7 @@ class _Clip:
 
 
 def judge_gait(seed: int, people: int, attackers: Mapping[str, LearnedAttacker]) -> GaitReport:
-    """Return how often one population is told apart, for each way of hiding. Raises EXTRA_MISSING."""
+    """Return re-identification of one population per way of hiding. Raises EXTRA_MISSING."""
     require_learning()
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis  # noqa: PLC0415 - the optional extra
     from sklearn.preprocessing import StandardScaler  # noqa: PLC0415 - the optional extra
@@ -90,7 +83,6 @@ def judge_gait(seed: int, people: int, attackers: Mapping[str, LearnedAttacker])
 
 
 def _build(rng: np.random.Generator) -> Person:
-    """Return someone of a population: a build and a gait, nowhere yet."""
     return Person(
         alias="other",
         height_m=float(rng.uniform(1.5, 1.95)),
@@ -103,7 +95,6 @@ def _build(rng: np.random.Generator) -> Person:
 
 
 def _scene(population: list[Person], number: int, walk: int) -> Scene:
-    """Return a walk of one person and a standing owner with a tag: apart, crossing before and behind, or close by."""
     rng = np.random.default_rng([round(1e6 * population[0].height_m), number, walk])
     kind, length_s = PROBES[walk % len(PROBES)], WALK_S if walk < GALLERY_WALKS else PROBE_S
     stand = (float(rng.uniform(-0.9, -0.6)), float(rng.uniform(2.2, 3.2)))
@@ -144,7 +135,6 @@ def _clips(person: int, masks: list[Mask], metres: list[float]) -> list[_Clip]:
 
 
 def _known(population: list[Person], number: int, walk: int) -> list[_Clip]:
-    """Return clips of a walk with true silhouettes: what the attacker knows everyone by."""
     stage = Stage(_scene(population, number, walk))
     masks, metres = [], []
     for index in _indices(stage):
@@ -158,10 +148,6 @@ def _known(population: list[Person], number: int, walk: int) -> list[_Clip]:
 def _recovered(
     population: list[Person], number: int, walk: int, attackers: Mapping[str, LearnedAttacker], report: GaitReport
 ) -> dict[str, list[_Clip]]:
-    """Return clips of what is recovered of a walk; frames that the robot withheld are missing from ours and control.
-
-    Notes in the report how many were released, and how much of the other is in them.
-    """
     scene = _scene(population, number, walk)
     stage = Stage(scene)
     control = stage.control("owner")
@@ -223,7 +209,6 @@ def _is_blind(clip: _Clip) -> bool:
 
 
 def _describe(clip: _Clip) -> Floats:
-    """Return a clip as numbers: the mean silhouette, how much it moves, its height, width and rhythm."""
     portraits = np.stack([_portrait(mask) for mask in clip.masks])
     legs = portraits[:, -8:].sum(axis=(1, 2))
     rhythm = np.abs(np.fft.rfft(legs - legs.mean()))[1:6]
@@ -236,7 +221,7 @@ def _describe(clip: _Clip) -> Floats:
 
 
 def _portrait(mask: Mask) -> Floats:
-    """Return a silhouette at a fixed height, centred: (24, 16), 0 to 1."""
+    """Return a centred silhouette at fixed height: (24, 16), 0 to 1."""
     width, height = PORTRAIT
     empty = np.zeros((height, width), dtype=np.float32)
     if np.count_nonzero(mask) < RECOVERED_MIN_PX:

@@ -1,5 +1,6 @@
-"""Attacks that need no learning: difference to the empty scene, holes, edges, the bite in the owner's outline, and the
-outline itself. Pure; must never all leave the owner's outline out: another person may be inside of it.
+"""Attacks without learning: difference, holes, edges, bite in the outline, outline itself.
+
+Pure. One of them includes the owner's outline, since another person may be inside it.
 """
 
 from __future__ import annotations
@@ -25,27 +26,23 @@ _CLOSE = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7)), dtype=
 
 
 def by_difference(view: View) -> Mask:
-    """Return what is nearer than the empty scene, without the owner."""
     depth, empty = view.picture.astype(np.float32), view.empty.astype(np.float32)
     near = (depth > 0) & (empty - depth > np.maximum(DIFFERENCE_MIN_MM, DIFFERENCE_SHARE * empty))
     return _solid(near & ~_around(view.owner))
 
 
 def by_holes(view: View) -> Mask:
-    """Return where nothing was measured though the empty scene has a depth there."""
     holes = (view.picture == 0) & (view.empty > 0) & ~_around(view.owner)
     return _solid(_morph(holes, cv2.MORPH_CLOSE, _CLOSE))
 
 
 def by_edges(view: View) -> Mask:
-    """Return what is enclosed by edges that the empty scene does not have."""
     shown, before = _steepness(view.picture), _steepness(view.empty)
     edges = (shown > EDGE_MIN_MM) & (shown > 2 * before) & ~_around(view.owner)
     return _filled(_morph(edges, cv2.MORPH_CLOSE, _CLOSE))
 
 
 def by_bite(view: View) -> Mask:
-    """Return what is missing from the owner's convex outline: whoever stood in front left a bite there."""
     if not view.owner.any():
         return np.zeros(view.owner.shape, dtype=bool)
     points = cv2.findNonZero(view.owner.astype(np.uint8))
@@ -55,7 +52,6 @@ def by_bite(view: View) -> Mask:
 
 
 def by_outline(view: View) -> Mask:
-    """Return the owner's outline: whoever was cut out with the owner is inside of it."""
     return view.owner.copy()
 
 
@@ -83,7 +79,6 @@ def _solid(mask: Mask) -> Mask:
 
 
 def _pieces(mask: Mask) -> Mask:
-    """Keep the pieces that are not specks."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     large = np.asarray(stats)[:, cv2.CC_STAT_AREA] >= PIECE_MIN_PX
     large[0] = False
@@ -108,7 +103,6 @@ def _filled(edges: Mask) -> Mask:
 
 
 def _steepness(depth: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
-    """Return how much a smoothed picture rises and falls around each pixel (mm), holes counted as the local median."""
     smooth = np.asarray(cv2.medianBlur(depth, 5))
     steep = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     return np.asarray(steep, dtype=np.float32)

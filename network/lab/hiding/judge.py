@@ -1,7 +1,4 @@
-"""The judge of hiding: draws scenes, trains attackers on others, attacks what was released, and sums it all up.
-
-Deterministic for a seed, whatever the number of processes.
-"""
+"""The hiding judge: draws scenes, trains attackers on others, attacks releases. Deterministic per seed."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ PARTS = ("matcher", "companions")
 
 @dataclass(frozen=True, slots=True)
 class HidingOptions:
-    """How many scenes are judged in sum, over how many seeds, from which first seed, by how many processes."""
+    """Number of scenes and seeds, first seed, number of processes."""
 
     scenes: int = 200
     learning_scenes: int = 40  # for each seed
@@ -42,9 +39,9 @@ class HidingOptions:
 
 
 def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
-    """Judge hiding; return name, ok, figures and conditions. Raises EXTRA_MISSING.
+    """Return name, ok, figures and conditions. Raises EXTRA_MISSING.
 
-    `ok`: every scene was judged, every goal holds, and so do those of the parts that were asked for.
+    `ok`: every scene was judged and every goal holds.
     """
     require_learning()
     conditions = measure_conditions(nodes=0, seed=options.seed)
@@ -81,13 +78,11 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
 
 
 def holds(figures: dict[str, Any]) -> bool:
-    """Return whether every goal was met, those of parts that were judged alone included."""
     parts = [figures[name]["ok"] for name in PARTS if name in figures]
     return all(figures["goals"].values()) and all(parts)
 
 
 def _judge_parts(options: HidingOptions, processes: int, progress: Progress) -> dict[str, Any]:
-    """Return the figures of parts that are judged alone, where the options ask for them."""
     parts: dict[str, Any] = {}
     if options.matcher_tracks:
         matcher = judge_matcher(
@@ -111,7 +106,6 @@ def _shares(total: int, parts: int) -> list[int]:
 def _train_all(
     pool: ProcessPoolExecutor, seeds: range, scenes: int, progress: Progress
 ) -> dict[int, dict[str, LearnedAttacker]]:
-    """Return for each seed the attacker that learned from raw scenes and the one that learned from our renditions."""
     drawn = [scene for seed in seeds for scene in draw_scenes(seed, scenes, LEARNING)]
     learned: dict[int, list[Examples]] = {seed: [] for seed in seeds}
     for done, (scene, examples) in enumerate(zip(drawn, pool.map(learn_from, drawn), strict=True), start=1):
@@ -129,6 +123,6 @@ def _train_all(
 
 
 def _one_thread_each() -> None:
-    """Keep a worker to one core: the processes are the parallelism."""
+    """Limit a worker to one core: processes are the parallelism."""
     os.environ["OMP_NUM_THREADS"] = "1"
     cv2.setNumThreads(1)

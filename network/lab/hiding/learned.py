@@ -1,4 +1,4 @@
-"""A pixel classifier that learns, on other scenes, to find whom a rendition hides. Needs scikit-learn (`[attack]`)."""
+"""A pixel classifier trained to find hidden people. Needs scikit-learn (`[attack]`)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VALIDATION_EVERY = 4  # every fourth training view chooses the threshold and is 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """A view with the true silhouette of everyone but the owner, at the view's resolution."""
+    """A view with the true silhouette of everyone but the owner, at view resolution."""
 
     view: View
     others: Mask
@@ -36,20 +36,19 @@ class Example:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedAttacker:
-    """A trained classifier and the probability above which a pixel counts as another person."""
+    """A trained classifier and its probability threshold for another person."""
 
     model: Any
     threshold: float
 
     def probability(self, view: View, *, every: int = 1) -> Floats:
-        """Return for each pixel (or only every n-th in both directions) how likely it hides someone."""
+        """Return each pixel's (or every n-th's) probability of hiding someone."""
         table = features(view)[::every, ::every]
         with _one_thread():
             likely = self.model.predict_proba(table.reshape(-1, table.shape[-1]))[:, 1]
         return np.asarray(likely, dtype=np.float32).reshape(table.shape[:2])
 
     def recover(self, view: View, *, every: int = 1) -> Mask:
-        """Return where the attacker believes that another person was, at the view's resolution."""
         found = self.probability(view, every=every) > self.threshold
         if every == 1:
             return found
@@ -57,13 +56,13 @@ class LearnedAttacker:
 
 
 def require_learning() -> None:
-    """Raise EXTRA_MISSING where scikit-learn is not installed."""
+    """Raises EXTRA_MISSING."""
     if importlib.util.find_spec("sklearn") is None:
         raise BlockRobotError("EXTRA_MISSING", "The learned attackers need scikit-learn.", extra="attack")
 
 
 def train(examples: Sequence[Example], *, seed: int, trees: int = TREES_COUNT) -> LearnedAttacker:
-    """Return an attacker trained on examples; raises EXTRA_MISSING."""
+    """Raises EXTRA_MISSING."""
     require_learning()
     from sklearn.ensemble import HistGradientBoostingClassifier  # noqa: PLC0415 - the optional extra, only when used
 
@@ -89,14 +88,12 @@ def train(examples: Sequence[Example], *, seed: int, trees: int = TREES_COUNT) -
 
 
 def _one_thread() -> AbstractContextManager[Any]:
-    """Keep the learner to one core: scenes are judged side by side, and threads that wait for each other cost more."""
     limits: AbstractContextManager[Any] = _threads().limit(limits=1)
     return limits
 
 
 @lru_cache(maxsize=1)
 def _threads() -> Any:
-    """Return what controls the learner's threads; finding it takes as long as half an attack, so it is found once."""
     import sklearn.ensemble  # noqa: F401, PLC0415 - what is not loaded yet cannot be controlled
     from threadpoolctl import ThreadpoolController  # noqa: PLC0415 - comes with the optional extra
 
@@ -104,7 +101,6 @@ def _threads() -> Any:
 
 
 def _sample(example: Example, rng: np.random.Generator) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return features and truth of some pixels of a view: half of them others', half of them not."""
     table = features(example.view).reshape(-1, len(NAMES))
     truth = example.others.reshape(-1)
     chosen = []

@@ -1,4 +1,4 @@
-"""Plays a scene through the hider that robots run, and notes what it released, to whom, and what it cost."""
+"""Plays a scene through the robot's hider; notes releases, owners and costs."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ DOUBTS = (Reason.AMBIGUOUS, Reason.NO_DISTANCE, Reason.NO_SILHOUETTE)
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A rendition with others near: frame, owner, and how near the next person was in the picture (px).
+    """A rendition with others near: frame, owner, gap to the next person (px).
 
-    `kept` is what was released; None where only the matcher was in doubt, so that the cut alone is to be judged.
+    `kept` is the release; None if only the matcher doubted: the cut alone is judged.
     """
 
     index: int
@@ -48,11 +48,7 @@ class Shown:
 
 @dataclass(slots=True)
 class Played:
-    """What became of a scene's covered frames, counted for each owner, and what was released with others in view.
-
-    `foreign_px` and `foreign_share` are the worst of all released renditions: pixels of anybody else in them, and how
-    much of the others' visible silhouettes that is.
-    """
+    """A scene's covered frames per owner, and releases with others in view."""
 
     covered: int = 0
     visible: int = 0
@@ -65,7 +61,7 @@ class Played:
 
 
 class Stage:
-    """A scene's renderer, its empty frames and what a robot learns from them."""
+    """A scene's renderer, its empty frames and the background learned from them."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -75,22 +71,19 @@ class Stage:
         self.focal_px = scene.scenario.focal_px
 
     def control(self, alias: str) -> Renderer:
-        """Return the renderer of the same scene in which only `alias` ever was."""
         alone = copy.copy(self.renderer)  # with the same camera and the same noise, which take long to draw
         alone.scenario = self.scene.alone(alias)
         return alone
 
     def frame_indices(self) -> range:
-        """Return which of the camera's frames are played."""
         return range(0, self.scene.scenario.frame_count, max(1, self.scene.scenario.frame_rate // FRAMES_A_SECOND))
 
     def at_ms(self, index: int) -> int:
-        """Return when a frame was captured."""
         return round(index * 1000 / self.scene.scenario.frame_rate)
 
 
 def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
-    """Return all readings of a scene as (arrival in ms, alias, sighting), in the order of their arrival."""
+    """Return all readings as (arrival in ms, alias, sighting), by arrival."""
     made = []
     for reading in readings(scene.scenario):
         at_ms = round(reading.at_s * 1000)
@@ -109,9 +102,9 @@ def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
 
 
 def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Labels], None]) -> list[Output]:
-    """Run frames of a scene and all its readings, as they arrive, through the robot's hider; return its verdicts.
+    """Run frames and readings, as they arrive, through the robot's hider; return its verdicts.
 
-    `see` is told of each frame and its truth before the hider gets it.
+    `see` receives each frame and its truth before the hider.
     """
     hider = Hider(stage.background, focal_px=stage.focal_px)
     waiting = sightings(stage.scene)[::-1]
@@ -130,7 +123,6 @@ def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Lab
 
 
 def play(stage: Stage, timed: Timed | None = None) -> Played:
-    """Run a scene through the robot's hider and judge every verdict against the truth."""
     truths: dict[int, Labels] = {}
 
     def see(index: int, depth: Depth, labels: Labels) -> None:
@@ -174,7 +166,6 @@ def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Pl
 
 
 def placed(kept: Kept, shape: tuple[int, ...]) -> Depth:
-    """Return the owner's pixels of a rendition in a frame of `shape`, 0 elsewhere."""
     whole = np.zeros(shape, dtype=np.uint16)
     cut = kept.cut
     whole[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width] = decode_depth_png(cut.pixels_png)
@@ -182,7 +173,7 @@ def placed(kept: Kept, shape: tuple[int, ...]) -> Depth:
 
 
 def gap_px(owner: Mask, others: Mask) -> float:
-    """Return the distance between two half-resolution silhouettes in whole pixels; infinite where one is empty."""
+    """Return the pixels between two half-resolution silhouettes; infinite if one is empty."""
     if not owner.any() or not others.any():
         return float("inf")
     away = cv2.distanceTransform((~owner).astype(np.uint8), cv2.DIST_L2, 3)
@@ -190,9 +181,9 @@ def gap_px(owner: Mask, others: Mask) -> float:
 
 
 def owner_cut(stage: Stage, depth: Depth, labels: Labels, label: int, *, troubled: bool) -> Depth | None:
-    """Return what is cut out for `label` in a frame, 0 elsewhere, or None where the robot would cut nothing.
+    """Return the cut for `label`, 0 elsewhere; None if the robot would not cut.
 
-    `troubled` says whether a silhouette that is in trouble counts as well (for controls, where nobody can be hidden).
+    `troubled`: also accept troubled silhouettes (controls only).
     """
     segmented = segment(depth, stage.background, stage.focal_px)
     silhouette = _silhouette_of(segmented, labels, label)
@@ -202,7 +193,6 @@ def owner_cut(stage: Stage, depth: Depth, labels: Labels, label: int, *, trouble
 
 
 def spread(out: CutOut, shape: tuple[int, ...]) -> Depth:
-    """Return a cut in a frame of `shape`, 0 elsewhere."""
     whole = np.zeros(shape, dtype=np.uint16)
     height, width = out.pixels.shape
     whole[out.y : out.y + height, out.x : out.x + width] = out.pixels
@@ -210,7 +200,6 @@ def spread(out: CutOut, shape: tuple[int, ...]) -> Depth:
 
 
 def _silhouette_of(segmented: Segmented, labels: Labels, label: int) -> Silhouette | None:
-    """Return the silhouette most of whose pixels are `label`'s and that holds most of them."""
     if segmented.labels is None:
         return None
     own = labels[::2, ::2] == label
@@ -224,7 +213,7 @@ def _silhouette_of(segmented: Segmented, labels: Labels, label: int) -> Silhouet
 
 
 class Timed:
-    """What a robot runs on each frame, in the hider's order, with the time that it takes; encoding is not in it."""
+    """A robot's work per frame, in the hider's order, timed without encoding."""
 
     def __init__(self, stage: Stage) -> None:
         self.cpu_ms: list[float] = []
@@ -234,11 +223,7 @@ class Timed:
         self._waiting = sightings(stage.scene)[::-1]
 
     def step(self, depth: Depth, at_ms: int) -> None:
-        """Note the milliseconds of a frame, CPU and wall: its fit, segments, companions, tracks, matcher and all cuts.
-
-        All readings that arrived since the frame before are weighed with it. Frames must come in time order; those in
-        which nobody was found (or the robot moved) cost next to nothing and are not noted.
-        """
+        """Record a frame's CPU and wall milliseconds; frames come in time order."""
         background = self._stage.background
         cpu, wall = time.thread_time(), time.perf_counter()
         while self._waiting and self._waiting[-1][0] <= at_ms:

@@ -1,4 +1,4 @@
-"""Scenes for the judge: drawn by seed and stratum, with disjoint draws for learning and for judging."""
+"""The judge's scenes by seed and stratum; training and judging draws are disjoint."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DURATION_S = 12.0
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One drawn scene: which run's seed it belongs to, its number there, its stratum and its scenario."""
+    """One drawn scene: seed, number, stratum, scenario."""
 
     seed: int
     number: int
@@ -24,16 +24,14 @@ class Scene:
 
     @property
     def owners(self) -> dict[str, int]:
-        """Alias of everyone with a tag, and their label in the truth."""
         return {person.alias: n for n, person in enumerate(self.scenario.people, start=1) if person.tagged}
 
     def alone(self, alias: str) -> Scenario:
-        """Return the control: the same scene in which nobody but `alias` ever was."""
         return without(self.scenario, *(person.alias for person in self.scenario.people if person.alias != alias))
 
 
 def draw_scenes(seed: int, count: int, purpose: int, *, duration_s: float = DURATION_S) -> list[Scene]:
-    """Return `count` scenes of two or three people of a seed, the strata in turn.
+    """Return `count` scenes of two or three people, cycling through the strata.
 
     No scene of one purpose is drawn for another.
     """

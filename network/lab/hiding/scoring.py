@@ -1,4 +1,4 @@
-"""Scores of what was recovered, what was kept, and how sure a difference is. Pure; must never round a leak away."""
+"""Scores of recovery and retention, with confidence bounds. Pure; leaks are never rounded away."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ UPPER_SHARE = 0.95
 
 
 def iou(found: Mask, true: Mask) -> float:
-    """Return intersection over union of two masks; 0.0 where both are empty."""
+    """Return intersection over union of two masks; 0.0 if both are empty."""
     union = int(np.count_nonzero(found | true))
     return int(np.count_nonzero(found & true)) / union if union else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A mean over scenes and its upper 95 % bound (one-sided, bootstrap over scenes)."""
+    """A mean over scenes and its one-sided upper 95 % bootstrap bound."""
 
     mean: float
     upper: float
@@ -30,7 +30,7 @@ class Bound:
 
 
 def paired_bound(differences: Sequence[float], *, seed: int) -> Bound:
-    """Return the mean of one difference a scene, and its upper 95 % bound; zeros for no scene at all."""
+    """Return the mean difference per scene and its upper 95 % bound; zeros without scenes."""
     if not differences:
         return Bound(0.0, 0.0, 0)
     values = np.asarray(differences, dtype=np.float64)
@@ -41,10 +41,10 @@ def paired_bound(differences: Sequence[float], *, seed: int) -> Bound:
 
 
 def mean_of(values: Sequence[float]) -> float | None:
-    """Return the mean rounded to 4 places, or None where nothing was measured."""
+    """Return the mean, 4 decimals; None if nothing was measured."""
     return round(statistics.fmean(values), 4) if values else None
 
 
 def share_of(count: int, total: int) -> float | None:
-    """Return `count / total` rounded to 5 places, or None where nothing was measured."""
+    """Return `count / total`, 5 decimals; None if nothing was measured."""
     return round(count / total, 5) if total else None

@@ -1,1 +1,1 @@
-"""Contracts made to do harm, and programs that measure what gas buys."""
+"""Malicious contracts, and measurements of CPU time per gas."""

@@ -1,8 +1,4 @@
-"""Runs the corpus in a process of its own and prints what each program came to.
-
-Started as `python -m network.lab.hostile.child`: prints one JSON object: the findings, the CPU seconds of each, and
-the most memory the process held. The tests start it twice, with different hash seeds, and compare.
-"""
+"""Runs the hostile corpus in its own process; prints findings, CPU seconds and peak memory."""
 
 from __future__ import annotations
 
@@ -22,10 +18,7 @@ AGAIN_ROUNDS = 2
 
 
 def run_corpus() -> dict[str, Any]:
-    """Run every program; return the findings, seconds of CPU time by name, and the resident memory before and at most.
-
-    `everywhere` is a digest of what must be the same on every Python.
-    """
+    """Run every program; return findings, CPU seconds by name, memory before and peak."""
     started_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     findings: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}
@@ -47,7 +40,6 @@ def run_corpus() -> dict[str, Any]:
 
 
 def run_again() -> list[int]:
-    """Run every program again, and again; return the most memory the process had held (KiB) after each round."""
     peaks: list[int] = []
     for _ in range(AGAIN_ROUNDS):
         for program in CORPUS:
@@ -57,7 +49,6 @@ def run_again() -> list[int]:
 
 
 def main() -> None:
-    """Run the corpus under a limit of memory and print the result; `--again` runs it twice more."""
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE_MAX_BYTES, ADDRESS_SPACE_MAX_BYTES))
     result = run_corpus()
     if "--again" in sys.argv:

@@ -1,8 +1,7 @@
-"""Runs programs made by chance, and tells one digest of all outcomes.
+"""Runs random programs and returns one digest of all outcomes.
 
-`python -m network.lab.hostile.fuzzing --seed 1 --programs 1000` prints as JSON how many there were, were refused and
-were called, what the calls came to, and the digest. Two processes that are given the same must print the same. What the
-machine did not foresee is listed under `faults`, with the seed and the source that did it; so is what escaped.
+`python -m network.lab.hostile.fuzzing --seed 1 --programs 1000` prints counts, outcomes and digest as JSON; equal input
+gives equal output. `faults` lists unexpected failures and escapes with seed and source.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ _ARGUMENTS: tuple[Any, ...] = (
 
 @dataclass(slots=True)
 class Harvest:
-    """What a run of the fuzzer found. `digest` is the same in every process of one Python, `everywhere` on each Python."""
+    """Fuzzing results. `digest` is equal on one Python version, `everywhere` on all."""
 
     programs: int = 0
     refused: int = 0
@@ -52,7 +51,6 @@ class Harvest:
 
 
 def make_program(seed: str, sources: list[str]) -> Program:
-    """Return the program of a seed: half of them drawn from the grammar, half changed from others."""
     chance = random.Random(seed)  # noqa: S311 - programs are to be found again
     kind = chance.randrange(8)
     if kind < 4:
@@ -68,18 +66,15 @@ def make_program(seed: str, sources: list[str]) -> Program:
 
 
 def seed_sources() -> list[str]:
-    """Return what mutation begins with: the shipped contracts, and the hostile ones that are not too long."""
     shipped = [read_source(name) for name in PRIVACY_CONTRACTS]
     return [*shipped, *(program.source for program in CORPUS if len(program.source) < 4000)]
 
 
 def seeds_of(seed: int, count: int) -> Iterator[str]:
-    """Return the names of `count` programs."""
     return (f"{seed}/{number}" for number in range(count))
 
 
 def fuzz(seed: int, count: int) -> Harvest:
-    """Run `count` programs of a seed."""
     harvest, digest, everywhere, sources = Harvest(), hashlib.sha256(), hashlib.sha256(), seed_sources()
     for name in seeds_of(seed, count):
         program = make_program(name, sources)
@@ -108,7 +103,7 @@ def fuzz(seed: int, count: int) -> Harvest:
 
 
 def main() -> None:
-    """Fuzz under a limit of memory and print what was found; exits with 1 if the machine failed on a program."""
+    """Fuzz under a memory limit; exit with 1 if the machine failed."""
     parser = argparse.ArgumentParser(description="Run contracts made by chance.")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--programs", type=int, default=1000)

@@ -1,4 +1,4 @@
-"""Makes programs by chance: from a grammar that knows the language, and by changing programs that there are."""
+"""Generates random programs: from a grammar, and by mutation."""
 
 from __future__ import annotations
 
@@ -92,14 +92,13 @@ OTHERS = {"other": _OTHER}
 
 
 class Grammar:
-    """Draws sources of contracts whose entry is `f(a, b)`; what they do is bounded by their gas alone."""
+    """Draws contract sources with entry `f(a, b)`, bounded by gas alone."""
 
     def __init__(self, chance: random.Random) -> None:
         self._chance = chance
         self._tame = chance.choice((0.0, 0.8, 0.97, 1.0, 1.0))
 
     def source(self) -> str:
-        """Return a source: constants, two helpers, an entry and a view."""
         chance = self._chance
         constants = "".join(f"K{n} = {self._constant()}\n" for n in range(chance.randrange(3)))
         default = chance.choice(_LEAVES[:_CONSTANTS_COUNT])
@@ -116,8 +115,6 @@ class Grammar:
         )
 
     def _fill(self, shape: str, left: int) -> str:
-        """Return a shape with its holes filled by expressions of the types they name."""
-
         def fill(hole: re.Match[str]) -> str:
             kind = hole[1]
             return self._fill(self._chance.choice(_TYPED[kind]), left - 1) if left else _TYPED_LEFT[kind]
@@ -166,7 +163,6 @@ class Grammar:
         return f"{space}{head}\n{self._block(depth + 1, left - 1)}{leave if chance.random() < 0.3 else ''}{tail}"
 
     def expression(self, left: int = 3) -> str:
-        """Return an expression, at most `left` levels deep."""
         chance = self._chance
         kind = chance.randrange(12) if left else chance.randrange(3)
         if kind < 2:
@@ -192,7 +188,6 @@ class Grammar:
 
 
 def mutate(source: str, chance: random.Random, others: Sequence[str]) -> str:
-    """Return a source with a few of its pieces changed, moved, doubled, taken from another one, or put in."""
     pieces = _SPLIT.findall(source)[:4000] or ["x"]
     for _ in range(chance.choice((1, 1, 2, 3, 6))):
         place = chance.randrange(len(pieces))

@@ -1,7 +1,4 @@
-"""What gas buys in CPU time, program by program.
-
-A program's time is that of its call, and of the trie if it leaves writes: what a block that holds it takes.
-"""
+"""CPU time per gas of each program: its call, and the trie's for writes."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ EXTREMES_COUNT = 12
 
 @dataclass(frozen=True, slots=True)
 class Price:
-    """What one program came to, the gas it used, and the seconds of CPU time that a million gas of it take."""
+    """A program's outcome, gas used, and CPU seconds per million gas."""
 
     name: str
     code: str
@@ -35,14 +32,13 @@ class Price:
 
     @property
     def used_all(self) -> bool:
-        """Whether it ran until its gas was gone, and not until another budget was."""
         return self.code == OUT_OF_GAS
 
 
 def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> Price | None:
-    """Return the median of a few runs, each over a fresh state; None if the program uses too little gas to tell.
+    """Return the median run on fresh states; None if too little gas was used.
 
-    Writes count as if they were kept also where the call failed: the next one with such writes may end well.
+    Writes of failed calls count as kept, since similar ones may succeed.
     """
     if program.at_once or program.expect.startswith(REFUSED):
         return None
@@ -75,11 +71,7 @@ def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_L
 
 
 def measure_all(programs: Iterable[Program], *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> list[Price]:
-    """Measure programs and return what they cost, dearest first.
-
-    Those at both ends are measured more often, in turns, and the least counts: so that neither a machine that is slower
-    for a while nor what else it does makes a program dear.
-    """
+    """Return programs' prices, dearest first."""
     given = {program.name: program for program in programs}
     measured = (measure_program(program, rounds=rounds, gas_limit=gas_limit) for program in given.values())
     prices = sorted((price for price in measured if price is not None), key=_seconds)
@@ -93,7 +85,6 @@ def measure_all(programs: Iterable[Program], *, rounds: int = 3, gas_limit: int 
 
 
 def cheapest_first(prices: Iterable[Price]) -> list[Price]:
-    """Return those that ran until their gas was gone, cheapest first: the others say nothing of what gas can buy."""
     return sorted((price for price in prices if price.used_all), key=_seconds)
 
 

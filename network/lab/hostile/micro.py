@@ -1,7 +1,4 @@
-"""One small program for every operation, builtin, method and host function, at several sizes.
-
-Each repeats its one step until the gas is gone: what a step costs in time, its gas must cover.
-"""
+"""A small program per operation, builtin, method and host function, at several sizes."""
 
 from __future__ import annotations
 

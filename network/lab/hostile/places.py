@@ -1,9 +1,4 @@
-"""Every method and sign of what holds items, at each place where its item can stand.
-
-A list of one program an operation measures the place that its author thought of. Here each operation comes in tables: the
-item first, in the middle, last and missing; two sizes; several kinds of items; and the state's functions after calls
-of the same block, and blocks that are not final, which deleted or wrote a lot.
-"""
+"""Every container method and operator, at each place of its item."""
 
 from __future__ import annotations
 
@@ -140,7 +135,6 @@ _CALLS = tuple(range(0, 3_000, 250))
 
 
 def _places(size: int, step: str) -> list[tuple[str, int]]:
-    """Return the places to try, by name; where a step looks at no item any of them will do."""
     places = [("first", 0), ("middle", size // 2), ("last", size - 1)]
     return places if re.search("PLACE|WANTED|PART|FILL|z", step) else places[-1:]
 
@@ -207,7 +201,7 @@ def _of_state() -> Iterator[Program]:
 
 
 def _signed_for_nothing() -> bytes:
-    """Return a signature of `MESSAGE` that recovers to the point at infinity: all the work is done, and no key found."""
+    """Return a signature of `MESSAGE` that recovers to the point at infinity."""
     digest = int.from_bytes(tagged_hash(TAG, MESSAGE), "big")
     for secret in range(2, 64):
         point = point_of(secret.to_bytes(32, "big"))
@@ -218,7 +212,6 @@ def _signed_for_nothing() -> bytes:
 
 
 def _signatures() -> dict[str, bytes]:
-    """Return one for each answer of `recover`: a key, and each way to none."""
     good = PrivateKey(bytes([1]) * 32).sign(TAG, MESSAGE)
     no_point = next(
         x

@@ -1,4 +1,4 @@
-"""Runs one program as a block would and tells what came of it."""
+"""Runs one program as in a block and returns the outcome."""
 
 from __future__ import annotations
 
@@ -21,11 +21,7 @@ CONTEXT = CallContext(caller=CALLER, height=7, time_ms=1_700_000_000_000, txid=b
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a program came to: its outcome in the form of `Program.expect`, its gas, and a digest of all it left.
-
-    Of a refused source the digest is of the verdict alone, which every Python gives; `places` are all diagnostics, whose
-    words and places differ by Python's version where its parser is the one who refuses.
-    """
+    """A program's outcome (as `Program.expect`), gas, and digest of all effects."""
 
     name: str
     came_to: str
@@ -35,12 +31,10 @@ class Finding:
 
     @property
     def everywhere(self) -> tuple[str, str, int, str]:
-        """The part that is the same on every Python, and not only in every process of this one."""
         came_to = REFUSED if self.came_to.startswith(REFUSED) else self.came_to
         return self.name, came_to, self.gas_used, self.digest
 
     def fits(self, program: Program) -> bool:
-        """Whether the outcome is the one that was expected."""
         if program.expect.startswith(REFUSED) and self.came_to.startswith(REFUSED):
             wanted = program.expect.removeprefix(REFUSED)
             return not wanted or wanted in self.came_to.removeprefix(REFUSED).split(",")
@@ -48,7 +42,6 @@ class Finding:
 
 
 def make_state(program: Program) -> MemoryState:
-    """Return a state in memory that holds what the program finds stored."""
     state = MemoryState()
     prefix = flat_prefix(CONTRACT)
     state.apply({prefix + key: encode_value(value) for key, value in program.state.items()})
@@ -56,7 +49,7 @@ def make_state(program: Program) -> MemoryState:
 
 
 def compile_program(program: Program) -> dict[str, CompiledContract]:
-    """Compile the program's contracts. Raises ContractSourceError if one of them is refused."""
+    """Raises ContractSourceError if a contract is rejected."""
     others = {name: compile_once(text, name) for name, text in program.others.items()}
     return {CONTRACT: compile_contract(program.source, CONTRACT), **others}
 
@@ -64,7 +57,6 @@ def compile_program(program: Program) -> dict[str, CompiledContract]:
 def call_program(
     program: Program, contracts: dict[str, CompiledContract], host: CallHost, gas: int | None = None
 ) -> Outcome:
-    """Call the program's entry on a host."""
     mode: Any = program.mode
     return invoke(
         contracts, CONTRACT, "f", list(program.args),
@@ -73,7 +65,7 @@ def call_program(
 
 
 def call_before(program: Program, contracts: dict[str, CompiledContract], state: StateView) -> CallHost:
-    """Make the calls that come before the program's own; return the host of its block. Raises RuntimeError if one fails."""
+    """Make the earlier calls; return the block's host. Raises RuntimeError if one fails."""
     host = CallHost(state)
     for number, calls in enumerate(program.blocks_before):
         if number:
@@ -89,7 +81,7 @@ def call_before(program: Program, contracts: dict[str, CompiledContract], state:
 
 
 def run_program(program: Program) -> Finding:
-    """Compile and call a program over a fresh state. Raises InternalFault if the machine itself fails."""
+    """Compile and call a program on a fresh state. Raises InternalFault if the machine fails."""
     try:
         contracts = compile_program(program)
     except ContractSourceError as refusal:

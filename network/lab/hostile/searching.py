@@ -1,9 +1,4 @@
-"""Breeds programs towards the most CPU time for their gas.
-
-A program is some values (of every type, in every width of text, in many sizes) and a few steps on them, repeated until the
-gas is gone. Steps are drawn from the tables of the language, so that what is new there is tried by itself. The dearest of each
-set of operations are kept, changed and crossed; at the end they run again, in turns with the reference.
-"""
+"""Breeds programs towards maximal CPU time per gas."""
 
 # ruff: noqa: E501 - tables of short templates read better in long lines
 
@@ -155,7 +150,7 @@ _SLOT = re.compile(r"\b[sbiltdr][012]\b")
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """How one value is made: its template, its letters, its size, and how many entries of a dict remain."""
+    """One value's construction: template, letters, size, remaining dict entries."""
 
     template: str
     letters: tuple[str, str, str]
@@ -163,7 +158,6 @@ class Value:
     kept: int | None = None
 
     def lines(self, name: str) -> str:
-        """Return the source that makes it."""
         one, other, third = self.letters
         made = self.template.format(a=one, b=other, c=third, n=self.size, x="x")
         if self.template.startswith("b'"):
@@ -173,18 +167,16 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class Genome:
-    """A program as it is bred: values by name and the steps."""
+    """A bred program: values by name, and steps."""
 
     values: tuple[tuple[str, Value], ...]
     steps: tuple[str, ...]
 
     def kind(self) -> frozenset[str]:
-        """Return what it does, whatever it does that to: names of functions and signs."""
         text = " ".join(self.steps)
         return frozenset(re.findall(r"\.?[a-z_]+\(|\bin\b|[-+*/%<>=!&|^]{1,2}|\[.*?:|\bfor\b|f'", text))
 
     def program(self, name: str) -> Program:
-        """Return the program."""
         used = set(_SLOT.findall(" ".join(self.steps)))
         setup = "\n".join(value.lines(slot) for slot, value in self.values if slot in used)
         steps = "\n".join(self.steps * REPEATS_COUNT).replace("\n", "\n    ")
@@ -200,7 +192,7 @@ OTHER = (
 
 
 class Breeder:
-    """Draws, changes and crosses genomes; all of it by one seed."""
+    """Draws, mutates and crosses genomes, deterministic by seed."""
 
     def __init__(self, seed: int) -> None:
         self.chance = random.Random(seed)  # noqa: S311 - a search is to be done again
@@ -210,7 +202,6 @@ class Breeder:
         ]
 
     def new(self) -> Genome:
-        """Return a genome made by chance."""
         values = tuple((slot, self._value(slot)) for slot in SLOTS)
         return Genome(values, tuple(self.step() for _ in range(self.chance.choice((1, 1, 1, 2, 3)))))
 
@@ -221,7 +212,6 @@ class Breeder:
         return Value(chance.choice(TEMPLATES[slot[0]]), letters, chance.choice(SIZES), kept)
 
     def step(self) -> str:
-        """Return one step: an operator, a method, a function or a construct, on values."""
         kind = self.chance.randrange(10)
         if kind < 2:
             one, other = self.chance.choice(("{any}", "{s}", "{l}")), self.chance.choice(("{any}", "{s}", "{i}", "{l}"))
@@ -261,7 +251,6 @@ class Breeder:
         return _HOLE.sub(fill, shape).replace("{{", "{").replace("}}", "}")
 
     def change(self, genome: Genome) -> Genome:
-        """Return a genome with a value or a step changed, one more step, or one less."""
         chance = self.chance
         used = sorted(set(_SLOT.findall(" ".join(genome.steps))))
         for _ in range(chance.choice((1, 1, 2, 3))):
@@ -298,7 +287,6 @@ class Breeder:
         return replace(value, size=min(max(int(value.size * self.chance.choice((0.3, 0.7, 1.5, 4))), 1), 200_000))
 
     def cross(self, one: Genome, other: Genome) -> Genome:
-        """Return a genome with values and steps of two."""
         values = tuple(self.chance.choice(pair) for pair in zip(one.values, other.values, strict=True))
         steps = tuple(self.chance.choice((one, other)).steps[0:2]) + tuple(self.chance.choice((one, other)).steps[0:1])
         return Genome(values, tuple(dict.fromkeys(steps)))
@@ -306,9 +294,9 @@ class Breeder:
 
 @dataclass(slots=True)
 class Search:
-    """What a search did: how many programs it made, how many of them used gas, and the dearest by what they do.
+    """Result of a search: programs made, those that used gas, dearest by kind.
 
-    A program's price is the time of a million gas in that of the reference.
+    Prices are relative to the reference's time per million gas.
     """
 
     tried: int = 0
@@ -318,7 +306,6 @@ class Search:
 
 
 def measure_reliably(program: Program, rounds: int, gas: int) -> Price | None:
-    """Return the cheapest of several runs: what else the machine does makes a run dearer, never cheaper."""
     prices = [measure_program(program, rounds=1, gas_limit=gas) for _ in range(rounds)]
     return min(
         (price for price in prices if price is not None), key=lambda price: price.seconds_per_million_gas, default=None
@@ -326,10 +313,6 @@ def measure_reliably(program: Program, rounds: int, gas: int) -> Price | None:
 
 
 def _judge(genome: Genome, number: int, reference_s: float, beyond: float) -> float:
-    """Return the time of a million gas in that of the reference, 0 if it says nothing.
-
-    One that seems dear runs again beside the reference before it is believed: the machine may have been slow for a while.
-    """
     program = genome.program(f"found-{number}")
     first = measure_reliably(program, 1, TRIAL_GAS)
     if first is None or first.code not in ("OUT_OF_GAS", "MEMORY_BUDGET"):
@@ -344,7 +327,6 @@ def _judge(genome: Genome, number: int, reference_s: float, beyond: float) -> fl
 
 
 def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
-    """Breed programs for so many seconds of CPU time."""
     breeder, done = Breeder(seed), Search(dearest={})
     best = done.dearest
     assert best is not None
@@ -381,7 +363,6 @@ def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
 
 
 def confirm(done: Search) -> list[tuple[Price, Program]]:
-    """Run the dearest again, with more gas and more often; return them dearest first."""
     ranked = sorted((done.dearest or {}).values(), key=lambda pair: pair[0], reverse=True)[:REPORTED_COUNT]
     found: list[tuple[Price, Program]] = []
     for place, (_, genome) in enumerate(ranked):

@@ -1,4 +1,4 @@
-"""What the matcher costs a robot: CPU time for each frame and each reading, calm and in a storm."""
+"""The matcher's CPU time per frame and reading, normally and in a storm."""
 
 from __future__ import annotations
 
@@ -15,11 +15,7 @@ STORM_COUNT = 10_000
 
 
 def measure_cost(seed: int) -> dict[str, Any]:
-    """Return CPU times: of weighing, per frame and per reading, with three people and three tags; of a storm.
-
-    Half a minute at 10 frames a second and 5 readings a second for each tag. The storm is 10,000 readings within a
-    second of one tag: `storm_reading_us` to take one, `storm_frame_ms` to weigh what is left of them.
-    """
+    """Return CPU times with three people and tags, and of a storm."""
     drawn = [draw(Setting(5, 0.3, 3, "present"), seed, number) for number in range(TAGS_COUNT)]
     matcher, waiting = Matcher(), []
     for track in drawn[0].tracks:

@@ -1,9 +1,6 @@
-"""Draws what the matcher has to judge: half a minute of people in view and one tag's readings, with the truth.
+"""Draws the matcher's test cases: 30 s of people and one tag's readings, with truth.
 
-The figures of a draw are fixed by its seed and number alone, so that any share of them can be drawn by any process.
-The plain settings draw errors and antennas from the distributions that the matcher assumes: its figures there are the
-best case. Those with `weak_fronts`, another bias or drift, `outliers` or `ranges_off` are off its assumptions. Must never
-read the matcher's own constants: who changes them there must not change what is drawn here.
+Independent of the matcher's constants: changing them there leaves the draws.
 """
 
 from __future__ import annotations
@@ -39,7 +36,7 @@ _TIMES_S = np.array(_TIMES_MS) / 1000
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a draw is like: how often the tag is sought, how its distance errs, what the reader tells of it."""
+    """One draw's parameters: reading rate, distance error, reader's data."""
 
     rate_hz: int
     sigma_m: float
@@ -58,10 +55,9 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A draw: the tracks, the tag's readings in time order, the bearer's track (None if not in view), the gap.
+    """Tracks, readings in time order, the bearer's track (None: not in view), gap.
 
-    `gap_m` is the mean difference of range between the bearer and the nearest other person; without a bearer in
-    view, between the bearer who is not and the nearest person.
+    `gap_m`: mean range difference between bearer and nearest other person.
     """
 
     setting: Setting
@@ -72,7 +68,6 @@ class Drawn:
 
 
 def draw(setting: Setting, seed: int, number: int) -> Drawn:
-    """Return draw `number` of a setting."""
     rng = np.random.default_rng([seed, number])
     near = _walk(rng)
     ranges = [near, *(_beside(rng, near) for _ in range(setting.people - 1))]
@@ -90,7 +85,6 @@ def draw(setting: Setting, seed: int, number: int) -> Drawn:
 
 
 def _walk(rng: np.random.Generator) -> Array:
-    """Return somebody's range: standing and swaying, or walking with pauses and turns."""
     start = float(rng.uniform(1.2, 5.0))
     sway = 0.03 * np.sin(_TIMES_S * rng.uniform(0.5, 1.5) + rng.uniform(0, 6))
     if rng.random() < STANDING_SHARE:
@@ -102,7 +96,6 @@ def _walk(rng: np.random.Generator) -> Array:
 
 
 def _beside(rng: np.random.Generator, other: Array) -> Array:
-    """Return another's range: of their own, or (as often) close to the other's all the time or at first."""
     kind = rng.random()
     if kind < 0.5:
         return _walk(rng)
@@ -114,13 +107,11 @@ def _beside(rng: np.random.Generator, other: Array) -> Array:
 
 
 def _reflect(ranges: Array) -> Array:
-    """Keep people in the corridor: who comes to its end turns round."""
     width = FARTHEST_M - NEAREST_M
     return np.asarray(NEAREST_M + width - np.abs(np.mod(ranges - NEAREST_M, 2 * width) - width))
 
 
 def _as_measured(rng: np.random.Generator, ranges: Array) -> Array:
-    """Return ranges as a camera gives them: off by a factor, and by a little more in each frame."""
     factor = 1 + float(rng.normal(0, RANGE_SCALE_SIGMA))
     return np.asarray(ranges * factor + rng.normal(0, RANGE_NOISE_M, size=ranges.size))
 
@@ -152,7 +143,7 @@ def _readings(rng: np.random.Generator, setting: Setting, worn: Array) -> tuple[
 
 
 def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64], drift_s: float) -> Array:
-    """Return errors of standard deviation 1 whose correlation falls to 1/e in `drift_s`."""
+    """Return unit-variance errors whose correlation falls to 1/e in `drift_s`."""
     fresh = rng.normal(size=times.size)
     values = np.empty(times.size)
     before, last = 0.0, None

@@ -1,7 +1,4 @@
-"""How often the matcher gives a tag to the wrong person, and how much it withholds: the robot's own, on drawn tracks.
-
-Every draw is fed to `clients.robot.hiding.matcher.Matcher` reading by reading, as a robot does.
-"""
+"""The matcher's rates of wrong owners and withheld frames, on drawn tracks."""
 
 from __future__ import annotations
 
@@ -50,7 +47,7 @@ _CHUNK_COUNT = 100
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one draw. `withheld` (share of frames) and `bound_at_ms` are of a bearer in view, else None."""
+    """Result of one draw. `withheld` (share), `bound_at_ms`: None unless bearer in view."""
 
     group: str
     setting: Setting
@@ -64,7 +61,7 @@ Progress = Callable[[int, int], None]
 
 
 def play(drawn: Drawn) -> list[tuple[int, int | None]]:
-    """Feed a draw to the matcher; return to which track the tag was bound from each reading on, by time (ms)."""
+    """Feed a draw to the matcher; return (ms, bound track) per reading."""
     matcher = Matcher()
     for track in drawn.tracks:
         matcher.add_track(track)
@@ -78,7 +75,6 @@ def play(drawn: Drawn) -> list[tuple[int, int | None]]:
 
 
 def judge(group: str, drawn: Drawn) -> Outcome:
-    """Play a draw and hold the result against the truth."""
     bound = play(drawn)
     wrong = any(number is not None and number != drawn.bearer for _, number in bound)
     right_ms = [at for at, number in bound if number is not None and number == drawn.bearer]
@@ -89,14 +85,12 @@ def judge(group: str, drawn: Drawn) -> Outcome:
 
 
 def gap_name(gap_m: float) -> str:
-    """Return the stratum of a mean difference of range."""
     if np.isinf(gap_m):
         return "alone"
     return "over-1m" if gap_m > 1 else "half-to-1m" if gap_m >= 0.5 else "under-half"
 
 
 def _withheld_share(bound: Sequence[tuple[int, int | None]], bearer: int) -> float:
-    """Return the share of frames at which, and for the length of the buffer after which, the tag was not bound."""
     frames = np.arange(0, TRACK_MS + 1, FRAME_EVERY_MS)
     released = np.zeros(frames.size, dtype=bool)
     ends = [at for at, _ in bound[1:]] + [TRACK_MS]
@@ -107,7 +101,6 @@ def _withheld_share(bound: Sequence[tuple[int, int | None]], bearer: int) -> flo
 
 
 def settings_of(group: str) -> list[Setting]:
-    """Return the settings that a group goes through, over and over."""
     changes, _ = GROUPS[group]
     plain = [Setting(*values) for values in product(RATES_HZ, SIGMAS_M, PEOPLE, BEARERS)]
     return [replace(setting, **changes) for setting in plain]
@@ -136,10 +129,9 @@ def judge_matcher(
     groups: Iterable[str] = tuple(GROUPS),
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Judge the matcher on `tracks` drawn tracks in each group with facing (fewer in the others).
+    """Judge `tracks` tracks in each group with facing (fewer in others).
 
-    Returns name, ok (the goals are met), figures, conditions, and `strata`: a row for each group, sigma and rate.
-    The same seed gives the same figures with any number of `workers` (processes; all cores unless told).
+    Returns name, ok, figures, conditions and `strata` (per group, sigma, rate); independent of `workers`.
     """
     workers = workers or len(os.sched_getaffinity(0))
     conditions = measure_conditions(nodes=0, seed=seed, tracks=tracks, workers=workers)
@@ -159,7 +151,6 @@ def judge_matcher(
 
 
 def headline(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Return the figures that goals are set for, and those that are only reported."""
     facing = [o for o in outcomes if o.group == "facing"]
     figures: dict[str, Any] = {"tracks": len(outcomes)}
     figures |= _wrong("wrong_owner", facing)
@@ -174,7 +165,6 @@ def headline(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def meets_goals(figures: dict[str, Any]) -> bool:
-    """Whether the wrong owner is rare enough in all groups with facing, and little withheld where it is easy."""
     names = ("wrong_owner", "wrong_absent", "wrong_sigma_understated", "wrong_drifting")
     rates = [figures.get(f"{name}_rate") for name in names]
     withheld = figures.get("withheld_rate")
@@ -184,7 +174,6 @@ def meets_goals(figures: dict[str, Any]) -> bool:
 
 
 def strata(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """Return a row for each group, sigma and rate: wrong by where the bearer was, withheld by gap, delays."""
     rows = []
     for group, sigma_m, rate_hz in product(GROUPS, SIGMAS_M, RATES_HZ):
         mine = [o for o in outcomes if (o.group, o.setting.sigma_m, o.setting.rate_hz) == (group, sigma_m, rate_hz)]
@@ -202,7 +191,7 @@ def strata(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
 
 
 def upper_bound(wrong: int, count: int) -> float:
-    """Return the upper 95 % bound of a rate (Clopper-Pearson, one-sided)."""
+    """Return a rate's one-sided upper 95 % bound (Clopper-Pearson)."""
     return 1.0 if wrong >= count else float(beta.ppf(0.95, wrong + 1, count - wrong))
 
 
@@ -219,7 +208,6 @@ def _wrong(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def _withheld(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Return the share of frames withheld from bearers in view; the bound takes tracks, not frames, as independent."""
     shares = np.array([o.withheld for o in outcomes if o.withheld is not None])
     if shares.size == 0:
         return {}
@@ -232,7 +220,6 @@ def _withheld(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def _delays(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Return how long it took until the tag was bound to its bearer, and how often it never was."""
     present = [o for o in outcomes if o.withheld is not None]
     bound = [float(o.bound_at_ms) for o in present if o.bound_at_ms is not None]
     if not present:

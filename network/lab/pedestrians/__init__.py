@@ -1,1 +1,1 @@
-"""Real people: a film of pedestrians through the robot's own segmentation, tracks and hiding."""
+"""Real pedestrians' film through the robot's own segmentation, tracks and hiding."""

@@ -1,9 +1,4 @@
-"""The film of real pedestrians, and a depth that is worked out from it: where feet touch flat ground.
-
-The film has colour alone, and the robot cuts nobody out of colour alone. So that its segmentation, tracks and hiding can be
-tried on real people, each moving region gets the distance of its lowest point on the ground. No robot does this: it holds
-for this camera only.
-"""
+"""The pedestrians' film, with depth derived from feet on flat ground."""
 
 from __future__ import annotations
 
@@ -38,19 +33,18 @@ _OPEN = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Film:
-    """All frames (uint8, height x width x 3, blue first) and the empty scene: the median of what was filmed."""
+    """All frames (uint8, height x width x 3, BGR) and the median empty scene."""
 
     frames: tuple[Colour, ...]
     empty: Colour
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(height, width) of the frames."""
         return (self.empty.shape[0], self.empty.shape[1])
 
 
 def read_film(path: Path = FILM) -> Film:
-    """Read a film whole. Raises FILE_UNUSABLE if it is not there or cannot be read."""
+    """Raises FILE_UNUSABLE."""
     reader = cv2.VideoCapture(str(path)) if path.is_file() else None
     frames: list[Colour] = []
     while reader is not None:
@@ -67,7 +61,6 @@ def read_film(path: Path = FILM) -> Film:
 
 
 def background_of(film: Film) -> Background:
-    """Return the empty scene as depth: far away everywhere, so that whatever moves is in front of it."""
     height, width = film.shape
     depth = np.full((height, width), FAR_MM, dtype=np.uint16)
     threshold = np.full((height, width), NEARER_MM, dtype=np.uint16)
@@ -77,7 +70,6 @@ def background_of(film: Film) -> Background:
 
 
 def moving(film: Film, frame: Colour) -> Colour:
-    """Return 255 where a frame differs from the empty scene, gaps closed and specks taken out."""
     differs = cv2.absdiff(frame, film.empty).max(axis=2)
     mask = np.where(differs > DIFFERENCE_MIN, np.uint8(255), np.uint8(0))
     mask = cv2.morphologyEx(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _OPEN), cv2.MORPH_CLOSE, _CLOSE)
@@ -85,7 +77,7 @@ def moving(film: Film, frame: Colour) -> Colour:
 
 
 def depth_of(film: Film, frame: Colour) -> Depth:
-    """Return the worked-out depth of a frame (mm, 0 where nothing moves): each moving region stands where it ends below."""
+    """Return a frame's derived depth (mm, 0 where nothing moves), by regions' lowest points."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(moving(film, frame), connectivity=8)
     depth_of_label = np.zeros(count, dtype=np.uint16)
     for number in range(1, count):

@@ -1,8 +1,4 @@
-"""`blockrobot bench pedestrians`: how many real pedestrians stay visible to whom.
-
-The film (vtest.avi of Debian's opencv-doc) shows real people from a high camera, in colour without depth. What is judged is
-the robot's own code; what the film lacks is made for it, and said so: a depth worked out from flat ground, and drawn tags.
-"""
+"""`blockrobot bench pedestrians`: how many real pedestrians stay visible to whom."""
 
 from __future__ import annotations
 
@@ -46,11 +42,10 @@ def judge_pedestrians(
     picture: Path | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Return one object as every measurement has; under `people` what each bearer of a drawn tag gets.
+    """Return the measurement; `people` has each tag bearer's result.
 
-    `frames` is a stretch of the film (all of it, if not given); `picture` is where a PNG of what is shown to whom is
-    written. In another film than the marked one nothing is looked at by eye. Raises FILE_UNUSABLE where the film is not
-    there, or the picture's folder.
+    `frames`: stretch of the film, else all. `picture`: PNG output. Other films are not compared with marks. Raises
+    FILE_UNUSABLE.
     """
     if picture is not None and not picture.parent.is_dir():
         raise BlockRobotError("FILE_UNUSABLE", f"There is no folder {picture.parent} to write the picture into.")
@@ -120,7 +115,6 @@ def _person(played: Played, one: Followed, alias: str, first: int) -> dict[str, 
 
 
 def keep_without_depth(film: Film) -> int:
-    """Return how many of the frames the robot would keep for anybody, had it the colour alone, as the film has."""
     alone = OccupancyMonitor()
     kept = 0
     for index in range(len(film.frames)):
@@ -131,7 +125,6 @@ def keep_without_depth(film: Film) -> int:
 
 
 def _look(film: Film, played: Played, first: int, people: Mapping[int, tuple[Box, ...]]) -> dict[str, Any]:
-    """Hold renditions of the marked frames against who was marked in them by eye."""
     looked = others = unknown = before = 0
     for pictures in played.kept.values():
         for kept in pictures:
@@ -159,10 +152,7 @@ def _shown(film: Film, kept: Kept) -> Mask:
 
 
 def draw_shown(film: Film, played: Played, first: int, path: Path) -> None:
-    """Write a picture: for each bearer who gets pictures a row of moments, above what the camera saw, below what she gets.
-
-    Raises OSError where it cannot be written.
-    """
+    """Draw each bearer's moments: camera's view above, rendition below. Raises OSError."""
     rows = []
     for alias, pictures in played.kept.items():
         if not pictures:

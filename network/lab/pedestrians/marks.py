@@ -1,7 +1,4 @@
-"""People in some frames of the film, marked by eye, and who of them is to be seen in a rendition.
-
-The one judge here that does not come from the robot's own segmentation.
-"""
+"""People marked by eye in some frames, independent of the robot's segmentation."""
 
 from __future__ import annotations
 
@@ -32,7 +29,7 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class InPicture:
-    """Who is in a rendition, as places in the frame's list of people: the owner (None: nobody can be named), and others."""
+    """People in a rendition by index: owner (None: cannot be named) and others."""
 
     owner: int | None
     others: tuple[int, ...]
@@ -47,13 +44,12 @@ def _marked() -> dict[str, Any]:
 
 
 def is_marked_film(film: Path) -> bool:
-    """Tell whether a file is the film in which people are marked: in any other, others stand elsewhere."""
     with film.open("rb") as file:
         return bool(hashlib.file_digest(file, "sha256").hexdigest() == _marked()["film_sha256"])
 
 
 def marked_people() -> dict[int, tuple[Box, ...]]:
-    """Return the boxes (x, y, width, height) of all people in each marked frame."""
+    """Return each marked frame's boxes (x, y, width, height)."""
     return {
         int(frame): tuple((int(x), int(y), int(width), int(height)) for x, y, width, height in boxes)
         for frame, boxes in _marked()["frames"].items()
@@ -61,7 +57,6 @@ def marked_people() -> dict[int, tuple[Box, ...]]:
 
 
 def find_people(shown: Mask, people: tuple[Box, ...]) -> InPicture:
-    """Return who of the marked people is in a rendition; `shown` is true where the whole frame's pixel is in it."""
     inside = [_inside(shown.shape, box, _SLACK_PX) for box in people]
     total = max(1, int(np.count_nonzero(shown)))
     shares = [int(np.count_nonzero(shown & mask)) / total for mask in inside]

@@ -1,8 +1,4 @@
-"""Plays the film through the robot's hider with tags that are drawn for some of the people, and notes who is shown to whom.
-
-The film has no tags. A first pass of the robot's own segmentation and tracks finds who is followed for long; some of them
-get a tag that is read twice a second while they are followed, at their distance with an error.
-"""
+"""Plays the film through the robot's hider with drawn tags."""
 
 from __future__ import annotations
 
@@ -26,7 +22,7 @@ _CUT_MARGIN_PX = 4  # a cut's box begins so far before its silhouette's
 
 @dataclass(slots=True)
 class Followed:
-    """Somebody who was followed: at which frames, how far away (m), and where the cut's box begins in each (x, y)."""
+    """A followed person: frames, distances (m), cut's box origin (x, y) in each."""
 
     number: int
     ranges_m: dict[int, float] = field(default_factory=dict)
@@ -35,7 +31,7 @@ class Followed:
 
 @dataclass(slots=True)
 class Seen:
-    """What the first pass found: everybody who was followed, and every silhouette by what troubles it."""
+    """The first pass's followed people, and silhouettes by trouble."""
 
     followed: dict[int, Followed] = field(default_factory=dict)
     troubles: Counter[str] = field(default_factory=Counter)
@@ -44,10 +40,9 @@ class Seen:
 
 @dataclass(slots=True)
 class Played:
-    """What each tag's bearer gets, and what of it is not the one whom the tag was given to.
+    """Each tag bearer's renditions, and what in them is not the bearer.
 
-    `whole` are frames in which nobody but the bearer was in the picture: only these might be kept whole, as colour is that
-    cannot be cut.
+    `whole`: frames with only the bearer in view, which colour, being uncut, may keep.
     """
 
     kept: dict[str, list[Kept]] = field(default_factory=dict)
@@ -57,12 +52,10 @@ class Played:
 
 
 def work_out_depths(film: Film) -> list[Depth]:
-    """Return every frame's worked-out depth."""
     return [depth_of(film, frame) for frame in film.frames]
 
 
 def follow_everybody(film: Film, depths: list[Depth]) -> Seen:
-    """Run segmentation, the watch for companions and the tracks over the film, as the hider does."""
     background, companions, tracker, seen = background_of(film), CompanionWatch(), Tracker(), Seen()
     for index, depth in enumerate(depths):
         at_ms = index * FRAME_MS
@@ -79,14 +72,12 @@ def follow_everybody(film: Film, depths: list[Depth]) -> Seen:
 
 
 def choose_bearers(seen: Seen, count: int) -> dict[str, Followed]:
-    """Return who gets a tag, by alias: those who were followed longest, at least four seconds, in order of appearance."""
     longest = sorted(seen.followed.values(), key=lambda one: (-len(one.ranges_m), one.number))[:count]
     bearers = sorted((one for one in longest if len(one.ranges_m) >= FOLLOWED_MIN_FRAMES), key=lambda one: one.number)
     return {f"person-{place}": one for place, one in enumerate(bearers, 1)}
 
 
 def draw_readings(bearers: dict[str, Followed], seed: int) -> dict[int, list[tuple[str, Sighting]]]:
-    """Return readings by the frame at which they come: twice a second, in front, at the distance and an error."""
     random = np.random.default_rng(seed)
     readings: dict[int, list[tuple[str, Sighting]]] = {}
     for alias, one in bearers.items():
@@ -99,7 +90,6 @@ def draw_readings(bearers: dict[str, Followed], seed: int) -> dict[int, list[tup
 
 
 def play(film: Film, depths: list[Depth], bearers: dict[str, Followed], seed: int) -> Played:
-    """Run the hider over the film and the drawn readings; return what each bearer gets."""
     hider, readings = Hider(background_of(film), focal_px=FOCAL_PX), draw_readings(bearers, seed)
     played = Played({alias: [] for alias in bearers}, {alias: Counter() for alias in bearers})
     for index, depth in enumerate(depths):

@@ -1,1 +1,1 @@
-"""`blockrobot privacy attack`: what our own ledger gives away, found by attacking it."""
+"""`blockrobot privacy attack`: measures by attacks what our ledger leaks."""

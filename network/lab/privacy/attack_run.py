@@ -1,7 +1,7 @@
-"""The whole attack: play the days, attack them in each scheme, put the figures side by side.
+"""The whole attack: plays days, attacks each scheme, compares the figures.
 
-`ok` only if every attack on ours is shown (95 % bound) to be within 0.05 of guessing, and every attack that must win on
-the prototype's way did: one that wins nowhere shows nothing.
+`ok`: every attack on ours is within 0.05 of guessing (95 % bound), and every attack expected to beat the prototype
+does.
 """
 
 from __future__ import annotations
@@ -36,10 +36,7 @@ Rates = dict[str, dict[str, Rate]]
 
 @dataclass(frozen=True, slots=True)
 class AttackOptions:
-    """How many people enrol (as many again do not), on how many days they are recorded, from which seed.
-
-    `serial_bits`: how many bits of a UID an attacker does not know, and enumerates.
-    """
+    """People enrolled (as many not), days, seed; `serial_bits`: UID bits unknown to attackers."""
 
     people: int = 240
     days: int = 5
@@ -48,7 +45,6 @@ class AttackOptions:
 
 
 def run_privacy_attack(options: AttackOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
-    """Play and attack; return name, ok, figures and conditions."""
     boosting = has_boosting()
     conditions = measure_conditions(nodes=0, seed=options.seed)
     started = time.monotonic()
@@ -84,7 +80,6 @@ def run_privacy_attack(options: AttackOptions, progress: Progress = lambda _: No
 
 
 def too_weak(rates: Rates) -> list[str]:
-    """Return the attacks that do not win on the prototype's way although they must."""
     return [name for name in MUST_WIN if name not in rates or rates[name][PROTOTYPE].success < MUST_WIN_RATE]
 
 
@@ -102,7 +97,7 @@ def _scale(options: AttackOptions, evidence: Evidence, *, boosting: bool) -> dic
 
 
 def _working_folder() -> str | None:
-    """Return where to play: in memory if there is such a folder, since robots and custodians sync each file."""
+    """Return an in-memory folder if there is one: fsync is costly."""
     usable = _MEMORY_FOLDER.is_dir() and os.access(_MEMORY_FOLDER, os.W_OK)
     if not usable:
         return None

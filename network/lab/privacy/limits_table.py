@@ -1,4 +1,4 @@
-"""The accepted limits as figures: what ours gives away by design, each named."""
+"""The accepted limits as figures: named leaks of our design."""
 
 from __future__ import annotations
 
@@ -35,7 +35,6 @@ Limits = dict[str, Rate | float]
 
 
 def limits_of(evidence: Evidence, custody: CustodyStory, folder: Path, progress: Callable[[str], None]) -> Limits:
-    """Measure every limit."""
     progress("measuring the accepted limits")
     played, visits, seed = evidence.played, evidence.visits, evidence.seed
     limits: Limits = {
@@ -67,7 +66,6 @@ def limits_of(evidence: Evidence, custody: CustodyStory, folder: Path, progress:
 
 
 def limit_figures(limits: Limits) -> dict[str, Any]:
-    """Return the figures `limit_..._success_rate` and so on."""
     figures: dict[str, Any] = {}
     for name, found in limits.items():
         figures |= found.figures(f"limit_{name}") if isinstance(found, Rate) else {f"limit_{name}": found}
@@ -79,7 +77,6 @@ def _learned(evidence: Evidence, trials: tuple[Trial, ...], features: Features) 
 
 
 def _one_frame_at_once(evidence: Evidence, folder: Path) -> Rate:
-    """Play some people again with robots that submit at once, as `robot replay --now` does."""
     population = draw_population(
         evidence.seed,
         people=min(AT_ONCE_PEOPLE_MAX_COUNT, len(evidence.played.holders)),
@@ -92,7 +89,6 @@ def _one_frame_at_once(evidence: Evidence, folder: Path) -> Rate:
 
 
 def _fixed_sizes(evidence: Evidence) -> list[list[int]]:
-    """Return what sizes would be if everybody were always recorded from one distance: build alone makes the difference."""
     rng = np.random.default_rng([evidence.seed, 0xF12ED])
     builds = {number: float(rng.lognormal(0, BUILD_SPREAD)) for number in evidence.played.holders}
     found = []
@@ -104,7 +100,6 @@ def _fixed_sizes(evidence: Evidence) -> list[list[int]]:
 
 
 def _robot_limits(evidence: Evidence) -> Limits:
-    """A stolen robot has the roster's key: UIDs of its roster can be searched, and waiting clips named by handle."""
     played = evidence.played
     uids = {holder.handle: holder.person.uid for holder in played.holders.values()}
     people = {holder.handle: number for number, holder in played.holders.items()}
@@ -125,7 +120,6 @@ def _robot_limits(evidence: Evidence) -> Limits:
 
 
 def _wallet_limits(evidence: Evidence, custody: CustodyStory) -> Limits:
-    """Backup, erase keys of the same time and the owners' wallets together open what was erased since."""
     erased = set(custody.erased_ids)
     gone = [frame for frame in read_database(custody.before.database) if frame.record_id in erased]
     wallets = [holder.keys.sealing for holder in evidence.played.holders.values()]

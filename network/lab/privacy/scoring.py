@@ -1,4 +1,4 @@
-"""How often an attack was right, beside guessing, and how sure that is. Pure."""
+"""Attack success rates against guessing, with confidence bounds. Pure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ONE_SIDED = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """How often an attack was right, what guessing would give, and the one-sided 95 % bounds of the first."""
+    """An attack's success rate, guessing rate, one-sided 95 % bounds."""
 
     success: float
     guess: float
@@ -26,16 +26,15 @@ class Rate:
 
     @property
     def excess_bound(self) -> float:
-        """How far from guessing it may be, to either side: an attack that is wrong too often knows something too."""
+        """Return the maximal distance from guessing; worse than guessing also leaks."""
         return max(self.high - self.guess, self.guess - self.low)
 
     @property
     def is_guessing(self) -> bool:
-        """Whether it is shown to be within 0.05 of guessing."""
+        """Return whether it is shown within 0.05 of guessing."""
         return self.trials > 0 and self.excess_bound <= ALLOWED_EXCESS
 
     def figures(self, name: str) -> dict[str, Any]:
-        """Return the pair of figures, and how sure they are. Of no trial at all there is no rate."""
         return {
             f"{name}_success_rate": round(self.success, 4) if self.trials else None,
             f"{name}_guess_rate": float(f"{self.guess:.3g}"),
@@ -45,7 +44,7 @@ class Rate:
 
 
 def count_rate(hits: float, trials: int, guess: float) -> Rate:
-    """Return the rate of independent attempts, with exact (Clopper-Pearson) bounds. A tie is half a hit."""
+    """Return independent attempts' rate, Clopper-Pearson bounds. A tie is half a hit."""
     if trials == 0:
         return Rate(0.0, guess, 0.0, 1.0, 0)
     low = float(beta.ppf(1 - ONE_SIDED, hits, trials - hits + 1)) if hits else 0.0
@@ -54,11 +53,7 @@ def count_rate(hits: float, trials: int, guess: float) -> Rate:
 
 
 def grouped_rate(hits: Mapping[int, Sequence[float]], guess: float, *, seed: int) -> Rate:
-    """Return the rate of attempts that hang together in groups (people): bounds by bootstrap over the groups.
-
-    An attempt counts 1, or 0.5 for a tie, which a coin decides. Where every group has the same rate, or there is
-    one alone, there is nothing to draw from, and the attempts count as independent.
-    """
+    """Return grouped attempts' rate (by person), with bootstrap bounds over the groups."""
     groups = [np.asarray(found, dtype=np.float64) for found in hits.values() if len(found)]
     trials = sum(map(len, groups))
     if not trials:
@@ -76,7 +71,6 @@ def grouped_rate(hits: Mapping[int, Sequence[float]], guess: float, *, seed: int
 
 
 def choice_score(first: float, second: float) -> float:
-    """Return 1 if the first of two scores is larger, 0.5 for a tie, else 0."""
     if first == second:
         return 0.5
     return 1.0 if first > second else 0.0

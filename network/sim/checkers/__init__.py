@@ -1,6 +1,6 @@
-"""What must hold in every history. Each checker is one function in one file, from a history to the violations in it.
+"""Invariants of every history: each checker is a function from history to violations.
 
-`CHECKERS` names them. A checker knows only what is in the history, and never what the code under test meant.
+`CHECKERS` names them. A checker knows only the history, not the tested code's intent.
 """
 
 from __future__ import annotations

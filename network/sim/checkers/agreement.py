@@ -1,4 +1,4 @@
-"""No two blocks are final at one height, and no epoch has two schedules, in anybody's eyes, ever."""
+"""Checker: one final block per height and one schedule per epoch, everywhere."""
 
 from __future__ import annotations
 
@@ -7,10 +7,6 @@ from network.sim.history import Acknowledged, BlockFinalized, EpochBegan, Histor
 
 
 def check_agreement(history: History) -> list[Violation]:
-    """Compare every block that a node called final, held at a start, or told a client about, by height.
-
-    And every epoch that a node was in, by number: where it begins, and with which producers.
-    """
     epochs: dict[int, tuple[bytes, tuple[bytes, ...]]] = {}
     final: dict[int, bytes] = {}
     found: list[Violation] = []

@@ -1,4 +1,4 @@
-"""What clients ask for is theirs to ask for: it succeeds, or fails as it may."""
+"""Checker: clients' legitimate calls succeed, or fail only as permitted."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from network.sim.history import Acknowledged, History
 
 
 def check_calls_succeed(history: History) -> list[Violation]:
-    """Look at what clients were told of their calls, by honest nodes."""
     return [
         Violation("calls_succeed", told.at_ms, told.node, f"call {told.txid.hex()[:8]} failed with {told.code}")
         for told in history.of(Acknowledged)

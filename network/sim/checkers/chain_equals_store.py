@@ -1,6 +1,6 @@
-"""A custodian's store says what the chain says up to its checkpoint, no more and no less, and never runs ahead of it.
+"""Checker: a custodian's store equals the chain at its checkpoint, never ahead.
 
-In the end it holds every clip that a robot gave it or another honest custodian has.
+At the end it has every clip that a robot gave it or another honest custodian has.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ NOTHING_KEPT_RECORDS_COUNT = 9
 
 
 def check_chain_equals_store(history: History) -> list[Violation]:
-    """Check the checkpoint at every start, and in the final audits the content, alone and beside each other."""
     found: list[Violation] = []
     for item in history.observations:
         if item.node in history.byzantine:
@@ -28,7 +27,6 @@ def check_chain_equals_store(history: History) -> list[Violation]:
 
 
 def _not_fetched(audits: list[CustodyAudit]) -> list[Violation]:
-    """Return the clips that one custodian lacks and another has, at the same block."""
     return [
         Violation(
             "chain_equals_store",
@@ -44,7 +42,6 @@ def _not_fetched(audits: list[CustodyAudit]) -> list[Violation]:
 
 
 def _not_kept(history: History, audits: list[CustodyAudit]) -> list[Violation]:
-    """Return the clips that a custodian took and has not kept, unless it lost them with an old disk."""
     taken: dict[int, set[bytes]] = {}
     for item in history.observations:
         if isinstance(item, ClipTaken):

@@ -1,4 +1,4 @@
-"""No exception goes uncaught, no frames without end, no honest core halts, no start is refused without good reason."""
+"""Checker: no uncaught exceptions, endless frames, halted honest cores, unjustified start refusals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ EXPECTED_REFUSALS = frozenset({"JOURNAL_UNWRITABLE", "JOURNAL_OUTDATED"})
 
 
 def check_code_faults(history: History) -> list[Violation]:
-    """Return each fault that the stage noted, and each start that an honest node refused unexpectedly."""
     found = [Violation("code_faults", fault.at_ms, fault.node, fault.text) for fault in history.of(CodeFault)]
     found += [
         Violation("code_faults", refused.at_ms, refused.node, f"refused to start: {refused.code}")

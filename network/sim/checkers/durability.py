@@ -1,4 +1,4 @@
-"""Nothing that was safe, or that a client was told of, is ever lost, also after a power cut of all nodes."""
+"""Checker: nothing durable or acknowledged is lost, even after a total power cut."""
 
 from __future__ import annotations
 
@@ -7,10 +7,6 @@ from network.sim.history import Acknowledged, BlockFinalized, Ended, History, No
 
 
 def check_durability(history: History) -> list[Violation]:
-    """Check each node's ledger over its lives, each acknowledgement against it, and the end against both.
-
-    What a node told a client may arrive when an old disk was put back meanwhile: it counts what was safe when it spoke.
-    """
     found: list[Violation] = []
     stored: dict[int, int] = {}
     put_back: dict[int, tuple[float, int]] = {}

@@ -1,4 +1,4 @@
-"""After the same height all nodes have the same state, and clients read the same of it everywhere."""
+"""Checker: equal states at equal heights, and equal client reads."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from network.sim.history import BlockFinalized, ExecutionDiffered, History, Node
 
 
 def check_equal_state_roots(history: History) -> list[Violation]:
-    """Compare roots by height, and what clients read by root and key; count executions that came out differently."""
     roots: dict[int, bytes] = {}
     values: dict[tuple[bytes, bytes], bytes] = {}
     found = [Violation("equal_state_roots", item.at_ms, item.node, item.text) for item in history.of(ExecutionDiffered)]

@@ -1,4 +1,4 @@
-"""What the chain says is erased, or whose time is over, no custodian can open any more."""
+"""Checker: no custodian can open erased or expired records."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from network.sim.history import CustodyAudit, History
 
 
 def check_erased_means_erased(history: History) -> list[Violation]:
-    """Look at each final audit for clips that should be gone, and keys that open them."""
     found: list[Violation] = []
     for audit in history.of(CustodyAudit):
         if audit.node in history.byzantine:

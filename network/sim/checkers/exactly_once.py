@@ -1,4 +1,4 @@
-"""Every acknowledged transaction is in the chain once, where the client was told, and no transaction is there twice."""
+"""Checker: acknowledged transactions are on chain once, as reported; none twice."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from network.sim.history import Acknowledged, BlockFinalized, Ended, History
 
 
 def check_exactly_once(history: History) -> list[Violation]:
-    """Walk each node's stored chain; then hold what clients were told against it, and against itself."""
     found: list[Violation] = []
     places: dict[int, dict[bytes, int]] = {}
     told: dict[bytes, tuple[int, bytes]] = {}
@@ -32,7 +31,6 @@ def check_exactly_once(history: History) -> list[Violation]:
 
 
 def _lost(places: dict[int, dict[bytes, int]], told: dict[bytes, tuple[int, bytes]], ended: Ended) -> list[Violation]:
-    """Return the acknowledged transactions that some node's chain does not hold where it was said."""
     return [
         Violation(
             "exactly_once", ended.at_ms, node, f"acknowledged transaction {txid.hex()[:8]} is not in block {height}"

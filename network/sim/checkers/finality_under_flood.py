@@ -1,7 +1,7 @@
-"""While at most f nodes flood the others, and nothing else goes wrong, calls become final about as fast as in quiet.
+"""Checker: with at most f flooding nodes and no other fault, finality stays fast.
 
-Who is cut off for what he sends is as one who is down: no honest node hears his calls, and his rounds are given up. So a
-call counts from when an honest node was asked, and may wait for one lost round of each who was cut off.
+A flooder cut off counts as down. A call counts from reaching an honest node, and may wait one lost round per node cut
+off.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ LOST_ROUND_MS = ChainSettings().base_timeout_ms
 
 
 def check_finality_under_flood(history: History) -> list[Violation]:
-    """Compare how long calls took to become final that were made while nodes flooded with those made before."""
     floods = history.of(Flooded)
     if not floods:
         return []

@@ -1,4 +1,4 @@
-"""Once all is healed and at most f nodes are faulty, new blocks become final within a stated number of rounds."""
+"""Checker: after healing, with at most f faulty, blocks finalize within bounded rounds."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ ROUNDS_AT_LEAST = 12
 
 
 def rounds_allowed(faulty: int) -> int:
-    """Return within how many rounds after healing every honest node stores a new final block."""
+    """Return the rounds after healing for every honest node to store a new final block."""
     return ROUNDS_AT_LEAST + ROUNDS_PER_FAULTY * faulty
 
 
 def check_liveness(history: History) -> list[Violation]:
-    """Look for each honest node's first new block after the healing, and for the end that all of them reach."""
     found: list[Violation] = []
     for healed in history.of(Healed):
         allowed = rounds_allowed(len(history.byzantine))
@@ -38,7 +37,6 @@ def check_liveness(history: History) -> list[Violation]:
 
 
 def _rounds_between(history: History, healed: Healed, block: BlockFinalized) -> int:
-    """Return how many rounds lie between the healing and a block; what honest nodes said shows where epochs ended."""
     if block.epoch <= healed.epoch:
         return block.round - healed.round
     last = {healed.epoch: healed.round, block.epoch: block.round}

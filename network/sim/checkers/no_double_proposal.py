@@ -1,4 +1,4 @@
-"""An honest node proposes one block in a round, over all its lives."""
+"""Checker: an honest node proposes one block per round, over all its lives."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from network.sim.history import History, ProposalSent
 
 
 def check_no_double_proposal(history: History) -> list[Violation]:
-    """Compare all proposals that left their producer, by epoch and round. The same one may be sent again."""
     proposals: dict[tuple[int, int, int], bytes] = {}
     found: list[Violation] = []
     for item in history.of(ProposalSent):

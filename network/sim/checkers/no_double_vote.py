@@ -1,7 +1,7 @@
-"""An honest node votes once in a round, over all its lives, and casts no vote in a round that it gave up.
+"""Checker: an honest node votes once per round, never after its timeout.
 
-It gives a round up with one word. Only a node that was put back from a backup may have another one for a round that it
-gave up before: a certificate counts one timeout of each producer, and no rule rests on which (R40).
+A node restored from a backup may repeat a timeout differently: a certificate counts one per producer, and no rule
+depends on which (R40).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from network.sim.history import History, NodeRestored, TimeoutSent, VoteSent
 
 
 def check_no_double_vote(history: History) -> list[Violation]:
-    """Compare all votes and timeouts that left a node, by epoch and round. The same vote may be sent again."""
     votes: dict[tuple[int, int, int], bytes] = {}
     timeouts: dict[tuple[int, int, int], int] = {}
     restored: set[int] = set()

@@ -1,4 +1,4 @@
-"""An honest node's new words never speak of an earlier round than its last: it goes on where its journal ends (R13)."""
+"""Checker: an honest node's new messages never return to earlier rounds (R13)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from network.sim.history import History, ProposalSent, TimeoutSent, VoteSent
 
 
 def check_only_forward(history: History) -> list[Violation]:
-    """Look at all words that left a node, over its lives. What was said before may be said again."""
     said: set[tuple[str, int, int, int]] = set()
     last: dict[tuple[int, int], int] = {}
     found: list[Violation] = []

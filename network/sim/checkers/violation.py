@@ -1,4 +1,4 @@
-"""What a checker finds."""
+"""The violation type that all checkers return."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import msgspec
 
 
 class Violation(msgspec.Struct, frozen=True):
-    """A broken promise: which checker, when (ms), at which node (-1: of the whole), and what."""
+    """A violation: checker, time (ms), node (-1: whole network), detail."""
 
     checker: str
     at_ms: float

@@ -1,8 +1,6 @@
-"""What a simulated node's work takes of its one core, in microseconds of virtual time.
+"""CPU costs of a simulated node's one core, in virtual microseconds.
 
-The prices are those of `COSTS`; `blockrobot sim calibrate` measures the same on a real machine. Whatever is charged while
-an owner's code runs keeps its core busy: what is due meanwhile waits, and what it sends leaves when the work is done.
-They are kept apart from the prices by which a node budgets its own work: a wrong price there has to show here.
+Measured by `blockrobot sim calibrate`; kept apart from a node's own work prices.
 """
 
 from __future__ import annotations
@@ -22,12 +20,10 @@ SIGNATURES_MAX_COUNT = 65_536
 
 
 class Costs(NamedTuple):
-    """Microseconds of one core: each is what `blockrobot sim calibrate` calls by the same name.
+    """Microseconds of one core, named as in `blockrobot sim calibrate`.
 
-    `frame`: a frame cut out of the stream and handed on; `kib`: 1 KiB decrypted, encrypted or copied. `signature`: one
-    checked; `signing`: one made. `transaction`: one decoded, with the checks that take no elliptic curve. `execution`:
-    one executed; `block`: what a block takes besides. `request`: one answered, and `range_kib` 1 KiB of stored blocks
-    read for it. `call`: one HTTP request of a client.
+    `kib`: 1 KiB decrypted, encrypted or copied; `transaction`: decoded, without elliptic-curve checks; `block`: besides
+    executions; `range_kib`: 1 KiB of stored blocks read.
     """
 
     frame: float = 4.0
@@ -50,15 +46,13 @@ _loops: list[SimLoop] = []
 
 
 def charge(cost_us: float) -> None:
-    """Let the core of whoever runs be busy for so long. Free while no run charges, and for the stage."""
+    """Keep the running owner's core busy. Free outside charged runs and for the stage."""
     if _loops:
         _loops[-1].occupy(cost_us / 1_000_000 / CORE_SHARE)
 
 
 @contextmanager
 def charging(loop: SimLoop) -> Iterator[None]:
-    """Charge for what owners of this loop do, also for each key that a transaction's check recovers."""
-
     def recover_and_charge(tag: str, signature: bytes, *parts: bytes) -> bytes:
         charge(COSTS.signature)
         return recover(tag, signature, *parts)
@@ -73,14 +67,13 @@ def charging(loop: SimLoop) -> Iterator[None]:
 
 
 class NodeTransactions(TransactionCache):
-    """One node's cache: it pays for what it sees first, though another node of the process checked it already."""
+    """A node's transaction cache: it pays even where another node checked first."""
 
     def __init__(self, shared: TransactionCache) -> None:
         super().__init__()
         self._shared = shared
 
     def get(self, wire: bytes) -> Transaction | None:
-        """See `TransactionCache.get`. One that is not known has to be decoded."""
         known = super().get(wire)
         if known is None:
             charge(COSTS.transaction)
@@ -91,24 +84,21 @@ class NodeTransactions(TransactionCache):
         return known
 
     def verified(self, wire: bytes) -> Transaction:
-        """See `TransactionCache.verified`."""
         return self.get(wire) or super().verified(wire)
 
     def add(self, transaction: Transaction) -> None:
-        """See `TransactionCache.add`."""
         super().add(transaction)
         self._shared.add(transaction)
 
 
 class NodeCheck:
-    """One node's `SignatureCheck`: it pays for each signature once, though another node checked it already."""
+    """A node's `SignatureCheck`: it pays once for each signature."""
 
     def __init__(self, shared: SignatureCheck) -> None:
         self._shared = shared
         self._genuine: set[tuple[object, ...]] = set()
 
     def __call__(self, public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool:
-        """Return True for a genuine signature."""
         place = (public_key, tag, signature, parts)
         if place in self._genuine:
             return True

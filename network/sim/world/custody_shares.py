@@ -15,10 +15,9 @@ def _place(row: PartRow) -> PartPlace:
 
 
 class MemoryShares:
-    """See `ShareStore`; part of `MemoryCustodyStore`, which says when a write may happen."""
+    """In-memory `ShareStore`, part of `MemoryCustodyStore`."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         self._shares: dict[bytes, ShareRow] = {}
         self._parts: dict[tuple[bytes, bytes], PartRow] = {}
 
@@ -30,66 +29,54 @@ class MemoryShares:
         async def _begin_writing(self) -> None: ...
 
     async def put_share(self, share: ShareRow) -> None:
-        """See `ShareStore.put_share`."""
         await self._begin_writing()
         self._shares[share.grant_id] = share
 
     async def share(self, grant_id: bytes) -> ShareRow | None:
-        """See `ShareStore.share`."""
         self._require_open()
         return self._shares.get(grant_id)
 
     async def shares_over(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `ShareStore.shares_over`."""
         self._require_open()
         due = [share for share in self._shares.values() if share.until_ms <= at_ms]
         return [share.grant_id for share in sorted(due, key=lambda share: (share.until_ms, share.grant_id))][:limit]
 
     async def shares_of(self, owner: bytes) -> list[ShareRow]:
-        """See `ShareStore.shares_of`."""
         self._require_open()
         return [share for _, share in sorted(self._shares.items()) if share.owner == owner]
 
     async def missing_over(self, at_ms: int) -> list[bytes]:
-        """See `ShareStore.missing_over`."""
         self._require_open()
         over = [facts for facts in self._missing.values() if facts.expires_at_ms <= at_ms]
         return [facts.record_id for facts in sorted(over, key=lambda facts: (facts.expires_at_ms, facts.record_id))]
 
     async def forget_share(self, grant_id: bytes) -> None:
-        """See `ShareStore.forget_share`."""
         await self._begin_writing()
         self._shares.pop(grant_id, None)
 
     async def all_shares(self) -> AsyncIterator[ShareRow]:
-        """See `ShareStore.all_shares`."""
         self._require_open()
         for _, share in sorted(self._shares.items()):
             yield share
 
     async def put_part(self, row: PartRow) -> None:
-        """See `ShareStore.put_part`."""
         await self._begin_writing()
         self._parts[row.grant_id, row.record_id] = row
 
     async def part(self, grant_id: bytes, record_id: bytes) -> PartRow | None:
-        """See `ShareStore.part`."""
         self._require_open()
         return self._parts.get((grant_id, record_id))
 
     async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]:
-        """See `ShareStore.parts_of`."""
         self._require_open()
         return [_place(row) for _, row in sorted(self._parts.items()) if getattr(row, field) in keys]
 
     async def lapsed_parts(self, at_ms: int, limit: int) -> list[PartPlace]:
-        """See `ShareStore.lapsed_parts`."""
         self._require_open()
         due = [row for row in self._parts.values() if row.status == "staged" and row.valid_until_ms <= at_ms]
         return [_place(row) for row in sorted(due, key=lambda row: row.valid_until_ms)][:limit]
 
     async def confirm_parts(self, grant_id: bytes, record_ids: Sequence[bytes], height: int) -> None:
-        """See `ShareStore.confirm_parts`."""
         await self._begin_writing()
         for record_id in record_ids:
             row = self._parts.get((grant_id, record_id))
@@ -97,13 +84,11 @@ class MemoryShares:
                 self._parts[grant_id, record_id] = replace(row, status="confirmed", height=height)
 
     async def erase_parts(self, slots: Sequence[int]) -> None:
-        """See `ShareStore.erase_parts`."""
         await self._begin_writing()
         for key in [key for key, row in self._parts.items() if row.slot in slots]:
             del self._parts[key]
 
     async def all_parts(self) -> AsyncIterator[PartPlace]:
-        """See `ShareStore.all_parts`."""
         self._require_open()
         for _, row in sorted(self._parts.items()):
             yield _place(row)

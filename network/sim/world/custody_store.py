@@ -1,8 +1,4 @@
-"""A custodian's store and erase keys in memory, for the simulator.
-
-Both outlive the lives of their node. A write is one step, at once or after a short while (`pause`): a power cut in
-between loses it whole, as it loses a transaction that was not committed.
-"""
+"""In-memory custody store and erase keys for the simulator; writes are atomic."""
 
 from __future__ import annotations
 
@@ -40,7 +36,7 @@ async def no_pause() -> None:
 
 
 class MemoryCustodyStore(MemoryShares, MemoryUploads):
-    """See `node.custody.stores.custody_store.CustodyStore`. `pause` is awaited before each write."""
+    """In-memory `CustodyStore`; `pause` is awaited before each write."""
 
     def __init__(self, pause: Pause = no_pause) -> None:
         super().__init__()
@@ -57,14 +53,12 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
         self._checkpoint: Checkpoint | None = None
 
     async def __aenter__(self) -> Self:
-        """Open the store."""
         self._is_open = True
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the store: until it is opened again it answers nothing."""
         self._is_open = False
 
     def _require_open(self) -> None:
@@ -76,13 +70,11 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
         await self._pause()
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        """See `CustodyStore.stage`."""
         await self._begin_writing()
         self._clips[clip.record_id] = clip
         self._frames[clip.record_id] = {frame.index: frame for frame in frames}
 
     async def correct(self, facts: RecordFacts) -> None:
-        """See `CustodyStore.correct`."""
         await self._begin_writing()
         clip = self._clips.get(facts.record_id)
         if clip is not None and clip.status == "confirmed":
@@ -91,19 +83,16 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
             )
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-        """See `CustodyStore.replace_frames`; here it is one step."""
         await self._begin_writing()
         self._frames[record_id] = {frame.index: frame for frame in frames}
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
-        """See `CustodyStore.extend_staged`."""
         await self._begin_writing()
         clip = self._clips.get(record_id)
         if clip is not None and clip.status == "staged":
             self._clips[record_id] = replace(clip, txid=txid, valid_until_ms=valid_until_ms)
 
     async def apply(self, effects: BlockEffects) -> None:
-        """See `CustodyStore.apply`; here it is one step."""
         await self._begin_writing()
         for row in effects.outbox:
             self._outbox.setdefault(row.key, row)
@@ -134,28 +123,23 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
                 del self._missing[facts.record_id]
 
     async def checkpoint(self) -> Checkpoint | None:
-        """See `CustodyStore.checkpoint`."""
         self._require_open()
         return self._checkpoint
 
     async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
-        """See `CustodyStore.clips`."""
         self._require_open()
         return {record_id: self._clips[record_id] for record_id in record_ids if record_id in self._clips}
 
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
-        """See `CustodyStore.clips_of_owner`."""
         self._require_open()
         found = [clip for clip in self._clips.values() if clip.owner == owner and clip.status == "confirmed"]
         return sorted(found, key=lambda clip: clip.record_id)
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
-        """See `CustodyStore.frames`."""
         self._require_open()
         return [frame for _, frame in sorted(self._frames.get(record_id, {}).items())]
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
-        """See `CustodyStore.frame_places`."""
         self._require_open()
         return [
             FramePlace(record_id, index, frame.slot)
@@ -164,20 +148,17 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
         ]
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
-        """See `CustodyStore.erase_frames`."""
         await self._begin_writing()
         for index in indexes:
             self._frames.get(record_id, {}).pop(index, None)
 
     async def erase_clip(self, record_id: bytes) -> None:
-        """See `CustodyStore.erase_clip`."""
         await self._begin_writing()
         self._frames.pop(record_id, None)
         self._missing.pop(record_id, None)
         self._clips[record_id] = ClipRow(record_id, b"", 0, "erased", (), ())
 
     async def drop_staged(self, record_id: bytes) -> None:
-        """See `CustodyStore.drop_staged`."""
         await self._begin_writing()
         clip = self._clips.get(record_id)
         if clip is not None and clip.status == "staged":
@@ -188,109 +169,90 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
         """There is no file that could hold deleted rows."""
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `CustodyStore.lapsed`."""
         self._require_open()
         due = [clip for clip in self._clips.values() if clip.status == "staged" and clip.valid_until_ms <= at_ms]
         return [clip.record_id for clip in sorted(due, key=lambda clip: (clip.valid_until_ms, clip.record_id))][:limit]
 
     async def expired(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `CustodyStore.expired`."""
         self._require_open()
         due = [clip for clip in self._clips.values() if clip.status == "confirmed" and clip.expires_at_ms <= at_ms]
         return [clip.record_id for clip in sorted(due, key=lambda clip: (clip.expires_at_ms, clip.record_id))][:limit]
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        """See `CustodyStore.missing`."""
         self._require_open()
         return sorted(self._missing.values(), key=lambda facts: (-facts.height, facts.record_id))[:limit]
 
     async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
-        """See `CustodyStore.missing_clip`."""
         self._require_open()
         return self._missing.get(record_id)
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
-        """See `CustodyStore.missing_of_owner`."""
         self._require_open()
         found = [facts for facts in self._missing.values() if facts.owner == owner]
         return sorted(found, key=lambda facts: facts.record_id)
 
     async def grant(self, access_id: bytes) -> Grant | None:
-        """See `CustodyStore.grant`."""
         self._require_open()
         return self._grants.get(access_id)
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
-        """See `CustodyStore.grants_of_owner`."""
         self._require_open()
         found = [grant for grant in self._grants.values() if grant.owner == owner]
         return sorted(found, key=lambda grant: grant.access_id)
 
     async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
-        """See `CustodyStore.standings`."""
         self._require_open()
         asked = self._standings if owners is None else owners
         return {owner: self._standings[owner] for owner in asked if owner in self._standings}
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
-        """See `CustodyStore.put_background`."""
         await self._begin_writing()
         self._backgrounds[digest] = content
 
     async def background(self, digest: bytes) -> bytes | None:
-        """See `CustodyStore.background`."""
         self._require_open()
         return self._backgrounds.get(digest)
 
     async def background_digests(self) -> list[bytes]:
-        """See `CustodyStore.background_digests`."""
         self._require_open()
         return sorted(self._backgrounds)
 
     async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
-        """See `CustodyStore.delete_backgrounds`."""
         await self._begin_writing()
         for digest in digests:
             self._backgrounds.pop(digest, None)
 
     async def add_outbox(self, row: OutboxRow) -> None:
-        """See `ReceiptOutbox.add_outbox`."""
         await self._begin_writing()
         self._outbox.setdefault(row.key, row)
 
     async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
-        """See `ReceiptOutbox.mark_outbox_ready`."""
         await self._begin_writing()
         if key in self._outbox:
             self._outbox[key] = replace(self._outbox[key], status="ready", plan=b"")
 
     async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
-        """See `ReceiptOutbox.remove_outbox`."""
         await self._begin_writing()
         self._outbox.pop(key, None)
 
     async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
-        """See `ReceiptOutbox.outbox`."""
         self._require_open()
         rows = [row for row in self._outbox.values() if (row.status, row.contract) == (status, contract)]
         return sorted(rows, key=lambda row: (row.height, *row.key))[:limit]
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
-        """See `ReceiptOutbox.outbox_of`."""
         self._require_open()
         rows = [row for row in self._outbox.values() if (row.kind, row.subject) == (kind, subject)]
         return sorted(rows, key=lambda row: row.part)
 
     def image(self) -> dict[str, Any]:
-        """Return a copy of everything, as a backup takes it."""
         return {name: copy.deepcopy(value) for name, value in vars(self).items() if name != "_pause"}
 
     def restore(self, image: dict[str, Any]) -> None:
-        """Put a backup in the place of everything. Only while the node is down."""
+        """Replace everything by a backup. Only while the node is down."""
         vars(self).update(image)
 
     def holdings(self) -> Holdings:
-        """Return what the store holds now, for an audit."""
         by_status: dict[str, list[bytes]] = {"staged": [], "confirmed": [], "erased": []}
         for record_id, clip in self._clips.items():
             by_status[clip.status].append(record_id)
@@ -305,26 +267,22 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
         )
 
     async def all_clips(self) -> AsyncIterator[ClipRow]:
-        """See `CustodyStore.all_clips`."""
         self._require_open()
         for _, clip in sorted(self._clips.items()):
             yield clip
 
     async def slots_in_use(self) -> AsyncIterator[int]:
-        """See `CustodyStore.slots_in_use`."""
         self._require_open()
         slots = [frame.slot for frames in self._frames.values() for frame in frames.values()]
         for slot in sorted([*slots, *(row.slot for row in self._parts.values())]):
             yield slot
 
     async def records_with_frames(self) -> AsyncIterator[bytes]:
-        """See `CustodyStore.records_with_frames`."""
         self._require_open()
         for record_id in sorted(record_id for record_id, frames in self._frames.items() if frames):
             yield record_id
 
     async def counts(self) -> StoreCounts:
-        """See `CustodyStore.counts`."""
         self._require_open()
         clips = [clip.status for clip in self._clips.values()]
         owed = [row.status for row in self._outbox.values()]
@@ -342,14 +300,13 @@ class MemoryCustodyStore(MemoryShares, MemoryUploads):
         )
 
     async def leftovers(self) -> Leftovers:
-        """See `CustodyStore.leftovers`; there are no files."""
         self._require_open()
         return Leftovers(0, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Holdings:
-    """What a store holds at one moment: record ids and access ids, and the slots of each record's frames."""
+    """What a store holds at one moment: record ids, access ids, frame slots."""
 
     checkpoint: Checkpoint | None
     confirmed: list[bytes]
@@ -359,12 +316,11 @@ class Holdings:
     slots: dict[bytes, list[int]]
 
     def slots_of(self, record_ids: Iterable[bytes]) -> list[int]:
-        """Return the slots that frames of these records still name."""
         return [slot for record_id in sorted(record_ids) for slot in self.slots.get(record_id, [])]
 
 
 class MemoryEraseKeys:
-    """See `node.custody.erase_keys.ErasableKeys`. Keys come from the dice: no secret of anybody depends on them."""
+    """In-memory `ErasableKeys`; keys come from the seeded dice."""
 
     def __init__(self, dice: random.Random) -> None:
         self._dice = dice
@@ -373,29 +329,25 @@ class MemoryEraseKeys:
         self._next_slot = 0
 
     def allocate(self, count: int) -> list[tuple[int, bytes]]:
-        """Return new slots with keys; a slot is never given out again."""
+        """Return new slots with keys; slots are never reused."""
         taken = [(self._next_slot + offset, self._dice.randbytes(ERASE_KEY_BYTES)) for offset in range(count)]
         self._next_slot += count
         self._keys.update((slot, bytes(bytearray(key))) for slot, key in taken)  # the caller wipes its own
         return taken
 
     def read(self, slot: int) -> bytes | None:
-        """Return the key in a slot, or None."""
         key = self._keys.get(slot)
         return None if key is None else bytes(bytearray(key))
 
     def destroy(self, slots: Sequence[int]) -> None:
-        """Destroy keys for good."""
         for slot in slots:
             if self._keys.pop(slot, None) is not None:
                 self._destroyed.add(slot)
 
     def release(self, slots: Sequence[int]) -> None:
-        """Forget destroyed slots."""
         self._destroyed.difference_update(slots)
 
     def reconcile(self, in_use: Iterable[int]) -> int:
-        """Destroy what nothing refers to; return how many."""
         kept = set(in_use)
         orphans = sorted(slot for slot in (*self._keys, *self._destroyed) if slot not in kept)
         self.destroy(orphans)
@@ -404,14 +356,11 @@ class MemoryEraseKeys:
 
     @property
     def held(self) -> list[int]:
-        """The slots that hold a key, sorted."""
         return sorted(self._keys)
 
     def check_destroyed(self) -> int:
-        """See `ErasableKeys.check_destroyed`: a key that is gone leaves nothing."""
         return 0
 
     @property
     def capacity_count(self) -> int:
-        """How many slots were ever given out."""
         return self._next_slot

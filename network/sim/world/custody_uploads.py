@@ -1,4 +1,4 @@
-"""The account of uploads in the simulator's custody store."""
+"""Upload accounting in the simulator's custody store."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from node.custody.uploads import USAGE_KEPT_DAYS, DayUse, Use
 
 
 class MemoryUploads:
-    """See `UploadAccount`; part of `MemoryCustodyStore`, which says when a write may happen."""
+    """In-memory `UploadAccount`, part of `MemoryCustodyStore`."""
 
     if TYPE_CHECKING:  # the store's own
         _clips: dict[bytes, ClipRow]
@@ -20,7 +20,6 @@ class MemoryUploads:
         async def _begin_writing(self) -> None: ...
 
     async def use_by_robot(self, status: str) -> dict[bytes, Use]:
-        """See `UploadAccount.use_by_robot`."""
         self._require_open()
         used: dict[bytes, Use] = {}
         for clip in self._clips.values():
@@ -29,7 +28,6 @@ class MemoryUploads:
         return used
 
     async def add_use(self, use: DayUse) -> None:
-        """See `UploadAccount.add_use`."""
         await self._begin_writing()
         place = (use.day, use.robot)
         self._day_uses[place] = self._day_uses.get(place, 0) + use.size_bytes
@@ -37,6 +35,5 @@ class MemoryUploads:
             del self._day_uses[old]
 
     async def day_uses(self) -> list[DayUse]:
-        """See `UploadAccount.day_uses`."""
         self._require_open()
         return [DayUse(*place, size_bytes) for place, size_bytes in sorted(self._day_uses.items())]

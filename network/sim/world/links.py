@@ -1,8 +1,4 @@
-"""The links between simulated nodes and what goes wrong on them.
-
-`Wires` holds the state of all links and carries frames; a `SimNetwork` is one node's end of them, as the assembly
-knows it. A connection is a fact between two lives: it ends when one of them does, and is made anew by a greeting.
-"""
+"""Links between simulated nodes, and their faults."""
 
 from __future__ import annotations
 
@@ -27,7 +23,7 @@ KIB = 1024
 
 @dataclass(slots=True)
 class LinkQuality:
-    """How frames travel: delays in ms, and the shares (0 to 1) that are lost, doubled, or held back for long."""
+    """How frames travel: delays in ms; shares (0 to 1) lost, duplicated or delayed."""
 
     delay_min_ms: float = 0.5
     delay_max_ms: float = 5.0
@@ -41,12 +37,7 @@ GOOD = LinkQuality()
 
 
 class Wires:
-    """All links of a network. `on_frame(sender, receiver, kind, payload)` is told of each arrival.
-
-    `on_cut_off(name, peer, code)` is told of each peer that a node does not hear for a while.
-
-    Nodes that answer each other without end would keep a run from ending: from such a `storm` on nothing is carried.
-    """
+    """All links; after a `storm` (endless mutual answers) nothing is carried."""
 
     def __init__(
         self,
@@ -68,7 +59,7 @@ class Wires:
         self.on_cut_off = on_cut_off
 
     def transmit(self, sender: str, receiver: str, deliver: Callable[[], None]) -> None:
-        """Let something travel; it is lost, doubled or late as the links are. Runs in the receiver's name."""
+        """Deliver something with the links' loss, duplication and delay, as the receiver."""
         if (sender, receiver) in self.cut:
             return
         quality, dice = self.quality, self.dice
@@ -92,10 +83,7 @@ class Wires:
         payload: bytes,
         then: Callable[[], None] | None = None,
     ) -> None:
-        """Carry a frame to a peer, if the connection that it was sent on still stands when it comes.
-
-        `then` is called there once the frame was handled.
-        """
+        """Carry a frame to a peer if its connection stands on arrival."""
         life = source.lives.get(target_name)
         if life is None or (then is None and self._is_storm()):  # a flood's own frames are no storm
             return
@@ -123,7 +111,7 @@ class Wires:
         body: bytes,
         then: Callable[[], None] | None = None,
     ) -> None:
-        """Carry a request to a peer, if it still lives when it comes. `then` is called there once it was answered."""
+        """Carry a request to a peer that still lives on arrival; `then` follows its answer."""
         life = source.lives.get(target_name)
 
         def deliver() -> None:
@@ -146,14 +134,12 @@ class Wires:
     # Connections
 
     def attach(self, end: SimNetwork) -> None:
-        """A node came up: it and every other node that is up greet each other soon."""
         self.ends[end.name] = end
         for name in list(self.ends):
             if name != end.name:
                 self._dial(end.name, name)
 
     def detach(self, name: str) -> None:
-        """A node went down: its peers notice soon."""
         gone = self.ends.pop(name, None)
         if gone is None:
             return
@@ -163,14 +149,12 @@ class Wires:
                 self.loop.call_for(peer.owner, self.loop.time() + delay_ms / 1000, peer.lose, name, gone.owner)
 
     def reconnect_all(self) -> None:
-        """End every connection and dial anew, as after broken links: both ends greet each other again."""
         names = sorted(self.ends)
         for number, first in enumerate(names):
             for second in names[number + 1 :]:
                 self.break_connection(first, second)
 
     def break_connection(self, first: str, second: str) -> None:
-        """End one connection on both sides; it is dialled again. Who is busy or paused hears of it later."""
         for name, peer in ((first, second), (second, first)):
             end = self.ends.get(name)
             if end is not None and end.lives.pop(peer, None) is not None:
@@ -182,7 +166,6 @@ class Wires:
         self.loop.call_for(self.loop.stage, self.loop.time() + delay_ms / 1000, self._greet, first, second)
 
     def _greet(self, first: str, second: str) -> None:
-        """Both ends learn of each other at once, unless the link is cut or one end does not hear the other yet."""
         one, other = self.ends.get(first), self.ends.get(second)
         if one is None or other is None or one.lives.get(second) is other.owner:
             return
@@ -200,7 +183,7 @@ class Wires:
 
 
 class SimNetwork:
-    """One node's links, for one life of it (see `node.p2p.peers.Network`)."""
+    """One node's links during one of its lives (see `node.p2p.peers.Network`)."""
 
     def __init__(self, wires: Wires, owner: Owner, name: str, handler: PeerHandler) -> None:
         self.wires = wires
@@ -217,24 +200,19 @@ class SimNetwork:
 
     @property
     def connected(self) -> list[str]:
-        """The names of the connected peers, sorted."""
         return sorted(self._greeted)
 
     async def start(self) -> None:
-        """Let peers come, and go to them."""
         self.wires.attach(self)
 
     async def stop(self) -> None:
-        """Let go of all links."""
         self.wires.detach(self.name)
 
     def broadcast(self, kind: FrameKind, payload: bytes) -> None:
-        """Send one payload to all connected peers."""
         for peer in sorted(self._greeted):
             self.send(peer, kind, payload)
 
     def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
-        """Send to one peer; tell whether it is connected."""
         if peer not in self._greeted or not self.owner.alive:
             return False
         encode_frame(kind, payload)  # the size limit of the kind holds here too
@@ -244,7 +222,7 @@ class SimNetwork:
         return True
 
     async def request(self, peer: str, kind: RequestKind, body: bytes, timeout_ms: int = REQUEST_TIMEOUT_MS) -> bytes:
-        """Ask one peer. Raises PEER_UNAVAILABLE if it is not there, refuses or does not answer in time."""
+        """Ask one peer. Raises PEER_UNAVAILABLE if absent, refusing or late."""
         if peer not in self._greeted:
             raise BlockRobotError("PEER_UNAVAILABLE", f"{peer} is not connected.")
         self._next_request = number = self._next_request + 1
@@ -262,36 +240,31 @@ class SimNetwork:
     # What the wires bring
 
     def greet(self, peer: str, life: Owner, height: int) -> None:
-        """A peer is connected."""
         if self.lives.get(peer) is life:
             self._greeted.add(peer)
             self.handler.peer_connected(peer, height)
 
     def lose(self, peer: str, life: Owner) -> None:
-        """A peer is gone, unless it is here again in another life."""
         if self.lives.get(peer) is life:
             del self.lives[peer]
             self.note_lost(peer)
 
     def note_lost(self, peer: str) -> None:
-        """The connection to a peer is over: tell the node, if it was told of the peer."""
         if peer in self._greeted:
             self._greeted.discard(peer)
             self.handler.peer_disconnected(peer)
 
     def cut_off(self, peer: str, error: BlockRobotError) -> None:
-        """End the connection to a peer that sent what no honest node sends, for a while that grows each time."""
         if peer in self._greeted:
             self._penalties.punish(peer, error)
             self.wires.on_cut_off(self.name, peer, error.code)
             self.wires.break_connection(self.name, peer)
 
     def unheard_until_ms(self, peer: str) -> int:
-        """Return until when a peer that was cut off is not heard (0 for one that never was)."""
+        """Return until when a cut-off peer is ignored (0: never cut off)."""
         return self._penalties.until_ms(peer)
 
     def receive(self, peer: str, kind: FrameKind, payload: bytes) -> None:
-        """Hand a frame to the node; a malformed one has the peer cut off."""
         if peer not in self._greeted:
             return
         charge(COSTS.frame + COSTS.kib * len(payload) / KIB)
@@ -303,8 +276,6 @@ class SimNetwork:
     def serve(
         self, source: SimNetwork, number: int, kind: RequestKind, body: bytes, then: Callable[[], None] | None = None
     ) -> None:
-        """Answer a peer's request in a task of this node."""
-
         async def answer() -> None:
             charge(COSTS.request)
             serving = self._serving[source.name] = self._serving.get(source.name, 0) + 1
@@ -328,7 +299,6 @@ class SimNetwork:
         self.wires.loop.call_soon_for(source.owner, source.take_answer, number, data)
 
     def take_answer(self, number: int, data: bytes | None) -> None:
-        """An answer came, perhaps twice or too late."""
         future = self._requests.get(number)
         if future is None or future.done():
             return

@@ -1,4 +1,4 @@
-"""The chain that all simulated networks of one size run: keys, genesis and machine, made once in a process."""
+"""Keys, genesis and machine shared by all simulated networks of one size."""
 
 from __future__ import annotations
 
@@ -28,28 +28,24 @@ _ORGANISATIONS = ("hospital", "university")
 
 
 def make_key(name: str) -> PrivateKey:
-    """Return the key of this name."""
     return PrivateKey(sha256(b"simulated " + name.encode()))
 
 
 def node_name(index: int) -> str:
-    """Return the name of a node."""
     return f"node-{index + 1}"
 
 
 def is_custodian(index: int, nodes: int) -> bool:
-    """Tell whether a node keeps off-chain data: the first of each organisation does."""
     return index < min(ORGANISATIONS_COUNT, nodes)
 
 
 class SharedCheck:
-    """Checks each signature once for all nodes of the process, and remembers forged ones too: liars repeat themselves."""
+    """Checks each signature once per process; remembers forged ones too."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[object, ...], bool] = {}
 
     def __call__(self, public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool:
-        """Return True for a genuine signature."""
         place = (public_key, tag, signature, parts)
         known = self._known.get(place)
         if known is None:
@@ -58,7 +54,6 @@ class SharedCheck:
         return known
 
     def note_signed(self, public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> None:
-        """Remember a signature that was made in this process with the key itself."""
         self._remember((public_key, tag, signature, parts), genuine=True)
 
     def _remember(self, place: tuple[object, ...], *, genuine: bool) -> None:
@@ -68,7 +63,7 @@ class SharedCheck:
 
 
 class TrustedKey(PrivateKey):
-    """A node's key. What it signed here was signed with it: nobody in this process need check that again."""
+    """A node's key; its signatures are remembered as genuine."""
 
     __slots__ = ("_check",)
 
@@ -77,7 +72,6 @@ class TrustedKey(PrivateKey):
         self._check = check
 
     def sign_compact(self, tag: str, *parts: bytes) -> bytes:
-        """See `PrivateKey.sign_compact`."""
         charge(COSTS.signing)
         signature = super().sign_compact(tag, *parts)
         self._check.note_signed(self.public_key, tag, signature, *parts)
@@ -86,7 +80,7 @@ class TrustedKey(PrivateKey):
 
 @dataclass(frozen=True)
 class Chain:
-    """What all networks of one size share. Caches answer for bytes they have seen whole, so they change no history."""
+    """What networks of one size share; its caches change no history."""
 
     genesis: Genesis
     first_block: FinalizedBlock
@@ -100,7 +94,7 @@ class Chain:
 
 
 def make_node_entry(index: int, key: PrivateKey, custodian: PrivateKey | None = None) -> NodeEntry:
-    """Return the entry of a producing node, as genesis or governance has it. Organisations take turns."""
+    """Return a producing node's genesis or governance entry; organisations alternate."""
     return NodeEntry(
         name=node_name(index),
         organisation=_ORGANISATIONS[index % ORGANISATIONS_COUNT],
@@ -115,7 +109,6 @@ def make_node_entry(index: int, key: PrivateKey, custodian: PrivateKey | None = 
 
 @cache
 def make_chain(size: NetworkSize) -> Chain:
-    """Return the chain of a network of this size; genesis names only those that produce from the beginning."""
     nodes = size.nodes
     check = SharedCheck()
     producers = tuple(TrustedKey(make_key(f"producer {index}").secret, check) for index in range(nodes))

@@ -1,7 +1,4 @@
-"""Clients of a simulated network: they submit signed calls, wait, try elsewhere, and remember what they were told.
-
-A client knows only what nodes answer.
-"""
+"""Simulated clients: submit signed calls, wait, retry elsewhere, and remember the answers."""
 
 from __future__ import annotations
 
@@ -32,7 +29,7 @@ READ_KEY = records.ANNOUNCEMENT_COUNT.flat
 
 
 def decisions_of(size: NetworkSize, governance: str) -> Iterator[tuple[Call, ...]]:
-    """Yield what the organisations decide, without end: some decisions end an epoch, or two."""
+    """Yield governance batches endlessly; some end an epoch, or two."""
     decide = {
         "settings": setting_change,
         "producers": producer_turnover,
@@ -44,7 +41,6 @@ def decisions_of(size: NetworkSize, governance: str) -> Iterator[tuple[Call, ...
 
 
 def batches_of(size: NetworkSize, client: int) -> Iterator[tuple[Call, ...]]:
-    """Yield the work of a robot and its owners without end."""
     yield (enrolment(size, client),)
     number = 0
     while True:
@@ -53,7 +49,7 @@ def batches_of(size: NetworkSize, client: int) -> Iterator[tuple[Call, ...]]:
 
 
 class SimClient:
-    """Does its batches one after another, with a gap between them, until it is told to stop."""
+    """Runs its batches one after another, with gaps, until stopped."""
 
     def __init__(
         self,
@@ -71,11 +67,9 @@ class SimClient:
 
     @property
     def is_idle(self) -> bool:
-        """Tell whether everything that was asked for is answered."""
         return not self._open
 
     def start(self) -> None:
-        """Begin with the first batch."""
         self._next()
 
     def _later(self, delay_ms: float, action: Callable[[], None]) -> None:
@@ -90,7 +84,6 @@ class SimClient:
             self._begin(next(self._batches))
 
     def _begin(self, batch: tuple[Call, ...]) -> None:
-        """Make the calls of a batch, once as many producers have seats as it takes."""
         if self.is_stopping:
             return
         if self._seats() < max(call.seats for call in batch):
@@ -103,7 +96,6 @@ class SimClient:
             self._try(call)
 
     def _seats(self) -> int:
-        """Return how many producers the newest epoch has that a node in service knows."""
         epochs = [node.parts.engine.epoch for node in self.nodes if node.is_serving and node.parts is not None]
         return len(max(epochs, key=lambda start: start.number).epoch.producers) if epochs else 0
 
@@ -112,7 +104,6 @@ class SimClient:
         return self.dice.choice(serving) if serving else None
 
     def _upload(self, call: Call) -> None:
-        """Give the clip to some custodians; the others fetch it from those."""
         for node in self.nodes:
             if node.custody_key is not None and self.dice.random() < UPLOAD_SHARE:
                 self._travel(lambda node=node: self._stage(node, call))  # type: ignore[misc]
@@ -135,7 +126,6 @@ class SimClient:
         self.cluster.run_on(node.owner, stage)
 
     def _try(self, call: Call) -> None:
-        """Ask one node; look again after a while whether any answered."""
         if call.transaction.txid not in self._open:
             return
         node = self._choose()
@@ -187,7 +177,6 @@ class SimClient:
         cluster.run_on(node.owner, submit)
 
     def _hear(self, node: SimNode, told: Acknowledged) -> None:
-        """A node said that a call is final."""
         self.cluster.history.add(told)
         if self._open.pop(told.txid, None) is not None:
             self.acknowledged_count += 1

@@ -1,7 +1,4 @@
-"""A whole simulated network on one loop: nodes, links, clients, and the faults of a plan.
-
-`SimCluster.run` plays a plan to its end and leaves a history for the checkers.
-"""
+"""A whole simulated network on one loop: nodes, links, clients, and a plan's faults."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ STORE_SYNC_MS = 4.0
 
 
 class SimCluster(SimWorld):
-    """The world with its nodes and clients. One object plays one plan once."""
+    """The world with its nodes and clients; one object plays one plan once."""
 
     def __init__(self, plan: Plan, history: History) -> None:
         super().__init__(plan, history)
@@ -56,11 +53,9 @@ class SimCluster(SimWorld):
 
     @property
     def honest(self) -> list[SimNode]:
-        """The nodes without a behaviour of their own."""
         return [node for node in self.nodes if not node.behaviour]
 
     def run(self) -> None:
-        """Play the plan to its end."""
         with charging(self.loop) if self.plan.cpu else nullcontext():
             self._play()
 
@@ -103,7 +98,6 @@ class SimCluster(SimWorld):
         return min(node.ledger_height for node in self.honest)
 
     def _is_settled(self) -> bool:
-        """Tell whether nothing is left to do: all is answered, all nodes have all blocks, all custodians all clips."""
         if not all(client.is_idle for client in self.clients):
             return False
         heights = {node.ledger_height for node in self.honest}
@@ -119,7 +113,6 @@ class SimCluster(SimWorld):
         )
 
     def _clips_to_fetch(self) -> set[bytes]:
-        """Return the records whose clip one honest custodian lacks and another has."""
         held = [node.store.holdings() for node in self.honest if node.custody_key is not None]
         lacking = {record_id for each in held for record_id in each.missing}
         return lacking & {record_id for each in held for record_id in each.confirmed}
@@ -149,7 +142,6 @@ class SimCluster(SimWorld):
                 self._begin_at(node, fault)
 
     def _begin_at(self, node: SimNode, fault: Fault) -> None:
-        """Begin a fault of one node."""
         match fault.kind:
             case "crash":
                 back = lambda: self._after(fault.for_ms, node.start)  # noqa: E731
@@ -179,19 +171,16 @@ class SimCluster(SimWorld):
                 self._after(fault.for_ms, lambda: self._free_disk(node))
 
     def _give_up(self, node: SimNode, life: Owner, back: Callable[[], None]) -> None:
-        """An armed crash that nothing set off happens anyway."""
         if node.owner is life and node.is_up:
             node.crash("crash")
             back()
 
     def _put_back(self, node: SimNode, backup: Backup, fault: Fault) -> None:
-        """A node dies, a backup is put back, and it starts again."""
         node.crash("old-disk")
         node.restore(backup, whole=fault.point == "machine")
         self._after(fault.for_ms, node.start)
 
     def _free_disk(self, node: SimNode) -> None:
-        """There is room again: the node goes on by itself; one that did not even start is started."""
         node.disk.is_full = node.ledger.is_full = False
         if not node.is_up and not self.is_healed:
             self._after(1, node.start)
@@ -226,7 +215,6 @@ class SimCluster(SimWorld):
         self.wires.cut = cut
 
     def heal(self) -> None:
-        """End every fault: links are good, disks have room, every honest node runs and can write."""
         self.is_healed = True
         self._partitions, self._one_way = [], []
         self._refresh_cuts()
@@ -250,10 +238,7 @@ class SimCluster(SimWorld):
 
 @contextmanager
 def quiet_logs() -> Iterator[list[str]]:
-    """Let the nodes' logs go nowhere for a while: a run makes thousands of lines.
-
-    Yields a list of the exceptions in them: what code logs with its traceback, it did not foresee.
-    """
+    """Silence the nodes' logs; yields the list of logged exceptions."""
     before, logged = structlog.get_config(), list[str]()
 
     def drop(_logger: Any, _method: str, event: Any) -> Any:

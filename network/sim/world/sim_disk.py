@@ -1,8 +1,6 @@
-"""The disk of one simulated node: what was synced stays, what was not may be lost or torn.
+"""A simulated node's disk, on which unsynced data may be lost or torn.
 
-It keeps the promises of `journal_disk.Disk` and no more: bytes are safe after the file's `sync`, names after their
-directory's. A power cut keeps of the rest what the dice say: a prefix of the unsynced bytes, the last of them perhaps
-garbled, and either all unsynced names or none.
+A power cut keeps a random prefix of unsynced bytes, and all unsynced names or none.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ GARBLED_MAX_BYTES = 16
 
 
 class _Content:
-    """A file's bytes, and how many of them are on the medium."""
+    """A file's bytes, and how many are durable."""
 
     __slots__ = ("data", "durable", "was_cut")
 
@@ -27,10 +25,9 @@ class _Content:
 
 
 class SimDisk:
-    """See `journal_disk.Disk`. `before_sync` and `after_sync` are called around each sync of a file, to cut the power.
+    """See `journal_disk.Disk`; `tears`: unsynced bytes a power cut takes.
 
-    `tears` says what the next power cut takes of unsynced bytes: `all`, a `part`, or as the `dice` say. `sync_ms` is
-    how long a sync takes; `is_full` makes every write fail with ENOSPC.
+    `sync_ms`: a sync's duration; `is_full`: writes fail with ENOSPC.
     """
 
     def __init__(self, dice: random.Random) -> None:
@@ -48,11 +45,9 @@ class SimDisk:
     # node.consensus.journal_disk.Disk
 
     def exists(self, path: Path) -> bool:
-        """Tell whether there is a file under this path."""
         return path in self._names
 
     def open(self, path: Path, *, create: bool) -> SimFile:
-        """Open a file; with `create` a new, empty one."""
         if create:
             self.require_room()
             self._names[path] = _Content()
@@ -61,17 +56,16 @@ class SimDisk:
         return SimFile(self, self._names[path])
 
     def replace(self, source: Path, target: Path) -> None:
-        """Let `target` name the file that `source` named; durable with the directory."""
+        """Rename a file; durable with its directory."""
         self._names[target] = self._names.pop(source)
 
     def remove(self, path: Path) -> None:
-        """Remove a file; durable with the directory."""
+        """Remove a file; durable with its directory."""
         if path not in self._names:
             raise FileNotFoundError(path)
         del self._names[path]
 
     def sync_directory(self, directory: Path) -> None:
-        """Make the names in a directory durable."""
         kept = {path: content for path, content in self._durable_names.items() if path.parent != directory}
         self._durable_names = kept | {
             path: content for path, content in self._names.items() if path.parent == directory
@@ -80,12 +74,10 @@ class SimDisk:
     # What happens to disks
 
     def require_room(self) -> None:
-        """Raise OSError if the disk is full."""
         if self.is_full:
             raise OSError(errno.ENOSPC, "No space left on device")
 
     def sync(self, content: _Content) -> None:
-        """Bring a file's bytes to the medium, unless the power goes before."""
         self.before_sync()
         if content.was_cut:
             content.durable, content.was_cut = content.data.copy(), False
@@ -96,7 +88,6 @@ class SimDisk:
         self.after_sync()
 
     def cut_power(self) -> None:
-        """Lose what was not synced, or a part of it, as the dice say."""
         names = self._durable_names if self.dice.random() < 0.5 else self._names
         for content in names.values():
             unsynced = b"" if content.was_cut else bytes(content.data[len(content.durable) :])
@@ -116,11 +107,9 @@ class SimDisk:
         return self.dice.randint(min(1, size), size) if self.tears == "part" else self.dice.randint(0, size)
 
     def image(self) -> dict[Path, bytes]:
-        """Return a copy of all files, as a backup takes it."""
         return {path: bytes(content.durable) for path, content in self._names.items()}
 
     def restore(self, image: dict[Path, bytes]) -> None:
-        """Put a backup in the place of everything, durably. Only while the node is down."""
         self._names = {path: _Content(data) for path, data in image.items()}
         self._durable_names = dict(self._names)
 
@@ -133,23 +122,19 @@ class SimFile:
         self._content = content
 
     def read_all(self) -> bytes:
-        """Return the whole content."""
         return bytes(self._content.data)
 
     def append(self, data: bytes) -> None:
-        """Write at the end; a full disk takes a part of it at most."""
         if self._disk.is_full:
             self._content.data += data[: self._disk.dice.randint(0, max(0, len(data) - 1))]
         self._disk.require_room()
         self._content.data += data
 
     def truncate(self, size_bytes: int) -> None:
-        """Cut the file."""
         del self._content.data[size_bytes:]
         self._content.was_cut = True
 
     def sync(self) -> None:
-        """Make the content durable. Raises OSError on a full disk."""
         self._disk.require_room()
         self._disk.sync(self._content)
 

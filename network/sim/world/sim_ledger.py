@@ -1,7 +1,4 @@
-"""A node's ledger in the simulator: in memory, slow to sync, and short of what was not synced when the power went.
-
-One that was under way when the power went is kept or lost, as dice say.
-"""
+"""In-memory ledger for the simulator, with slow syncs and lossy power cuts."""
 
 from __future__ import annotations
 
@@ -22,20 +19,16 @@ CommitListener = Callable[[Sequence[FinalizedBlock]], None]
 
 
 class SimSnapshot(MemorySnapshot):
-    """A ledger that one pays to read blocks from, in whichever thread a real node does it."""
+    """A snapshot whose block reads are charged to the node."""
 
     def iter_blocks(self, from_height: int, limit: int) -> Iterator[tuple[int, bytes]]:
-        """See `MemorySnapshot.iter_blocks`."""
         for height, data in super().iter_blocks(from_height, limit):
             charge(COSTS.range_kib * len(data) / KIB)
             yield height, data
 
 
 class SimLedger:
-    """See `node.storage.ledger_store.LedgerStore`. It outlives the lives of its node: `cut_power` ends one.
-
-    `on_handed` hears of blocks when the node hands them over, `on_durable` when they are safe.
-    """
+    """A `LedgerStore` that outlives its node's lives; `cut_power` ends one."""
 
     def __init__(
         self, loop: SimLoop, dice: random.Random, on_handed: CommitListener, on_durable: CommitListener
@@ -52,11 +45,10 @@ class SimLedger:
 
     @property
     def position(self) -> Position | None:
-        """The newest block that is safe, or None before genesis."""
         return self._inner.position
 
     async def commit(self, blocks: Sequence[FinalizedBlock], finality: bytes) -> Position:
-        """Store blocks; returns once they are durable. Raises STORAGE_FULL on a full disk."""
+        """Store blocks; returns once they are durable. Raises STORAGE_FULL."""
         if self.is_full:
             raise BlockRobotError("STORAGE_FULL", "No space is left for the ledger.")
         self._on_handed(blocks)
@@ -69,11 +61,9 @@ class SimLedger:
         return blocks[-1].position
 
     async def prune(self, below_height: int, reduce: Callable[[bytes], bytes]) -> int:
-        """Drop the bodies of the oldest blocks below a height."""
         return await self._inner.prune(below_height, reduce)
 
     def snapshot(self) -> MemorySnapshot:
-        """Open the ledger as it is now."""
         snapshot = SimSnapshot(self._inner._tables)
         if len(self._open) >= 64:
             self._open = [known for known in self._open if known._tables is not None]
@@ -81,24 +71,20 @@ class SimLedger:
         return snapshot
 
     def found(self, first_block: FinalizedBlock) -> None:
-        """Store the genesis block, before the node's first life."""
         _finish(self._inner.commit([first_block], b""))
 
     def image(self) -> MemoryStore:
-        """Return a copy of what is safe now, as a backup takes it."""
         backup = MemoryStore()
         backup._tables = self._inner._tables.copy()
         return backup
 
     def restore(self, image: MemoryStore) -> None:
-        """Put a backup in the place of everything. Only while the node is down."""
         self._inner = image
 
     async def close(self) -> None:
         """Nothing is to be done: the store outlives its node."""
 
     def cut_power(self) -> None:
-        """Lose the commits that were under way, but for those that reached the medium just in time, and all readers."""
         while self._waiting and self._dice.random() < 0.3:
             blocks, finality = self._waiting.popleft()
             _finish(self._inner.commit(blocks, finality))
@@ -110,7 +96,6 @@ class SimLedger:
 
 
 def _finish(commit: Coroutine[object, object, Position]) -> None:
-    """Carry out a commit that never waits."""
     try:
         commit.send(None)
     except StopIteration:

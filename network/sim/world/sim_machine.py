@@ -1,8 +1,6 @@
-"""Executes blocks for the nodes of a simulated run, and compares.
+"""Executes blocks for simulated nodes, and compares the results.
 
-A block is executed for real when its leader builds it, and again when the first node verifies it; the other verifiers
-are given what came of that. With `shares` False every node executes for itself, as real ones do. Either way each
-execution of the same transactions, on the same state, at the same height and time, must come out the same.
+With `shares`, later verifiers reuse the first verifier's result.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ _Kept = TypeVar("_Kept")
 
 
 class ComparingMachine:
-    """The machine of all nodes of a run. `on_difference(height, text)` is told when two executions differ."""
+    """The machine of all nodes; `on_difference(height, text)` reports differing executions."""
 
     def __init__(self, machine: ContractMachine, *, shares: bool, on_difference: OnDifference) -> None:
         self._machine = machine
@@ -45,7 +43,7 @@ class ComparingMachine:
         *,
         gives_up_change: bool = False,
     ) -> tuple[BlockResult, list[bytes]]:
-        """Execute what fits into a block. Only those who verify the block are measured by it; nobody is given it."""
+        """Execute what fits into a block; the result is not shared with verifiers."""
         charge(COSTS.block + COSTS.execution * len(transactions))
         result, faulty = self._machine.build(parent, height, time_ms, transactions, gives_up_change=gives_up_change)
         txids = tuple(receipt.txid for receipt in result.receipts)
@@ -62,7 +60,7 @@ class ComparingMachine:
         gives_up_change: bool = False,
         effort: int = 0,
     ) -> BlockResult:
-        """Execute exactly these transactions, or return what came of it for another verifier. Raises BLOCK_INVALID."""
+        """Execute exactly these transactions, or reuse a verifier's result. Raises BLOCK_INVALID."""
         charge(COSTS.block + COSTS.execution * len(transactions))
         del effort
         txids = tuple(transaction.txid for transaction in transactions)

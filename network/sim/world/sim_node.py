@@ -1,4 +1,4 @@
-"""One simulated node: production parts on a simulated disk, ledger, store and network, through many lives."""
+"""A simulated node: production parts on a simulated machine, through many lives."""
 
 from __future__ import annotations
 
@@ -50,28 +50,24 @@ MID_BROADCAST_MAX_COUNT = 3
 
 
 class ObservedOutbox:
-    """Notes what an honest node's engine says, then lets it pass."""
+    """Records an honest node's outgoing messages before passing them on."""
 
     def __init__(self, node: SimNode, inner: Outbox) -> None:
         self._node = node
         self._inner = inner
 
     def broadcast(self, message: Message) -> None:
-        """Send to all peers."""
         self._node.note_message(message)
         self._inner.broadcast(message)
 
     def send_to(self, index: int, message: Message) -> None:
-        """Send to one producer."""
         self._node.note_message(message)
         self._inner.send_to(index, message)
 
     def fetch(self, effect: FetchBlocks) -> None:
-        """Ask for blocks."""
         self._inner.fetch(effect)
 
     def gossip_again(self) -> None:
-        """Send the waiting transactions again."""
         self._inner.gossip_again()
 
 
@@ -85,7 +81,7 @@ class Backup:
 
 
 class SimNode:
-    """The machine and its lives. `parts` is None while the node is down."""
+    """A machine and its lives; `parts` is None while the node is down."""
 
     def __init__(self, cluster: SimWorld, index: int, dice: random.Random) -> None:
         self.cluster, self.index, self.dice = cluster, index, dice
@@ -111,14 +107,13 @@ class SimNode:
 
     @property
     def ledger_height(self) -> int:
-        """The height of the newest block that is safe here."""
         position = self.ledger.position
         return -1 if position is None else position.height
 
     # Clocks and pauses
 
     def now_ms(self) -> int:
-        """Return the node's wall clock."""
+        """Return the node's wall clock, ms."""
         return EPOCH_MS + round(self.cluster.loop.now_ms) + self.clock_offset_ms
 
     async def _pause(self) -> None:
@@ -129,16 +124,13 @@ class SimNode:
 
     @property
     def is_up(self) -> bool:
-        """Tell whether the node runs."""
         return self.owner.alive
 
     @property
     def is_serving(self) -> bool:
-        """Tell whether the node runs and is ready for clients."""
         return self.parts is not None and self.owner.alive and not self.owner.paused
 
     def start(self) -> None:
-        """Begin a new life, as a process does: open what is on the disk, make the parts, connect."""
         if self.owner.alive:
             return
         self.lives_count += 1
@@ -203,7 +195,6 @@ class SimNode:
         return self.network
 
     def _wrap_outbox(self, inner: Outbox) -> Outbox:
-        """Observe an honest node; put its behaviour around a dishonest one's mouth."""
         if not self.behaviour:
             return ObservedOutbox(self, inner)
         parts = self.starting
@@ -224,7 +215,6 @@ class SimNode:
         self.cluster.loop.call_later(TICK_MS / 1000, self._tick, tick)
 
     def crash(self, why: str) -> None:
-        """Cut the power: what runs ends, what was not synced is lost or torn."""
         if not self.owner.alive:
             return
         cluster = self.cluster
@@ -239,11 +229,10 @@ class SimNode:
     # Backups
 
     def back_up(self) -> Backup:
-        """Return a copy of what is safe on the machine, but for the erase keys, which are never copied."""
+        """Return a copy of the durable data, except erase keys, which are never copied."""
         return Backup(self.disk.image(), self.ledger.image(), self.store.image())
 
     def restore(self, backup: Backup, *, whole: bool) -> None:
-        """Put a backup's journal, or with `whole` all of it, in place. Only while the node is down."""
         self.disk.restore(backup.disk)
         if whole:
             self.ledger.restore(backup.ledger)
@@ -254,7 +243,7 @@ class SimNode:
     # Crashing at a point
 
     def arm(self, point: str, then: Callable[[], None]) -> None:
-        """Cut the power at the next passage of a point, and call `then`; at once for `now` or while down."""
+        """Cut the power at the next passage of a point (`now`: at once), then call `then`."""
         if point == "now" or not self.is_serving or self.network is None:
             self.crash(point)
             then()
@@ -284,7 +273,6 @@ class SimNode:
             self.network.before_send = count_down
 
     def disarm(self) -> None:
-        """Forget an armed crash."""
         self.disk.before_sync = self.disk.after_sync = self.ledger.before_commit = _nothing
         if self.network is not None:
             self.network.before_send = _nothing
@@ -292,7 +280,6 @@ class SimNode:
     # Observations
 
     def note_message(self, message: Message) -> None:
-        """Note a promise as it leaves."""
         cluster = self.cluster
         if isinstance(message, Vote):
             cluster.history.add(VoteSent(cluster.now, self.index, message.epoch, message.round, message.block_id))
@@ -309,7 +296,7 @@ class SimNode:
                 )
 
     def producer_of(self, epoch: int, index: int) -> bytes:
-        """Return the key of a producer of the epoch that this node is in (b"" of any other epoch)."""
+        """Return a producer's key in the node's current epoch (b"" for other epochs)."""
         parts = self.starting
         schedule = parts.engine.epoch.schedule
         return schedule.producers[index] if schedule.epoch == epoch and index < len(schedule.producers) else b""
@@ -347,14 +334,11 @@ class SimNode:
             )
 
     def note_faults(self) -> None:
-        """Note a halted core: nothing that the simulator does to an honest node may halt it."""
         if self.parts is not None and self.parts.core.halted and not self.behaviour:
             self.cluster.history.add(CodeFault(self.cluster.now, self.index, f"halted: {self.parts.core.halted}"))
 
 
 class _Clock:
-    """A wall clock for the assembly."""
-
     def __init__(self, now_ms: Callable[[], int]) -> None:
         self.now_ms = now_ms
 

@@ -1,4 +1,4 @@
-"""What nodes, clients and faults of a simulated network share: its loop, links, chain and history."""
+"""State shared by simulated nodes, clients and faults: loop, links, chain, history."""
 
 from __future__ import annotations
 
@@ -43,29 +43,23 @@ class SimWorld:
         self._final_rounds: dict[int, int] = {}
 
     def own_dice(self, name: str) -> random.Random:
-        """Return the dice of one part, drawn from the plan's seed."""
         return random.Random(f"{name} of {self.plan.seed}")  # noqa: S311 - a simulation's dice
 
     @property
     def now(self) -> float:
-        """The virtual time, ms."""
         return round(self.loop.now_ms, 6)
 
     @property
     def rounds(self) -> int:
-        """How many rounds the chain went through: of each epoch up to its last block that is final on an honest node."""
         return sum(self._final_rounds.values())
 
     def note_final(self, header: Header) -> None:
-        """Count the rounds up to a block that became final on an honest node."""
         self._final_rounds[header.epoch] = max(self._final_rounds.get(header.epoch, 0), header.round)
 
     def run_on(self, owner: Owner, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Begin a task in a node's name."""
         self.loop.call_for(owner, self.loop.time(), lambda: self.loop.create_task(work()))
 
     def header_of(self, block: FinalizedBlock) -> Header:
-        """Return the header of a stored block, decoded once."""
         known = _headers.get(block.block_id)
         if known is None:
             known = _headers[block.block_id] = decode(block.block_bytes, Block).header
@@ -74,7 +68,6 @@ class SimWorld:
         return known
 
     def id_of(self, block_bytes: bytes) -> bytes:
-        """Return the id of a block."""
         return decode(block_bytes, Block).block_id
 
     def _note_frame(self, sender: str, receiver: str, kind: int, payload: bytes) -> None:

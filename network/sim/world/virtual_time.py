@@ -1,7 +1,6 @@
-"""An event loop whose clock jumps from one timer to the next.
+"""An event loop whose clock jumps from timer to timer.
 
-Everything that is scheduled belongs to an `Owner`, one life of one node (or the stage itself): what a dead owner had
-scheduled never runs, which is how a power cut ends a process. A paused owner's work waits until it goes on.
+Work belongs to an `Owner` (a node's life): a dead one's never runs, a paused one's waits.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ STEPS_A_LOOK_COUNT = 16
 
 
 class PowerCutError(BaseException):
-    """Ends what a node was doing at this very moment; no handler of the node's code may catch it."""
+    """Ends what a node is doing at once; node code does not catch it."""
 
 
 class Owner:
-    """One life of one actor: alive until it is killed, perhaps paused for a while, its core busy until `free_at_s`."""
+    """One life of an actor: alive, killed or paused; core busy until `free_at_s`."""
 
     __slots__ = ("alive", "backlog", "free_at_s", "name", "paused", "queue", "tasks")
 
@@ -67,10 +66,7 @@ class _Handle:
 
 
 class SimLoop:
-    """The loop: `run_until(condition)` carries out what is due, in the order of time and then of scheduling.
-
-    `owner` is whose code is running; `random` delays what production code does in threads, which is done inline.
-    """
+    """Runs due work by time, then scheduling order; thread work runs inline."""
 
     def __init__(self, seed: int) -> None:
         self.stage = Owner("stage")
@@ -86,16 +82,14 @@ class SimLoop:
     # The clock and what is scheduled
 
     def time(self) -> float:
-        """Return the virtual time in seconds since the start."""
+        """Return the virtual time, seconds since the start."""
         return self._now_s
 
     @property
     def now_ms(self) -> float:
-        """The virtual time in milliseconds since the start."""
         return self._now_s * 1000
 
     def call_soon(self, callback: Callable[..., Any], *args: Any, context: Context | None = None) -> _Handle:
-        """Run a callback next, in the name of the present owner."""
         handle = _Handle(self.owner, self._now_s, callback, args, context)
         self._ready.append(handle)
         return handle
@@ -103,25 +97,23 @@ class SimLoop:
     call_soon_threadsafe = call_soon
 
     def call_soon_for(self, owner: Owner, callback: Callable[..., Any], *args: Any) -> _Handle:
-        """Run a callback next, in the name of `owner`."""
         handle = _Handle(owner, self._now_s, callback, args, None)
         self._ready.append(handle)
         return handle
 
     def call_at(self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None) -> _Handle:
-        """Run a callback at a virtual time (s), in the name of the present owner."""
+        """Run a callback at a virtual time (s), as the present owner."""
         return self.call_for(self.owner, when, callback, *args, context=context)
 
     def call_later(
         self, delay: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> _Handle:
-        """Run a callback after a virtual delay (s), in the name of the present owner."""
         return self.call_for(self.owner, self._now_s + delay, callback, *args, context=context)
 
     def call_for(
         self, owner: Owner, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> _Handle:
-        """Run a callback at a virtual time (s) in the name of `owner`."""
+        """Run a callback at a virtual time (s), as `owner`."""
         handle = _Handle(owner, when, callback, args, context)
         self._sequence += 1
         heapq.heappush(self._timers, (when, self._sequence, handle))
@@ -130,17 +122,14 @@ class SimLoop:
     # Lives
 
     def kill(self, owner: Owner) -> None:
-        """End a life: nothing of it runs any more."""
         owner.alive = False
         owner.backlog.clear()
         owner.queue.clear()
 
     def pause(self, owner: Owner) -> None:
-        """Let nothing of an owner run until `resume`."""
         owner.paused = True
 
     def resume(self, owner: Owner) -> None:
-        """Let a paused owner do all that became due meanwhile."""
         owner.paused = False
         self._ready.extend(owner.backlog)
         owner.backlog = []
@@ -148,7 +137,7 @@ class SimLoop:
     # Cores
 
     def occupy(self, work_s: float) -> None:
-        """Let the present owner's core be busy for so long, after what it is busy with already."""
+        """Keep the present owner's core busy for `work_s` more seconds."""
         owner = self.owner
         if owner is not self.stage:
             owner.free_at_s = max(owner.free_at_s, self._now_s) + work_s
@@ -160,7 +149,6 @@ class SimLoop:
             self.call_for(self.stage, handle.owner.free_at_s, self._serve, handle.owner)
 
     def _serve(self, owner: Owner) -> None:
-        """The core is free: do what waited for it, in order, until it is busy again."""
         queue = owner.queue
         while queue and not owner.paused and owner.free_at_s <= self._now_s:
             self._execute(queue.popleft())
@@ -174,14 +162,11 @@ class SimLoop:
 
     @property
     def as_loop(self) -> asyncio.AbstractEventLoop:
-        """This loop under the name of what it stands in for: it has as much of it as the code under test uses."""
+        """Return this loop typed as asyncio's; only the parts in use exist."""
         return cast("asyncio.AbstractEventLoop", self)
 
     def run_until(self, is_over: Callable[[], bool], limit_s: float) -> bool:
-        """Carry out what is due until `is_over()`; False if the virtual time passed `limit_s` or nothing is left.
-
-        It looks at the beginning, every few steps and at the end: a look may cost more than a step.
-        """
+        """Run until `is_over()`; False after `limit_s` of virtual time or when idle."""
         ready, timers = self._ready, self._timers
         events._set_running_loop(self.as_loop)
         try:
@@ -233,13 +218,11 @@ class SimLoop:
     # What asyncio asks of a loop
 
     def create_future(self) -> asyncio.Future[Any]:
-        """Return a future of this loop."""
         return asyncio.Future(loop=self.as_loop)
 
     def create_task(
         self, coro: Coroutine[Any, Any, Any], *, name: str | None = None, context: Context | None = None
     ) -> asyncio.Task[Any]:
-        """Start a task that belongs to the present owner."""
         task = asyncio.Task(coro, loop=self.as_loop, name=name, context=context)
         tasks = self.owner.tasks
         if len(tasks) > 512:
@@ -253,7 +236,6 @@ class SimLoop:
         func: Callable[..., Any],
         *args: Any,
     ) -> asyncio.Future[Any]:
-        """Do what would be done in a thread inline, a little later."""
         future = self.create_future()
 
         def work() -> None:
@@ -274,15 +256,12 @@ class SimLoop:
         return False
 
     def is_running(self) -> bool:
-        """Return True."""
         return True
 
     def is_closed(self) -> bool:
-        """Return False."""
         return False
 
     def call_exception_handler(self, context: dict[str, Any]) -> None:
-        """Note an exception that nobody caught: a fault of the code under test."""
         error = context.get("exception")
         if isinstance(error, Exception):
             self._note_fault(str(context.get("message")), error)
@@ -293,7 +272,7 @@ class SimLoop:
         self.faults.append(f"{message}: {error!r}{place}")
 
     def end(self, owners: Iterable[Owner]) -> None:
-        """End all lives: note exceptions that nobody looked at, and let go of what would still run."""
+        """End all lives; record unretrieved exceptions and cancel remaining work."""
         for owner in owners:
             alive = owner.alive
             self.kill(owner)

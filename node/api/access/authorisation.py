@@ -1,8 +1,4 @@
-"""Who may call what, as one table made from the rules in the code.
-
-A route's rule stands in the route table (`Route.access`), a contract entry's in its docstring
-(`contracts.execution.callers`). The tests try every cell of both tables.
-"""
+"""Table of who may call what, from `Route.access` and contract docstrings."""
 
 from __future__ import annotations
 
@@ -54,7 +50,7 @@ def _listed(paths: tuple[str, ...]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """A caller of the HTTP interface: what the node knows of his key, or else the code that every session rule gives."""
+    """A caller: what the node knows of their key, or the refusing code."""
 
     name: str
     standing: Principal | None
@@ -85,10 +81,7 @@ CALLERS = (
 
 
 def refusal_of(access: Access, caller: Caller, *, is_public: bool = False) -> str:
-    """Return the code by which a rule refuses a caller, or an empty text if he passes.
-
-    `is_public`: at a node whose explorer is public.
-    """
+    """Return the code that refuses a caller, or ""."""
     if not access.asks_session(is_public=is_public):
         return ""
     if caller.standing is None:
@@ -111,7 +104,6 @@ def _entry_cell(rule: CallerRule, role: str) -> str:
 
 
 def write_authorisation_page() -> str:
-    """Return the text of `docs/reference/authorisation.md`."""
     heads = [caller.name + (f"<br>`{caller.refused_with}`" if caller.refused_with else "") for caller in CALLERS]
     routes = [
         [f"`{route.method} {route.path}`{words}", *map(_route_cell(route.access, is_public=is_public), CALLERS)]

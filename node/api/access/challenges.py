@@ -1,7 +1,6 @@
-"""Challenges that cost a node no memory.
+"""Stateless session challenges.
 
-A challenge is its expiry, a nonce and a code over both and the key, under a secret of this process; so there is no
-table of open ones that a flood could fill. Only those that opened a session are remembered, by key, until they expire.
+Expiry, nonce and a MAC over both and the key; only used ones are remembered, until expiry.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ class ChallengeBook:
         self._used: dict[bytes, dict[bytes, int]] = {}
 
     def issue(self, public_key: bytes) -> tuple[bytes, int]:
-        """Return a challenge (32 bytes) for this key and when it ends, in ms."""
+        """Return a 32-byte challenge for this key and its expiry in ms."""
         expires_at_ms = self._clock.now_ms() + CHALLENGE_LIFETIME_MS
         head = u64(expires_at_ms) + secrets.token_bytes(_NONCE_BYTES)
         return head + self._code(head, public_key), expires_at_ms
 
     def require(self, public_key: bytes, challenge: bytes) -> None:
-        """Check that a challenge was made here for this key, in time, and opened nothing yet.
+        """Check that a challenge is this key's, in time and unused.
 
-        Raises CHALLENGE_INVALID, or RATE_LIMITED if this key opened too many sessions within a challenge's life.
+        Raises CHALLENGE_INVALID; RATE_LIMITED for too many sessions by this key.
         """
         head, code = challenge[: 8 + _NONCE_BYTES], challenge[8 + _NONCE_BYTES :]
         if not hmac.compare_digest(code, self._code(head, public_key)):
@@ -52,7 +51,6 @@ class ChallengeBook:
             raise BlockRobotError("RATE_LIMITED", "This key opened too many sessions within a minute.")
 
     def use_up(self, public_key: bytes, challenge: bytes) -> None:
-        """Never take this challenge again, and forget those that expired."""
         now_ms = self._clock.now_ms()
         self._used.setdefault(public_key, {})[challenge] = int.from_bytes(challenge[:8], "big")
         for key, used in list(self._used.items()):

@@ -1,9 +1,4 @@
-"""What a request turns out to cost: the CPU time of its own work, paid as it is spent.
-
-A price says beforehand what a route is worth. What a request takes beyond it is measured, slice by slice, on the event
-loop and in the thread that reads the ledger, and goes on the same budget, as a debt if need be: whoever has one is
-refused until time has paid it off.
-"""
+"""Meters requests' CPU time and charges it; debts cause refusals."""
 
 from __future__ import annotations
 
@@ -29,7 +24,7 @@ Steps = Generator[None, None, T]
 
 
 class Meter:
-    """What one request has cost so far, and what of it is paid."""
+    """What one request has cost so far, and what is paid."""
 
     def __init__(self) -> None:
         self._spent_us: float = HTTP_US
@@ -38,23 +33,22 @@ class Meter:
         self._is_stream = False
 
     def pay_by(self, tab: Tab, prepaid_us: int) -> None:
-        """Say who pays, and what he paid before. What was spent until now counts too."""
+        """Set who pays and what was prepaid; covers earlier spending too."""
         self._tab, self._paid_us = tab, float(prepaid_us)
 
     def add(self, spent_us: float) -> None:
-        """Note what was spent; what goes beyond the price is paid at once."""
+        """Record spent time; anything beyond the price is charged at once."""
         self._spent_us += spent_us
         if self._tab is not None and self._spent_us > self._paid_us:
             self._tab.charge(self._spent_us - self._paid_us)
             self._paid_us = self._spent_us
 
     def require(self) -> None:
-        """Refuse whoever owes, unless his answer has begun. Raises RATE_LIMITED."""
+        """Raise RATE_LIMITED for a source in debt, unless its answer has begun."""
         if self._tab is not None and not self._is_stream:
             self._tab.require()
 
     async def pace(self) -> None:
-        """Wait until a stream, whose answer has begun, has paid for what it carried."""
         self._is_stream = True
         if self._tab is not None:
             while (wait_s := self._tab.debt_s()) > 0:
@@ -63,7 +57,7 @@ class Meter:
 
 
 class Metered(Generic[T]):
-    """Awaits a coroutine and lets a meter know what each of its slices takes of this thread's CPU time."""
+    """Awaits a coroutine and meters the CPU time of each of its slices."""
 
     def __init__(self, work: Coroutine[Any, Any, T], meter: Meter) -> None:
         self._work, self._meter = work, meter
@@ -87,7 +81,7 @@ class Metered(Generic[T]):
 
 
 class _Reading(Generic[T]):
-    """One piece of work on a snapshot. Everything but its making happens in the readers' thread."""
+    """One piece of work on a snapshot, run in the readers' thread."""
 
     def __init__(self, ledger: LedgerReader, work: Callable[[LedgerSnapshot], Steps[T]]) -> None:
         self._steps = self._run(ledger, work)
@@ -99,7 +93,7 @@ class _Reading(Generic[T]):
             return (yield from work(snapshot))
 
     def go_on(self) -> tuple[T] | None:
-        """Work for one slice; return the result in a tuple once it is there."""
+        """Work for one slice; return a 1-tuple of the result once done."""
         started_ns = time.thread_time_ns()
         try:
             while time.thread_time_ns() - started_ns < SLICE_US * 1_000:
@@ -111,15 +105,11 @@ class _Reading(Generic[T]):
         return None
 
     def close(self) -> None:
-        """Let go of the snapshot."""
         self._steps.close()
 
 
 class Readings:
-    """Reads the ledger for requests off the event loop, in slices: one request of each source at a time, in turns.
-
-    After each slice it rests for as long as that took: all clients together never take more than half of the time.
-    """
+    """Reads the ledger in slices, one request per source, half of the time at most."""
 
     def __init__(self, ledger: LedgerReader) -> None:
         self._ledger = ledger
@@ -129,11 +119,10 @@ class Readings:
         self._rested_s = 0.0
 
     def stop(self) -> None:
-        """Read nothing more."""
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     async def read(self, source: Source, meter: Meter, work: Callable[[LedgerSnapshot], Steps[T]]) -> T:
-        """Do work on the newest finalized snapshot, and return its result. Raises RATE_LIMITED in debt, and as `work`."""
+        """Run work on the newest finalized snapshot. Raises RATE_LIMITED in debt, and as `work`."""
         async with self._turn(source), self._one:
             meter.require()
             reading = _Reading(self._ledger, work)
@@ -154,7 +143,6 @@ class Readings:
             return found[0]
 
     def _close(self, reading: _Reading[T]) -> None:
-        """Let go of a snapshot where it is read, behind the slice that may still be in work."""
         try:
             self._thread.submit(reading.close)
         except RuntimeError:  # the thread is stopped, so nothing is in work
@@ -162,7 +150,6 @@ class Readings:
 
     @asynccontextmanager
     async def _turn(self, source: Source) -> AsyncIterator[None]:
-        """Wait until no other request of this source reads."""
         lock, users = self._turns.setdefault(source, (asyncio.Lock(), []))
         users.append(None)
         try:

@@ -1,7 +1,6 @@
-"""Who a key is on the finalized state: an active member, a custodian, who decides of a visit now, or a grantee.
+"""Resolves keys on the finalized state: member, custodian, visit owner, grantee.
 
-The key of a grant reads what is of its visit, and for a while after its end what became of the records: nothing else of
-the chain, since nobody can tell whether its holder is still a member.
+A grant's key reads only its visit's state, later only the records' fate.
 """
 
 from __future__ import annotations
@@ -30,10 +29,7 @@ _OPEN_TO_GRANTEES = (*_OPEN_ALWAYS, CUSTODIANS.flat, CUSTODIAN.flat, EMPTY_FRAME
 
 @dataclass(frozen=True, slots=True)
 class Principal:
-    """What a key may be: its kind, and the roles of a member. Sessions are counted by `account`, which no new key changes.
-
-    All grantees of a visit are one account: whoever has a visit makes as many of their keys as she likes.
-    """
+    """A key's kind and roles; all grantees of a visit share an `account`."""
 
     kind: SessionKind
     roles: frozenset[str]
@@ -41,10 +37,9 @@ class Principal:
 
 
 def resolve_principal(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"") -> Principal | None:
-    """Return what this 33-byte key stands for, or None. A key is a member or an owner, never both by design.
+    """Return what this 33-byte key stands for, or None.
 
-    With a grant's id: as the grantee of that grant, and as nothing else. What else the key stands for does not matter:
-    anybody with a visit, and any robot, can put a key that he saw on its way to another use.
+    With a grant's id: only as its grantee, whatever else the key is.
     """
     if len(key) != PUBLIC_KEY_SIZE_BYTES:
         return None
@@ -79,10 +74,9 @@ def _find_grantee_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes
 def require_readable(
     snapshot: LedgerSnapshot, standing: SessionKind, reader: bytes, grant_id: bytes, keys: Iterable[bytes]
 ) -> None:
-    """Refuse state that is none of the reader's business: by the key of a grant what is not of its visit.
+    """Raise NOT_PERMITTED for a grantee reading state outside their visit.
 
-    What names a visit's first key or a granted record is of it; which nodes there are she may read as well, and which are
-    custodians, and whether an empty frame may be shown, while the grant stands. Raises NOT_PERMITTED.
+    Nodes, custodians and empty-frame approvals are readable while the grant stands.
     """
     if standing not in {"grantee", "former-grantee"}:
         return

@@ -1,10 +1,6 @@
-"""What clients' requests may cost, by who asks: a session's key, or else the address.
+"""Rate limits of client requests, by session key or else by address.
 
-A request costs what its route is worth (`work_costs.py`), and what it turns out to take beyond that (`Tab`). Loopback has
-a generous budget of its own: on an emulated network every client without a session shares that one address. Whoever is
-behind a shared address and shows a session has a budget of his own, but for the keys of visits: one person has many, so
-all those at one address share a larger one, and each has a small part of a reserve beside it, so that one who floods does
-not keep the others from erasing.
+Visits' keys at one address share a budget, with a small reserve each, to keep erasure possible during a flood.
 """
 
 from __future__ import annotations
@@ -40,7 +36,6 @@ WAITING_MAX_COUNT = 2048
 
 
 def source_of(address: str | None, session: Session | None) -> Source:
-    """Return who pays for a request."""
     if session is None:
         return source_at(address or "unknown")
     if session.kind == "member":
@@ -58,38 +53,35 @@ def _allowance_of(source: Source) -> Allowance:
 
 @dataclass(frozen=True, slots=True)
 class Tab:
-    """Who pays for one request, and from which budgets: what it turns out to cost more goes on them too."""
+    """Who pays for one request, and from which budgets."""
 
     source: Source
     budgets: tuple[tuple[Budgets[Source], Source], ...]
     note_over: NoteOver
 
     def charge(self, cost_us: float) -> None:
-        """Pay for what was done, by a debt if need be."""
         for budgets, payer in self.budgets:
             budgets.charge(payer, cost_us)
 
     def debt_s(self) -> float:
-        """Return how long it is until nothing is owed."""
         return max(budgets.wait_s(payer, 0.0) for budgets, payer in self.budgets)
 
     def note(self) -> BlockRobotError:
-        """Name whoever owes; return the refusal."""
         error = over_budget(str(self.source), self.debt_s())
         self.note_over(str(self.source), error)
         return error
 
     def require(self) -> None:
-        """Refuse whoever owes. Raises RATE_LIMITED."""
+        """Raises RATE_LIMITED."""
         if self.debt_s() > 0:
             raise self.note()
 
 
 class RateLimiter:
-    """The budgets of all sources; the least recently seen make room."""
+    """The budgets of all sources; the least recently seen are evicted."""
 
     def __init__(self, note_over: NoteOver, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """`note_over` hears who is over his budget; `clock_s` gives seconds that only grow."""
+        """`note_over` gets sources over budget; `clock_s` is monotonic seconds."""
         self._note_over = note_over
         self._budgets = Budgets(_allowance_of, clock_s, SOURCES_MAX_COUNT)
         self._parts: Budgets[Source] = Budgets(lambda _part: VISIT_KEY_ALLOWANCE, clock_s, SOURCES_MAX_COUNT)
@@ -99,7 +91,7 @@ class RateLimiter:
         return max(len(budgets) for budgets in (self._budgets, self._parts, self._reserves))
 
     def take(self, source: Source, cost_us: int = ROUTE_DEFAULT_US) -> Tab:
-        """Let a source pay for a request; return where it pays for more. Raises RATE_LIMITED if it cannot."""
+        """Charge a source; return its tab. Raises RATE_LIMITED."""
         shared = source.shared
         if self._budgets.take(shared, cost_us):
             return Tab(source, ((self._budgets, shared),), self._note_over)
@@ -118,13 +110,12 @@ class RateLimiter:
 
 
 class Turns:
-    """Lets requests begin, a few milliseconds' worth in each turn of the event loop, one source after another.
+    """Starts requests round-robin by source, some milliseconds' worth per loop turn.
 
-    Those who share a source take its turns one after another, too, and its places: there whoever has most loses the newest.
+    Parts of one source share its turns; when full, the largest loses its newest.
     """
 
     def __init__(self, note_over: NoteOver) -> None:
-        """`note_over` hears of whom too much waits."""
         self._note_over = note_over
         self._spent_us = 0
         self._waiting: OrderedDict[Source, OrderedDict[str, deque[tuple[int, asyncio.Future[None]]]]] = OrderedDict()
@@ -149,7 +140,6 @@ class Turns:
         await future
 
     def _make_place(self, source: Source, error: BlockRobotError) -> None:
-        """Refuse the newest request of whoever has most waiting of those that share a source, or else this one."""
         parts = self._waiting.get(source.shared, OrderedDict())
         greedy = max(parts, key=lambda part: len(parts[part]), default="")
         if len(parts.get(greedy, ())) <= len(parts.get(source.part, ())) + 1:
@@ -186,13 +176,12 @@ class Turns:
 
 
 class RefusalDelay:
-    """Lets whoever is over his budget wait for his refusal: he asks again no faster, and waiting costs the node nothing."""
+    """Delays refusals to sources over budget, to slow their retries."""
 
     def __init__(self) -> None:
         self._count = 0
 
     async def wait(self) -> None:
-        """Return after a while, or at once if too many wait already."""
         if self._count >= REFUSALS_DELAYED_MAX_COUNT:
             return
         self._count += 1
@@ -203,5 +192,4 @@ class RefusalDelay:
 
 
 def is_over_budget(error: BlockRobotError) -> bool:
-    """Tell whether a refusal says that a budget is used up, so that its source is to be named."""
     return error.code == "RATE_LIMITED" and "retry_after_s" in error.context

@@ -1,4 +1,4 @@
-"""Who may call what, stated once for each route and enforced in one place."""
+"""Access rules of routes: stated once each, enforced in one place."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from node.api.access.sessions import Session
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """A rule: the kinds of session that may call, narrowed to roles if any are named. No kinds means anyone may.
+    """A rule: session kinds and roles that may call; no kinds: anyone.
 
-    `opens_in_public`: at a node whose explorer is public (node.toml, off unless set) anyone may.
+    `opens_in_public`: anyone, with a public explorer (node.toml, default off).
     """
 
     label: str
@@ -23,11 +23,10 @@ class Access:
 
     @property
     def needs_session(self) -> bool:
-        """Tell whether the route is for sessions only, as a node is unless told otherwise."""
         return bool(self.kinds)
 
     def asks_session(self, *, is_public: bool) -> bool:
-        """Tell whether a node asks for a session here; `is_public` says that its explorer is for anybody."""
+        """Return whether a session is required; `is_public`: the explorer is public."""
         return self.needs_session and not (is_public and self.opens_in_public)
 
     def check(self, session: Session | None) -> None:

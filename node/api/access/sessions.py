@@ -1,9 +1,7 @@
 """Sessions: a client proves its key once and gets a short-lived token.
 
-Tokens are kept as hashes only. The table is bounded, for all and for each account, which is a key, or all the grantees
-of one visit: who opens too many closes the oldest of the same account. One person has a key for each visit, so visits
-share half of the table: once it is full, they close the sessions of each other, and none of a member. If they have
-less, or as much, the account that has most sessions loses its oldest.
+Only token hashes are kept. Tables are bounded; a full account loses its oldest. Visits share half and beyond that never
+evict members.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ TOKEN_SIZE_BYTES = 32
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One proven key. `roles` are those of the key when it was last looked up; `grant_id` is empty but for a grantee."""
+    """One proven key; `roles` as last looked up; `grant_id` only for grantees."""
 
     public_key: bytes
     kind: SessionKind
@@ -49,7 +47,7 @@ class _Kept:
 
 
 class SessionTable:
-    """The open challenges and sessions of one node."""
+    """Open challenges and sessions of one node."""
 
     def __init__(self, chain_id: bytes, node_name: str, clock: Clock, ledger: LedgerReader) -> None:
         self._chain_id = chain_id
@@ -63,7 +61,7 @@ class SessionTable:
         self._of_visits_count = 0
 
     def challenge(self, public_key: bytes) -> tuple[bytes, int]:
-        """Return a fresh single-use challenge (32 bytes) for this key and when it ends. Raises KEY_INVALID."""
+        """Return a single-use 32-byte challenge and its expiry in ms. Raises KEY_INVALID."""
         if not is_public_key(public_key):
             raise BlockRobotError("KEY_INVALID", "The public key is not a compressed point of secp256k1.")
         return self._challenges.issue(public_key)
@@ -71,9 +69,9 @@ class SessionTable:
     def open(
         self, public_key: bytes, challenge: bytes, signature: bytes, grant_id: bytes = b""
     ) -> tuple[bytes, Session]:
-        """Answer a challenge and return a new token (32 bytes) with its session, a grantee's if she names the grant.
+        """Open a session for an answered challenge; return its 32-byte token and itself.
 
-        A challenge opens one session. Raises CHALLENGE_INVALID, RATE_LIMITED, SIGNATURE_*, SESSION_REFUSED.
+        With `grant_id`, a grantee's. Raises CHALLENGE_INVALID, RATE_LIMITED, SIGNATURE_*, SESSION_REFUSED.
         """
         self._challenges.require(public_key, challenge)
         verify_session(public_key, signature, self._chain_id, self._node_name, challenge)
@@ -105,7 +103,6 @@ class SessionTable:
             self._forget(self._find_surplus(max(accounts, key=len)))
 
     def _find_surplus(self, own: OrderedDict[bytes, None]) -> bytes:
-        """Return the oldest session of that key of an account which has the most."""
         greedy, _ = Counter(self._sessions[digest].public_key for digest in own).most_common(1)[0]
         return next(digest for digest in own if self._sessions[digest].public_key == greedy)
 
@@ -120,10 +117,7 @@ class SessionTable:
                 del accounts[known.account]
 
     def resolve(self, token: bytes) -> Session:
-        """Return the session behind a token, with the key's standing as it is now on the finalized state.
-
-        Raises SESSION_EXPIRED, or SESSION_REFUSED if the key has lost its standing since.
-        """
+        """Return a token's session, with its current standing. Raises SESSION_EXPIRED, SESSION_REFUSED."""
         digest = sha256(token)
         known = self._sessions.get(digest)
         if known is None:
@@ -138,7 +132,6 @@ class SessionTable:
         return _session(known, standing)
 
     def close(self, token: bytes) -> None:
-        """Forget a session; an unknown token is no error."""
         self._forget(sha256(token))
 
     def _standing(self, public_key: bytes, grant_id: bytes) -> Principal | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 
 def write_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a table; a `|` in a cell is escaped. Raises ValueError if a row does not fit the head."""
+    """Return a table's lines, `|` escaped. Raises ValueError for a misfit row."""
     lines = [_row(head), "|---" * len(head) + "|"]
     for row in rows:
         if len(row) != len(head):

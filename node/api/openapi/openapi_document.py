@@ -20,7 +20,6 @@ _SCHEMA_PLACE = "#/components/schemas/{name}"
 
 
 def errors_of(route: Route) -> tuple[str, ...]:
-    """Return every code that the route may refuse with, sorted."""
     codes = {*EVERY_ROUTE_ERRORS, *route.errors}
     if route.access.needs_session:
         codes |= set(SESSION_ERRORS)
@@ -101,7 +100,6 @@ def _document_kinds(routes: Iterable[Route]) -> list[type[Document]]:
 
 
 def build_openapi(routes: Iterable[Route]) -> dict[str, Any]:
-    """Return the OpenAPI 3.1 document of these routes as a JSON-ready dict."""
     routes = tuple(routes)
     _, schemas = msgspec.json.schema_components(_document_kinds(routes), ref_template=_SCHEMA_PLACE)
     paths: dict[str, dict[str, Any]] = {}

@@ -1,7 +1,4 @@
-"""The reference pages of interface, errors, authorisation and state, made from the code.
-
-`python -m node.api.openapi.reference_pages FOLDER` writes the pages; `--check` only tells whether they are current.
-"""
+"""Generates the reference pages; `--check` only checks them."""
 
 from __future__ import annotations
 
@@ -74,7 +71,6 @@ def _describe_route(route: Route) -> list[str]:
 
 
 def write_http_page(routes: Iterable[Route] = ROUTES) -> str:
-    """Return the text of `docs/reference/http-api.md`."""
     routes = tuple(routes)
     lines = [_MADE, "", "# HTTP interface", "", _HTTP_INTRODUCTION, ""]
     lines += write_table(["route", "for"], [[f"`{route.method} {route.path}`", route.access.label] for route in routes])
@@ -85,7 +81,6 @@ def write_http_page(routes: Iterable[Route] = ROUTES) -> str:
 
 
 def write_errors_page() -> str:
-    """Return the text of `docs/reference/errors.md`."""
     rows = [
         [
             f"`{entry.code}`",
@@ -102,7 +97,6 @@ def write_errors_page() -> str:
 
 
 def pages() -> dict[str, str]:
-    """Return the text of each page by file name."""
     return {
         "http-api.md": write_http_page(),
         "errors.md": write_errors_page(),
@@ -112,7 +106,6 @@ def pages() -> dict[str, str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write the pages, or check them; return the exit code (1 if a page is not current)."""
     parser = argparse.ArgumentParser(prog="python -m node.api.openapi.reference_pages", description=__doc__)
     parser.add_argument("folder", type=Path, help="the folder of the pages, docs/reference in the source tree")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if a page is not current")

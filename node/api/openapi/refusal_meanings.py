@@ -1,8 +1,4 @@
-"""What the code of a receipt means, in words.
-
-A receipt's code is the machine's own, one of a contract's author, or one of the catalogue. The sentence that the contract
-gave stands in the receipt.
-"""
+"""Meanings of receipt codes: the machine's, a contract's, or the catalogue's."""
 
 from __future__ import annotations
 
@@ -34,7 +30,7 @@ MACHINE_MEANINGS = {
 
 
 def explain_refusal(code: str) -> RefusalAnswer:
-    """Return what is known of a code. Codes of the catalogue win, then the machine's, then those of contracts that ship."""
+    """Explain a code; catalogue first, then machine, then shipped contracts."""
     entry = CATALOGUE.get(code)
     if entry is not None:
         return RefusalAnswer(code=code, origin="catalogue", meaning=entry.meaning, next_step=entry.next_step)

@@ -1,8 +1,4 @@
-"""Events of contracts by place, page by page: what a reader needs to go on where it stopped.
-
-A place is height:index, the index counting the events of the block; it is the same at every node, so that a reader may
-go on at another one. A page says where to go on, also past blocks without events: what is pruned meanwhile is no loss.
-"""
+"""Contract events, page by page; places (height:index) are alike at every node."""
 
 from __future__ import annotations
 
@@ -26,7 +22,6 @@ PLACE_PATTERN = "^[0-9]{1,15}:[0-9]{1,9}$"
 
 
 def _read_place(text: str | None, snapshot: LedgerSnapshot) -> tuple[int, int]:
-    """Return the place from which on is read; the oldest that is kept here if none is given."""
     if text is None:
         return snapshot.earliest_height, 0
     height, _, index = text.partition(":")
@@ -36,7 +31,6 @@ def _read_place(text: str | None, snapshot: LedgerSnapshot) -> tuple[int, int]:
 
 
 def _scan(snapshot: LedgerSnapshot, height: int, index: int) -> Iterator[tuple[int, int, ContractEvent] | None]:
-    """Yield up to `SCAN_MAX_COUNT` events from a place on, and None before each part of them."""
     place, left = (height, index), SCAN_MAX_COUNT
     while left > 0:
         yield None
@@ -49,7 +43,7 @@ def _scan(snapshot: LedgerSnapshot, height: int, index: int) -> Iterator[tuple[i
 
 
 def _read_page(call: Call, snapshot: LedgerSnapshot) -> Steps[EventsPage]:
-    """Read one page. Raises BLOCK_PRUNED if events from there on may be missing here."""
+    """Raises BLOCK_PRUNED."""
     height, index = _read_place(call.http.query.get("from"), snapshot)
     require_kept(snapshot, height, call.services.keepers)
     contract, name, limit = call.http.query.get("contract"), call.http.query.get("name"), call.int_of("limit")
@@ -79,7 +73,6 @@ def _read_page(call: Call, snapshot: LedgerSnapshot) -> Steps[EventsPage]:
 
 
 def _items(snapshot: LedgerSnapshot, found: list[tuple[int, int, ContractEvent]]) -> Steps[list[EventItem]]:
-    """Join events with the ids of the transactions that they are of."""
     txids: dict[int, list[str]] = {}
     for height in sorted({at for at, _, _ in found}):
         txids[height] = [one.txid.hex() for one in snapshot.receipts(height) or () for _ in one.events]

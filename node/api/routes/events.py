@@ -1,7 +1,4 @@
-"""GET /v1/events: contract events of finalized blocks as they come.
-
-Server-sent events; each id is `height:index`, and a stream that starts at a cursor begins with the event after it.
-"""
+"""GET /v1/events: finalized contract events as server-sent events, ids `height:index`."""
 
 from __future__ import annotations
 
@@ -26,7 +23,6 @@ EVENTS_AT_ONCE_COUNT = 64
 
 
 def _read_cursor(call: Call, head: int) -> tuple[int, int]:
-    """Return the place after which the stream begins. Without a cursor that is the newest finalized block's end."""
     text = call.http.headers.get("Last-Event-ID") or call.http.query.get("cursor")
     if text is None:
         return head + 1, -1
@@ -38,8 +34,6 @@ def _read_cursor(call: Call, head: int) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """What a stream sends next: messages, the place where it goes on, and whether there is more already."""
-
     content: bytes
     height: int
     after: int
@@ -47,7 +41,7 @@ class _Part:
 
 
 def _read_part(snapshot: LedgerSnapshot, keepers: Keepers, height: int, after: int) -> Steps[_Part]:
-    """Read the events of a few blocks. Raises BLOCK_PRUNED, NOT_FOUND."""
+    """Raises BLOCK_PRUNED and NOT_FOUND."""
     head, size = snapshot.header.height, 0
     messages: list[bytes] = []
     last = min(head, height + BLOCKS_PER_PART_COUNT - 1)
@@ -76,7 +70,6 @@ async def _stream(call: Call) -> web.StreamResponse:
 
 
 async def _send_events(call: Call) -> web.StreamResponse:
-    """Send what there is and what comes; what it costs is paid by whoever reads, who waits where he cannot."""
     ledger, keepers = call.services.ledger, call.services.keepers
     expires_at_ms = call.session.expires_at_ms if call.session else 0
     with ledger.snapshot() as snapshot:

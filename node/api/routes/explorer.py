@@ -1,7 +1,4 @@
-"""What the explorer asks beyond the other routes: headers, producers, counts, meanings of codes; and its own files.
-
-A node whose explorer is public answers these, and only these, to anybody.
-"""
+"""Explorer routes; a public explorer opens only these to anybody."""
 
 from __future__ import annotations
 

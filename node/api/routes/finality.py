@@ -1,7 +1,6 @@
 """The newest finalized header, the headers below it, and the epochs.
 
-The epochs are for anyone, as the genesis file is: a receipt is told to whoever knows its transaction, and cannot be
-checked without knowing who certified its block.
+Epochs are public, like genesis: checking a receipt needs them.
 """
 
 from __future__ import annotations

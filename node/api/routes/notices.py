@@ -1,4 +1,4 @@
-"""What stands on the chain about organisations and what they tell people, proved to anyone."""
+"""Organisations and their privacy notices, with proofs, for anyone."""
 
 from __future__ import annotations
 

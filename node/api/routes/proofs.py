@@ -16,7 +16,6 @@ from node.api.services import LedgerSnapshot
 
 
 def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[list[KeyProof]]:
-    """Return value and proof of each flat key under the snapshot's state root."""
     proofs = []
     for key in keys:
         value = snapshot.get(key)
@@ -30,7 +29,6 @@ def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[list[Ke
 
 
 def answer_proofs(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[web.Response]:
-    """Return the answer that proves these keys."""
     proofs = yield from prove_keys(snapshot, keys)
     return json_answer(ProofsAnswer(finality=finality_document(snapshot.finality), proofs=proofs))
 

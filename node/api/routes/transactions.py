@@ -1,7 +1,6 @@
 """Submit transactions and follow them.
 
-Submission needs no session: a transaction is signed by itself, and a wallet must be able to send one on a connection
-that says nothing else. Whoever knows a txid may ask for it.
+No session is needed: transactions are signed, and a txid suffices to ask.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ _wires = msgspec.msgpack.Decoder(list[bytes])
 
 
 def receipt_document(receipt: Receipt) -> ReceiptDocument:
-    """Return the JSON form of a receipt, without its events."""
     return ReceiptDocument(
         ok=receipt.ok, code=receipt.code, message=receipt.message, line=receipt.line, gas_used=receipt.gas_used
     )

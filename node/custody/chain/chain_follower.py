@@ -1,7 +1,6 @@
-"""Ties the custodian to the chain: feeds it finalized blocks, submits what it owes, moves clips between custodians.
+"""Ties the custodian to the chain: feeds blocks, submits transactions, exchanges clips.
 
-Must never hand the custodian a block that is not final, nor leave one out: it goes on from the custodian's own
-checkpoint, so that a crash at any moment repeats a block at most, and the custodian's writes are idempotent.
+Continues from the custodian's checkpoint; a crash repeats at most one block.
 """
 
 from __future__ import annotations
@@ -60,8 +59,6 @@ log = structlog.get_logger(__name__)
 
 @dataclass(slots=True)
 class _Submission:
-    """The last transaction that was made of an outbox row."""
-
     row: OutboxRow
     txid: bytes
     valid_until_ms: int
@@ -69,7 +66,7 @@ class _Submission:
 
 
 class Custody:
-    """The custodian's work on this node, as three tasks: follow, submit, fetch."""
+    """The custodian's work on this node: follow, submit and fetch tasks."""
 
     def __init__(
         self,
@@ -89,10 +86,9 @@ class Custody:
         final_height: Callable[[], int] = lambda: -1,
         hold_room: HoldRoom | None = None,
     ) -> None:
-        """`is_in_touch` tells whether the node is as far as a quorum of the network: before that nothing is served.
+        """`is_in_touch`: the node is as far as a quorum; nothing is served before.
 
-        `final_height` is how far that is, blocks included that are final and not stored yet. `hold_room` holds room on
-        the disk beside its reserve.
+        `final_height` includes final blocks not yet stored; `hold_room` reserves disk room.
         """
         self.admission = UploadAdmission(ledger, feed, custodian, hold_room)
         self._genesis = genesis
@@ -118,14 +114,13 @@ class Custody:
 
     @property
     def _others(self) -> frozenset[str]:
-        """The names of the other custodians of the network, as it is now."""
         return self._custodians() - {self._name}
 
     @property
     def is_serving(self) -> bool:
-        """Tell whether clips may leave this custodian: since its start it has once followed the chain as far as it goes.
+        """Return whether clips may leave: the chain has been followed fully since start.
 
-        Its store, its ledger, even its erase keys may be of an old backup: what was erased since is erased here first.
+        Until then an old backup could serve clips erased since.
         """
         if self._serves_from is None and self._is_in_touch():
             self._serves_from = max(self._feed.height, self._final_height())
@@ -135,10 +130,9 @@ class Custody:
         return (-1 if self.checkpoint_height is None else self.checkpoint_height) >= height
 
     async def _wait_current(self, txid: bytes | None = None) -> None:
-        """Wait, not long, until the store holds all that is final here when something is asked of it.
+        """Wait briefly until all final blocks here, and `txid`, are applied.
 
-        Until then it may hold what was denied, erased or withdrawn since. A transaction `txid` may have been final
-        elsewhere a moment ago: it is waited for here first. Raises CUSTODY_CATCHING_UP.
+        Before that, erased or denied clips could be served. Raises CUSTODY_CATCHING_UP.
         """
         if txid is not None and self._locate(txid) is None:
             await self._feed.wait_final(txid, CATCH_UP_MAX_MS)
@@ -157,12 +151,11 @@ class Custody:
             raise BlockRobotError("CUSTODY_CATCHING_UP")
 
     def find_peers(self) -> list[PeerLink]:
-        """Return links to the other custodians that are connected now."""
         others = self._others
         return [PeerLink(name, self._peers) for name in self._peers.connected if name in others]
 
     async def start(self) -> None:
-        """Finish what a crash cut off, read the checkpoint and begin. Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        """Finish interrupted work and begin. Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         await self._custodian.start()
         checkpoint = await self._custodian.checkpoint()
         self.checkpoint_height = None if checkpoint is None else checkpoint.height
@@ -171,7 +164,6 @@ class Custody:
             self._tasks.append(loop.create_task(work(), name=f"custody{work.__name__}"))
 
     async def stop(self) -> None:
-        """Stop; what was half done is done again after the next start."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -179,10 +171,7 @@ class Custody:
     # What clients ask (`CustodyService`)
 
     async def stage(self, upload: ClipUpload, robot: bytes) -> None:
-        """Keep a clip of a robot's open visit, whose body was let in (`admission`), until its record is final.
-
-        Raises UPLOAD_*, VISIT_NOT_OPEN, CLIP_ERASED, STORE_UNAVAILABLE.
-        """
+        """Raises CLIP_ERASED, STORE_UNAVAILABLE, VISIT_NOT_OPEN."""
         with self.admission.refused.noted(robot):
             await self.admission.wait_for_visit(upload.record_id, upload.owner, robot)
             await self._custodian.stage(upload, self.admission.read_terms(robot))
@@ -191,7 +180,6 @@ class Custody:
     async def describe_uploads(
         self, account: UploadAccount, timestamp_ms: int, reserve: DiskReserve | None, *, counts_held: bool
     ) -> dict[str, Any]:
-        """Return what an operator is told of uploads, at a block's time; see `upload_report.describe_uploads`."""
         with self._ledger.snapshot() as snapshot:
             quotas = read_quotas(snapshot.get)
         refused = self.admission.refused
@@ -200,16 +188,11 @@ class Custody:
         )
 
     async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
-        """Return a clip to its owner under a final access transaction of hers. Raises as the custodian does.
-
-        Raises CUSTODY_CATCHING_UP while the custodian has not followed the chain as far as it is final here.
-        """
+        """Return a clip to its owner; raises as the custodian, and CUSTODY_CATCHING_UP."""
         await self._wait_current(access_id)
         return await self._custodian.download(record_id, access_id, owner)
 
     async def stage_part(self, upload: GrantUpload, owner: bytes) -> str:
-        """Keep this custodian's part of a shared record's key. Raises as the custodian does."""
-
         def require_open() -> None:
             with self._ledger.snapshot() as snapshot:
                 require_open_grant(snapshot, upload.grant_txid, self._clock())
@@ -220,9 +203,9 @@ class Custody:
         return status
 
     async def download_shared(self, request: SharedRequest, grant_id: bytes, grantee: bytes) -> SharedDownload:
-        """Return a shared clip to the holder of a grant's one-time key, if she is of the staff or an officer still.
+        """Return a shared clip to a grantee who is still staff or officer.
 
-        Both the newest final state and the custodian's own store have to agree. Raises as `download`.
+        The newest final state and the custodian's store have to agree. Raises as `download`.
         """
         await self._wait_current(request.access_id)
         with self._ledger.snapshot() as snapshot:
@@ -230,20 +213,14 @@ class Custody:
         return await self._custodian.download_shared(request, grant_id)
 
     async def put_background(self, digest: bytes, content: bytes, robot: bytes) -> None:
-        """Keep a robot's empty frame, a depth picture that was approved on the chain and let in, under its SHA-256.
-
-        Raises EMPTY_FRAME_NOT_APPROVED, BACKGROUND_NOT_A_PICTURE, UPLOAD_QUOTA_EXCEEDED.
-        """
+        """Raises BACKGROUND_NOT_A_PICTURE, EMPTY_FRAME_NOT_APPROVED, UPLOAD_QUOTA_EXCEEDED."""
         with self.admission.refused.noted(robot):
             await asyncio.to_thread(check_depth_png, content)
             terms, require_approved = self.admission.read_terms(robot), self.admission.require_approved
             await self._custodian.put_background(digest, content, terms, partial(require_approved, digest, robot))
 
     async def get_background(self, digest: bytes) -> bytes | None:
-        """Return a recorded empty frame, or None if there is none or its approval was withdrawn.
-
-        Raises CUSTODY_CATCHING_UP, as for clips.
-        """
+        """Return an approved empty frame, or None. Raises CUSTODY_CATCHING_UP."""
         await self._wait_current()
         return await self._custodian.get_background(digest)
 
@@ -270,7 +247,6 @@ class Custody:
                 await asyncio.sleep(RETRY_MS / 1000)
 
     async def _reconcile_if_due(self, height: int) -> bool:
-        """Where the next block was pruned, or the node began with a snapshot, take the state instead; tell whether."""
         with self._ledger.snapshot() as snapshot:
             position = snapshot.position
             if position is None or height + 1 >= snapshot.earliest_height:
@@ -317,7 +293,6 @@ class Custody:
                 await self._custodian.report_expired(ChainFacts(snapshot, point))
 
     async def _note_refusals(self, receipts: Sequence[Receipt]) -> None:
-        """A contract that refuses what is owed will mostly do so again: try a few times, then let it be."""
         if not self._submitted:
             return
         refused = {receipt.txid: receipt.code for receipt in receipts if not receipt.ok}
@@ -351,7 +326,6 @@ class Custody:
                 self._wake_outbox.clear()
 
     async def _submit_due(self) -> None:
-        """Sign and submit the rows that are due, each again only after its last transaction expired unseen."""
         now_ms = self._clock()
         rows = {row.key: row for row in await self._custodian.owed(OUTBOX_BATCH_COUNT)}
         self._forget_submissions(rows.keys(), now_ms)
@@ -369,10 +343,6 @@ class Custody:
             self._submitted[row.key] = _Submission(row, transaction.txid, transaction.body.valid_until_ms, refusals)
 
     def _forget_submissions(self, owed: Collection[tuple[str, bytes, int]], now_ms: int) -> None:
-        """Forget what is not among the first that are owed, once nothing has to be known of it any more.
-
-        It may be owed still, behind others: what is on its way is signed no second time, and refusals are not forgotten.
-        """
         self._submitted = {
             key: submission
             for key, submission in self._submitted.items()
@@ -404,7 +374,7 @@ class Custody:
     # Clips between custodians
 
     async def serve_peer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Answer another custodian's request for a part of a clip. Raises PEER_REFUSED, NOT_FOUND, CUSTODY_CATCHING_UP."""
+        """Serve part of a clip to another custodian. Raises PEER_REFUSED, NOT_FOUND, CUSTODY_CATCHING_UP."""
         if peer not in self._others:
             raise BlockRobotError("PEER_REFUSED", f"{peer} is no custodian of this network.")
         if kind is not RequestKind.CLIP:
@@ -418,7 +388,6 @@ class Custody:
         return encode(ClipPart(total=len(data), data=part))
 
     async def _read_clip(self, record_id: bytes, *, is_first: bool) -> bytes:
-        """Return a clip's bytes, for parts after the first as they were kept, if it may still leave as it was."""
         try:
             await self._custodian.require_exportable(record_id)
             kept = None if is_first else self._served.get(record_id)

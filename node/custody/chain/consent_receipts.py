@@ -1,5 +1,6 @@
-"""Signs receipts of what people said about consent. Must never sign anything that is not final, or is not of the node's
-own organisation, or that somebody else asks for than whose word it is; nor a consent to what people were not told.
+"""Signs receipts of consent statements.
+
+Only final ones of the own organisation, for their author; no consent beyond the notice given.
 """
 
 from __future__ import annotations
@@ -31,19 +32,17 @@ from node.api.services import LedgerSnapshot, SignedReceipt
 
 
 class ConsentReceipts:
-    """The receipts of one custodian's organisation, made from a snapshot whenever they are asked for; none is kept."""
+    """Receipts of one custodian's organisation, built on demand; none is stored."""
 
     def __init__(self, key: PrivateKey, keepers: Keepers = lambda _: ()) -> None:
-        """`key` is the custodian's, under which the chain knows the node and its organisation."""
         self._key = key
         self._keepers = keepers
 
     def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
-        """Return the signed receipt of a caller's own word.
+        """Return the signed receipt of a caller's own statement.
 
-        Raises CONSENT_RECEIPT_ELSEWHERE if she is of another organisation, NOT_FOUND for a transaction that is not
-        final or not hers, BLOCK_PRUNED for one that is too old, CONSENT_WORD_MISSING, NOTICE_INVALID, and as
-        `require_told` for a consent beyond the notice that was in force.
+        Raises CONSENT_RECEIPT_ELSEWHERE (other organisation), NOT_FOUND (not final or not theirs), BLOCK_PRUNED,
+        CONSENT_WORD_MISSING, NOTICE_INVALID, and as `require_told`.
         """
         organisation = self._organisation(snapshot, caller)
         place = snapshot.locate(txid)
@@ -75,7 +74,7 @@ class ConsentReceipts:
         )
 
     def _organisation(self, snapshot: LedgerSnapshot, caller: bytes) -> str:
-        """Return the organisation of node and person. Raises CONSENT_RECEIPT_ELSEWHERE."""
+        """Raises CONSENT_RECEIPT_ELSEWHERE."""
         custodian = CUSTODIAN.at(snapshot, self._key.public_key)
         if custodian is None or custodian.org != organisation_of(snapshot, caller):
             raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
@@ -88,7 +87,7 @@ def _value(snapshot: LedgerSnapshot, key: bytes) -> Any:
 
 
 def find_notice(snapshot: LedgerSnapshot, organisation: str, word: ConsentWord) -> PublishedNotice | None:
-    """Return the version that was in force when a word was said, or None. Raises NOTICE_INVALID."""
+    """Return the notice in force at a statement, or None. Raises NOTICE_INVALID."""
     row = read_row(organisation, _value(snapshot, NOTICE.key(organisation)))
     following = None
     while row is not None and not is_notice_of(row, following, word):

@@ -1,7 +1,4 @@
-"""What an operator may ask of a custodian: how it stands, to prove what it holds, to make its index again.
-
-Must never open a clip, nor do two long things at once. What it answers is ready for JSON; ids are hex.
-"""
+"""An operator's view of a custodian; JSON-ready, ids hex, never opens clips."""
 
 from __future__ import annotations
 
@@ -31,7 +28,7 @@ log = structlog.get_logger(__name__)
 
 
 class CustodyAdmin:
-    """The operator's view of one custodian. `find_peers` names the custodians that can be asked for clips now."""
+    """Operator's view of one custodian; `find_peers` returns custodians reachable now."""
 
     def __init__(
         self,
@@ -47,7 +44,7 @@ class CustodyAdmin:
         is_serving: Callable[[], bool],
         describe_uploads: Callable[..., Awaitable[dict[str, Any]]],
     ) -> None:
-        """`describe_uploads` returns what is to be said of uploads at a block's time (ms), see `counts_held` there."""
+        """`describe_uploads` reports uploads at a block's time (ms)."""
         self._describe_uploads = describe_uploads
         self._name = name
         self._member = member
@@ -62,14 +59,13 @@ class CustodyAdmin:
 
     @contextmanager
     def open_facts(self) -> Iterator[ChainFacts]:
-        """Open the newest finalized state."""
         with self._ledger.snapshot() as snapshot:
             position = snapshot.position
             assert position is not None, "a node's ledger begins with the genesis block"
             yield ChainFacts(snapshot, Checkpoint(position.height, position.block_id, position.timestamp_ms))
 
     async def status(self) -> dict[str, Any]:
-        """Return how far the custodian is, what it holds, and who owes which receipts. Raises STORE_UNAVAILABLE."""
+        """Return height, holdings and pending receipts by custodian. Raises STORE_UNAVAILABLE."""
         point, counts = await self._custodian.checkpoint(), await self._store.counts()
         height, waiting = await asyncio.to_thread(self._look_at_erasures)
         followed = -1 if point is None else point.height
@@ -99,7 +95,6 @@ class CustodyAdmin:
         }
 
     async def metrics(self) -> bytes:
-        """Return the uploads as Prometheus text, or nothing while the store does not answer."""
         try:
             point = await self._custodian.checkpoint()
             at_ms = 0 if point is None else point.timestamp_ms
@@ -109,12 +104,10 @@ class CustodyAdmin:
             return b""
 
     def _look_at_erasures(self) -> tuple[int, dict[str, dict[str, Any]]]:
-        """Return the state's height and what the chain waits for; walks over all erasures there ever were: in a thread."""
         with self.open_facts() as facts:
             return facts.point.height, self._waiting(facts)
 
     def _waiting(self, facts: ChainFacts) -> dict[str, dict[str, Any]]:
-        """Return, by custodian, how many receipts the chain waits for, and which of them are overdue."""
         waiting: dict[str, dict[str, Any]] = {}
         now_ms = self._clock()
         for erasure in facts.open_erasures():
@@ -135,7 +128,7 @@ class CustodyAdmin:
         return describe_scrub(report)
 
     async def rebuild(self, tell: Tell = tell_nobody) -> dict[str, Any]:
-        """Make the index again, fetch what is missing. Raises as `scrub`."""
+        """Rebuild the index and fetch what is missing. Raises as `scrub`."""
 
         async def pause() -> None:
             await asyncio.sleep(FETCH_PAUSE_S)
@@ -156,7 +149,7 @@ def _frames(frames: Sequence[tuple[bytes, int]]) -> list[dict[str, Any]]:
 
 
 def describe_scrub(report: ScrubReport) -> dict[str, Any]:
-    """Return a scrub's report for JSON; lists end after a thousand."""
+    """Return a JSON-ready scrub report; lists end after a thousand."""
     return {
         "ok": report.is_clean,
         "nothing_erased_is_left": report.nothing_erased_is_left,
@@ -184,7 +177,6 @@ def describe_scrub(report: ScrubReport) -> dict[str, Any]:
 
 
 def describe_rebuild(report: RebuildReport) -> dict[str, Any]:
-    """Return a rebuild's report for JSON; lists end after a thousand."""
     return {
         "ok": report.is_whole,
         "height": report.height,

@@ -1,8 +1,6 @@
-"""A custodian's upkeep on the operator's listener. Must never answer anybody without the operator's token.
+"""A custodian's maintenance routes on the operator's listener, by token only.
 
-`GET /custody`, `POST /custody/scrub`, `POST /custody/rebuild`. What takes long answers as JSON lines: `{"progress": ...}`
-as it goes, the same again while there is nothing new, so that whoever waits knows that the work goes on; then one line
-`{"report": ...}` or `{"error": ...}`.
+Long tasks stream JSON lines: `{"progress": ...}`, then `{"report": ...}` or `{"error": ...}`.
 """
 
 from __future__ import annotations
@@ -32,14 +30,13 @@ log = structlog.get_logger(__name__)
 
 
 def problem_of(error: BlockRobotError) -> dict[str, str]:
-    """Return what an operator is told of a refusal."""
     return {"code": error.code, "detail": error.detail, "next_step": error.next_step}
 
 
 def add_custody_routes(
     application: web.Application, upkeep: CustodyAdmin | None, require: Callable[[web.Request], None]
 ) -> None:
-    """Add the routes. `require` raises unless the request is the operator's; a node without clips says so."""
+    """Add the routes; `require` raises unless the request is the operator's."""
 
     def permitted(request: web.Request) -> CustodyAdmin:
         require(request)
@@ -66,7 +63,6 @@ def add_custody_routes(
 
 
 async def _stream(request: web.Request, run: Callable[[Tell], Awaitable[dict[str, Any]]]) -> web.StreamResponse:
-    """Run, saying now and then how far it is. Whoever hangs up ends the work; it can be done again."""
     newest: list[tuple[str, int, int]] = []
     told, told_at_s = ("working", 0, 0), time.monotonic()
     response = web.StreamResponse(headers={"Content-Type": "application/x-ndjson"})

@@ -1,4 +1,4 @@
-"""What makes a node a custodian, and the custodian that is made of it. Must never open or close what it is given."""
+"""Builds a node's custodian from key, store and erase keys."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from node.storage.ledger_store import LedgerStore
 
 @dataclass(frozen=True, slots=True)
 class CustodyPlace:
-    """What makes a node a custodian: its key, its store and its erase keys, both open."""
+    """A custodian's key, open store and open erase keys; closed by their owner."""
 
     key: PrivateKey
     store: CustodyStore
@@ -24,7 +24,7 @@ class CustodyPlace:
     reserve: DiskReserve | None = None
 
     def make_custodian(self, ledger: LedgerStore, clock_ms: Callable[[], int]) -> Custodian:
-        """Return the custodian; `ledger` says which empty frames the newest final state approves."""
+        """Return the custodian; `ledger` gives the approved empty frames."""
 
         def is_frame_approved(digest: bytes) -> bool:
             with ledger.snapshot() as snapshot:

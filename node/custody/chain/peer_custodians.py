@@ -1,4 +1,4 @@
-"""Other custodians, over the nodes' own connections. Must never take a clip for longer than it was announced."""
+"""Other custodians, over node connections; clips are limited to their announced size."""
 
 from __future__ import annotations
 
@@ -17,25 +17,19 @@ class PeerCustodian(Protocol):
     """Another custodian."""
 
     @property
-    def name(self) -> str:
-        """The name of its node."""
-        ...
+    def name(self) -> str: ...
 
-    async def fetch(self, record_id: bytes) -> ClipDownload | None:
-        """Return a confirmed clip as that custodian holds it, or None if it has none."""
-        ...
+    async def fetch(self, record_id: bytes) -> ClipDownload | None: ...
 
 
 class PeerRequests(Protocol):
     """Asks peers."""
 
     @property
-    def connected(self) -> list[str]:
-        """The names of the connected peers."""
-        ...
+    def connected(self) -> list[str]: ...
 
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Return the answer. Raises PEER_UNAVAILABLE."""
+        """Raises PEER_UNAVAILABLE."""
         ...
 
 
@@ -47,7 +41,7 @@ class PeerLink:
         self._peers = peers
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None:
-        """Return a confirmed clip as that custodian holds it, or None if it has none. Raises PEER_*, ENCODING_*."""
+        """Return a confirmed clip, or None. Raises PEER_*, ENCODING_*."""
         data = bytearray()
         while True:
             request = ClipRequest(record_id=record_id, offset=len(data))

@@ -1,8 +1,6 @@
-"""Whether a robot's upload is read at all: judged by what is known before its body. Must never let one in unheld.
+"""Admits a robot's upload before its body is read.
 
-Whose visit it is, and how large it is, stand before the body; what is new counts in the quotas and in the disk's reserve
-until it lies there or was refused. So those that are on their way together fit together. What is here already needs no
-room; it may come again, a few at a time. The custodian judges what came once more.
+New content counts in quotas and reserve until stored or refused; known content needs no room.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ HoldRoom = Callable[[bytes, int], AbstractContextManager[None]]
 
 
 def may_upload(state: Reader, record_id: bytes, owner: bytes, robot: bytes) -> bool:
-    """Tell whether a clip is of a visit that this robot has open, or of a record that it made already."""
+    """Return whether this robot has the visit open or made the record."""
     visit = VISIT.at(state, owner)
     if visit is not None and visit.robot == robot and visit.status == "open":
         return True
@@ -46,7 +44,7 @@ def may_upload(state: Reader, record_id: bytes, owner: bytes, robot: bytes) -> b
 
 
 class UploadAdmission:
-    """Lets uploads in; `in_flight` is what each robot has on its way."""
+    """Admits uploads; `in_flight` is each robot's use under way."""
 
     def __init__(
         self, ledger: LedgerStore, feed: FinalityFeed, custodian: Custodian, hold_room: HoldRoom | None = None
@@ -60,29 +58,26 @@ class UploadAdmission:
         self.refused = RefusedUploads()
 
     def organisation_of(self, robot: bytes) -> str:
-        """Return the name of a robot's organisation, or an empty text for a key of no member."""
         with self._ledger.snapshot() as snapshot:
             return organisation_of(snapshot, robot)
 
     def handle_of(self, robot: bytes) -> bytes:
-        """Return the handle of a robot, which stays when its key is replaced."""
         with self._ledger.snapshot() as snapshot:
             return handle_of(snapshot, robot)
 
     def read_terms(self, robot: bytes) -> UploadTerms:
-        """Return the quotas of the newest final state, and whose each robot is."""
         with self._ledger.snapshot() as snapshot:
             quotas = read_quotas(snapshot.get)
         return UploadTerms(robot, quotas, self.organisation_of, self.handle_of)
 
     def require_room(self) -> None:
-        """Raise DISK_RESERVE_REACHED if the disk's reserve is in use."""
+        """Raises DISK_RESERVE_REACHED."""
         with self._hold_room(b"", 0):
             return
 
     @asynccontextmanager
     async def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[None]:
-        """Let the body of a clip of a robot's open visit be read. Raises VISIT_NOT_OPEN and as `background`."""
+        """Admit a clip of an open visit. Raises VISIT_NOT_OPEN and as `background`."""
         content = ("clip", robot + record_id)
         wait = partial(self.wait_for_visit, record_id, owner, robot)
         async with self._let_in(robot, content, size_bytes, wait, partial(self._custodian.holds, record_id)):
@@ -90,7 +85,7 @@ class UploadAdmission:
 
     @asynccontextmanager
     async def background(self, digest: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[None]:
-        """Let the body of an approved empty frame be read.
+        """Admit an approved empty frame.
 
         Raises EMPTY_FRAME_NOT_APPROVED, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED, RATE_LIMITED.
         """
@@ -108,7 +103,6 @@ class UploadAdmission:
         wait: Callable[[], Awaitable[None]],
         is_known: Callable[[], Awaitable[bool]],
     ) -> AsyncIterator[None]:
-        """Hold a place, and room and quota for what is new, while it is on its way."""
         whose = self.handle_of(robot) or robot
         with ExitStack() as held:
             held.enter_context(self._place(("robot", whose), UPLOADS_OF_ROBOT_MAX_COUNT))
@@ -124,7 +118,7 @@ class UploadAdmission:
 
     @contextmanager
     def _place(self, what: tuple[str, bytes], most: int) -> Iterator[None]:
-        """Take one of the places of a robot, a clip or an empty frame. Raises RATE_LIMITED if all are taken."""
+        """Raises RATE_LIMITED."""
         if self._open[what] >= most:
             raise BlockRobotError(
                 "RATE_LIMITED", f"{most} uploads of this {what[0]} are on their way already.", retry_after_s=1
@@ -149,7 +143,7 @@ class UploadAdmission:
                 self.in_flight[robot] = left
 
     async def wait_for_visit(self, record_id: bytes, owner: bytes, robot: bytes) -> None:
-        """Wait until the visit of a clip is open here. Raises VISIT_NOT_OPEN."""
+        """Raises VISIT_NOT_OPEN."""
 
         def judge(state: LedgerSnapshot) -> bool | None:
             is_known = VISIT.has(state, owner)
@@ -158,19 +152,18 @@ class UploadAdmission:
         await self._wait_until(judge, "VISIT_NOT_OPEN")
 
     async def wait_until_approved(self, digest: bytes, robot: bytes) -> None:
-        """Wait until an empty frame is approved here. Raises EMPTY_FRAME_NOT_APPROVED."""
+        """Raises EMPTY_FRAME_NOT_APPROVED."""
         await self._wait_until(
             lambda state: is_frame_approved(state, robot, digest) or None, "EMPTY_FRAME_NOT_APPROVED"
         )
 
     def require_approved(self, digest: bytes, robot: bytes) -> None:
-        """Raise EMPTY_FRAME_NOT_APPROVED unless the newest final state approves a frame for the robot."""
+        """Raises EMPTY_FRAME_NOT_APPROVED."""
         with self._ledger.snapshot() as snapshot:
             if not is_frame_approved(snapshot, robot, digest):
                 raise BlockRobotError("EMPTY_FRAME_NOT_APPROVED")
 
     async def _wait_until(self, judge: Callable[[LedgerSnapshot], bool | None], refusal: str) -> None:
-        """Wait, not long, until the newest final state says yes; it refuses when that says no, or nothing in time."""
         deadline_s = asyncio.get_running_loop().time() + CATCH_UP_MAX_MS / 1000
         while True:
             with self._ledger.snapshot() as snapshot:

@@ -1,4 +1,4 @@
-"""What a custodian tells its operator of uploads: who brought how much, the trend, free space. Must never name people."""
+"""A custodian's upload report: use, trend, free space; it names no people."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ OTHER_ROBOTS = "others"
 
 
 class RefusedUploads:
-    """Counts what each robot was refused since the start, and lately; a flood of uploads makes no flood of lines."""
+    """Counts each robot's refused uploads, in all and recently, without logging each."""
 
     def __init__(self, clock_s: Callable[[], float] | None = None) -> None:
-        """`clock_s` gives seconds that only grow, else the event loop's."""
+        """`clock_s`: monotonic seconds; default is the event loop's."""
         self._clock_s = clock_s or (lambda: asyncio.get_running_loop().time())
         self.counts: Counter[bytes] = Counter()
         self._lately: Counter[bytes] = Counter()
@@ -51,12 +51,11 @@ class RefusedUploads:
         self._since_s = 0.0
 
     def lately(self, robot: bytes) -> int:
-        """Return how many uploads a robot was refused in the last `LATELY_S`, or in at most twice as long."""
+        """Return a robot's refusals in the last one to two `LATELY_S`."""
         self._turn()
         return self._lately[robot] + self._before[robot]
 
     def _turn(self) -> None:
-        """Begin another window once the present one is full; what is older than both is forgotten."""
         passed_s = self._clock_s() - self._since_s
         if passed_s < LATELY_S:
             return
@@ -65,7 +64,6 @@ class RefusedUploads:
 
     @contextmanager
     def noted(self, robot: bytes) -> Iterator[None]:
-        """Count a refusal of what happens within."""
         try:
             yield
         except BlockRobotError as error:
@@ -79,7 +77,6 @@ class RefusedUploads:
 
 
 def _trend(days: list[DayUse], today: int) -> int:
-    """Return bytes a day."""
     past = [use for use in days if today - TREND_DAYS <= use.day < today]
     if not past:
         return sum(use.size_bytes for use in days if use.day == today)
@@ -96,9 +93,9 @@ async def describe_uploads(
     *,
     counts_held: bool,
 ) -> dict[str, Any]:
-    """Return the uploads of each robot by organisation, the quotas and the room that is left, ready for JSON.
+    """Return JSON-ready uploads by organisation and robot, quotas and room.
 
-    Each robot's confirmed clips stand there if it `counts_held` only: that is a sum over all that is kept.
+    Confirmed clips appear only if `counts_held`: that sums over all holdings.
     """
     staged = await account.use_by_robot("staged")
     held = await account.use_by_robot("confirmed") if counts_held else {}
@@ -135,7 +132,6 @@ async def describe_uploads(
 
 
 def render_uploads(report: Mapping[str, Any]) -> bytes:
-    """Return what `describe_uploads` told in the Prometheus text format."""
     registry, labels = CollectorRegistry(), ("robot", "organisation")
     told = {
         "staged_bytes": "Bytes of a robot's clips that are not recorded yet.",

@@ -1,8 +1,4 @@
-"""The rebuild: makes a store's index again from the finalized state, and fetches from others what is missing or damaged.
-
-Must never keep what the state has erased, nor throw away bytes that are right: a clip goes only where the state says so,
-or where its leaves cannot be those of its record. Every step is idempotent; after a crash it is done again.
-"""
+"""Rebuild: recreates a store's index from finalized state, refetching damaged clips; idempotent."""
 
 from __future__ import annotations
 
@@ -39,7 +35,7 @@ Pause = Callable[[], Awaitable[None]]
 
 @dataclass(slots=True)
 class RebuildReport:
-    """What a rebuild did, by record id (and frame), and what is still to be had from somebody."""
+    """A rebuild's changes by record id (and frame), and what remains missing."""
 
     height: int = 0
     clips_count: int = 0
@@ -55,12 +51,11 @@ class RebuildReport:
 
     @property
     def is_whole(self) -> bool:
-        """Tell whether the store now has what the chain says, and nothing else."""
         return not (self.unknown_to_chain or self.still_damaged or self.still_missing_count)
 
 
 class Rebuild:
-    """One rebuild of a store. `find_peers` names the other custodians that can be asked now."""
+    """One rebuild; `find_peers` returns custodians reachable now."""
 
     def __init__(
         self,
@@ -83,7 +78,7 @@ class Rebuild:
         self._report = RebuildReport()
 
     async def run(self) -> RebuildReport:
-        """Make the index again, then fetch. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        """Rebuild, then fetch. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         async with settled(self._custodian, self._open_facts) as (facts, in_flight):
             self._report.height = facts.point.height
             await self._custodian.eraser.finish()
@@ -100,7 +95,6 @@ class Rebuild:
         return self._report
 
     async def _set_right(self, facts: ChainFacts) -> None:
-        """Go over every clip: what the state has erased goes, what it says of the others is written anew."""
         gone: list[bytes] = []
         expired: list[RecordFacts] = []
         async for clip in self._store.all_clips():
@@ -125,7 +119,6 @@ class Rebuild:
         await self._erase_expired(facts, expired)
 
     async def _erase_expired(self, facts: ChainFacts, expired: Sequence[RecordFacts]) -> None:
-        """Erase what is held beyond its time as its own block would have: the chain still waits for the reports."""
         for record in expired:
             await self._store.correct(record)
             self._report.erased_again.append(record.record_id)
@@ -158,7 +151,6 @@ class Rebuild:
         self._report.keys_destroyed_count = len(slots)
 
     async def _find_suspects(self) -> list[bytes]:
-        """Read every confirmed clip while the custodian follows the chain; return those that do not seem whole."""
         suspects, done, total = [], 0, (await self._store.counts()).confirmed
         with self._open_facts() as facts:
             judge = Judge(self._custodian, self._store, facts)
@@ -174,7 +166,6 @@ class Rebuild:
         return suspects
 
     async def _find_damaged(self, suspects: Sequence[bytes]) -> list[bytes]:
-        """Return which of these clips have frames damaged or gone though nobody erased them, as of one moment."""
         if not suspects:
             return []
         async with settled(self._custodian, self._open_facts) as (facts, _):
@@ -188,7 +179,6 @@ class Rebuild:
         return damaged
 
     async def _fetch_missing(self) -> None:
-        """Ask the other custodians until nothing is missing, or nobody has any more of it."""
         total, fruitless = (await self._store.counts()).missing, 0
         left = total
         while left and fruitless < FRUITLESS_ROUNDS_MAX_COUNT:
@@ -220,7 +210,6 @@ class Rebuild:
         return False
 
     def _read_kept(self, record_id: bytes) -> RecordFacts | None:
-        """Return what the newest state says of a record that is to be kept, with every frame that nobody may hold."""
         with self._open_facts() as facts:
             record = facts.record(record_id)
             if record is None or not record.is_kept(facts.point.timestamp_ms):
@@ -230,7 +219,6 @@ class Rebuild:
 
 
 async def _is_damaged(judge: Judge, record: RecordState, clip: ClipRow) -> bool:
-    """Tell whether a confirmed clip lacks bytes that it should have; one that was erased meanwhile does not."""
     seen = ScrubReport()
     try:
         await judge.compare(clip.record_id, record, clip, seen)

@@ -1,9 +1,4 @@
-"""Brings a custodian's store to what the finalized state says, where there are no blocks to follow.
-
-Must never give up a clip that the state still knows, nor keep one that it does not. A node that joined by snapshot, or
-whose store is older than the blocks that its ledger kept, does this once and then follows block by block. Every step is
-idempotent and the checkpoint comes last, so that a crash at any moment repeats it.
-"""
+"""Reconciles a custodian's store with finalized state, without blocks; idempotent, checkpoint last."""
 
 from __future__ import annotations
 
@@ -30,9 +25,9 @@ T = TypeVar("T")
 
 
 async def read_in_thread(read: Callable[[], T]) -> T:
-    """Read the state in a thread, so that the event loop goes on. Ends after the reading, also when it is cancelled.
+    """Read state in a thread; returns only after reading, even if cancelled.
 
-    Whoever opened the state closes it next, and nothing may read it then.
+    The caller closes the state next.
     """
     reading = asyncio.ensure_future(asyncio.to_thread(read))
     try:
@@ -42,13 +37,12 @@ async def read_in_thread(read: Callable[[], T]) -> T:
 
 
 async def read_in_parts(rows: Iterator[T]) -> AsyncIterator[list[T]]:
-    """Yield what an iterator over the state yields, in parts that a thread has read."""
     while part := await read_in_thread(lambda: list(islice(rows, RECORDS_AT_ONCE_COUNT))):
         yield part
 
 
 class Reconciliation:
-    """One custodian's store against one version of the state. The checkpoint is the caller's."""
+    """One store against one state; the caller writes the checkpoint."""
 
     def __init__(self, store: CustodyStore, eraser: Eraser, shares: Shares, member: bytes, facts: ChainFacts) -> None:
         self._store = store
@@ -58,7 +52,6 @@ class Reconciliation:
         self._facts = facts
 
     async def apply(self) -> None:
-        """Take records, what was said of visits, access and erasures into the store, as their blocks would have."""
         async for batch in read_in_parts(self._facts.active_records()):
             await self._take_records(batch)
         await self._take_standings()
@@ -79,7 +72,7 @@ class Reconciliation:
         await self.report_expired()
 
     async def report_expired(self) -> None:
-        """Owe the reports for which expired records still wait, whoever was to say it: nobody else may come to do so."""
+        """Queue reports that expired records await, whoever they were due from."""
         unreported = await read_in_thread(lambda: self._facts.unreported(self._member))
         await self._eraser.report_expired(unreported, self._facts.point.height)
 
@@ -99,10 +92,6 @@ class Reconciliation:
         await self._store.apply(BlockEffects(confirmed=tuple(confirmed), missing=tuple(missing)))
 
     async def _take_standings(self) -> None:
-        """Heed what stands of each visit; what no longer does, because it was lifted meanwhile, is let go.
-
-        Only the store knows of a clip that it keeps longer and the chain no longer does: those expiries are its own.
-        """
         standing = {row.owner: row for row in await read_in_thread(lambda: list(self._facts.standings()))}
         for owner, before in (await self._store.standings()).items():
             now = standing.get(owner, VisitRestrictions(owner))
@@ -112,7 +101,6 @@ class Reconciliation:
             await settle(self._store, row)
 
     async def _take_shares(self) -> None:
-        """Heed the grants that stand, and let go of what is held for those that do not, or for records that are gone."""
         standing, ended = await read_in_thread(self._facts.shares)
         standings = await read_in_thread(lambda: list(self._facts.standings()))
         denied = {row.owner for row in standings if row.quarantined}
@@ -144,7 +132,7 @@ class Reconciliation:
                 await self._replay(access.height, access.access_id, "access", "released", released)
 
     async def _take_erasure(self, erasure: ErasureFacts) -> None:
-        """Carry an erasure out, also one that was confirmed before: the store may be an older one put back."""
+        """Erase again even if confirmed: the store may be an old backup."""
         data = {
             "erasure_id": erasure.erasure_id,
             "owner": erasure.owner,
@@ -154,13 +142,11 @@ class Reconciliation:
         await self._replay(erasure.height, erasure.erasure_id, "erasure", "requested", data)
 
     async def _settle_erasure(self, erasure: ErasureFacts) -> None:
-        """Owe nothing for an erasure that this custodian has confirmed before, or that was not asked of it."""
         if self._member in erasure.receipts or self._member not in erasure.custodians:
             told = {"erasure_id": erasure.erasure_id, "custodian": self._member}
             await self._replay(erasure.height, erasure.erasure_id, "erasure", "receipted", told)
 
     async def _replay(self, height: int, txid: bytes, contract: str, name: str, data: dict[str, Any]) -> None:
-        """Let one event take effect as if its block had just come."""
         event = FinalizedEvent(txid, contract, name, data)
         point = self._facts.point
         block = FinalizedEvents(height, point.block_id, point.timestamp_ms, (event,))

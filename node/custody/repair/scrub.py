@@ -1,8 +1,6 @@
-"""The scrub: proves that chain and store agree, both ways, and that of what is erased no byte and no key is left.
+"""Scrub: verifies chain against store both ways, and that erased data is gone.
 
-Must never repair what it cannot prove. A clip that is missing is put among the missing ones, so that it is fetched; all
-else is reported. It looks while the custodian works; what seems wrong is looked at once more while nothing moves, at
-one height of chain and store, before it is called wrong.
+Repairs nothing; missing clips are listed for fetching. Suspects are rechecked at rest.
 """
 
 from __future__ import annotations
@@ -38,12 +36,11 @@ def tell_nobody(_what: str, _done: int, _total: int) -> None:
 
 @dataclass(slots=True)
 class ScrubReport:
-    """What a scrub found, by record id and frame.
+    """A scrub's findings, by record id and frame.
 
-    `corrupted`: frames whose bytes no longer make their leaf, or are gone though nobody erased them. `unclaimed_frames`:
-    records of which there are frames and no clip. `parts_held_though_ended`: grant and record of what is still held of a
-    shared key. `empty_frames_held_though_withdrawn`: by their SHA-256. `unclaimed_keys`: erase keys that no frame names.
-    `dirty_slots_count`: slots of the erase-key file that hold bytes and no key.
+    `corrupted`: frames not matching their leaf, or lost. `unclaimed_frames`: records with frames but no clip.
+    `parts_held_though_ended`: grant and record. `unclaimed_keys`: keys no frame names. `dirty_slots_count`: keyless
+    slots with bytes.
     """
 
     height: int = 0
@@ -65,7 +62,7 @@ class ScrubReport:
 
     @property
     def nothing_erased_is_left(self) -> bool:
-        """Tell whether no byte and no key is here of what the chain has erased, or never had."""
+        """Return whether nothing is left of data erased or unknown on the chain."""
         held = (self.held_though_erased, self.frames_held_though_erased, self.unknown_to_chain, self.unclaimed_frames)
         files = (self.unclaimed_keys, self.dirty_slots_count, self.leftovers.log_bytes, self.leftovers.dirty_bytes)
         others = (self.parts_held_though_ended, self.empty_frames_held_though_withdrawn)
@@ -73,12 +70,11 @@ class ScrubReport:
 
     @property
     def is_clean(self) -> bool:
-        """Tell whether chain and store agree."""
         return self.nothing_erased_is_left and not any((self.missing, self.other_facts, self.corrupted))
 
 
 class Judge:
-    """Compares one record of the state with what the store has of it."""
+    """Compares one record's state with the store."""
 
     def __init__(self, custodian: Custodian, store: CustodyStore, facts: ChainFacts) -> None:
         self._custodian = custodian
@@ -87,13 +83,11 @@ class Judge:
         self._erased_frames = facts.erased_frames()
 
     def erased_frames(self, record: RecordState) -> frozenset[int]:
-        """Return the frames of a record that nobody may hold any more."""
         return frozenset(record.facts.erased_frames) | self._erased_frames.get(record.facts.record_id, frozenset())
 
     async def compare(
         self, record_id: bytes, record: RecordState | None, clip: ClipRow | None, report: ScrubReport
     ) -> bool:
-        """Add what is wrong with one record to the report; tell whether all is well."""
         if record is None:
             if clip is None or clip.status != "confirmed":
                 return True
@@ -137,9 +131,9 @@ def _is_same(clip: ClipRow, record: RecordState) -> bool:
 async def settled(
     custodian: Custodian, open_facts: OpenFacts, max_s: float = SETTLE_MAX_S
 ) -> AsyncIterator[tuple[ChainFacts, frozenset[int]]]:
-    """Hold the custodian still at a moment when it has followed the whole ledger; yields the state and slots in flight.
+    """Pause the custodian when caught up; yields the state and in-flight slots.
 
-    Raises CUSTODY_CATCHING_UP if it does not come to that in time.
+    Raises CUSTODY_CATCHING_UP after `max_s`.
     """
     deadline = asyncio.get_running_loop().time() + max_s
     while True:
@@ -157,7 +151,7 @@ async def settled(
 async def scrub(
     custodian: Custodian, store: CustodyStore, keys: ErasableKeys, open_facts: OpenFacts, tell: Tell = tell_nobody
 ) -> ScrubReport:
-    """Compare chain and store, and list clips that the store should have as missing.
+    """Compare chain and store, and list absent clips as missing.
 
     Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
     """
@@ -185,7 +179,6 @@ async def scrub(
 
 
 async def find_withdrawn_frames(store: CustodyStore, facts: ChainFacts) -> list[bytes]:
-    """Return the empty frames that a store holds and the chain approves for no robot."""
     return [digest for digest in await store.background_digests() if not facts.is_empty_frame_approved(digest)]
 
 
@@ -196,7 +189,6 @@ async def _not_listed(store: CustodyStore, absent: Iterable[RecordFacts]) -> tup
 async def _look_through(
     judge: Judge, store: CustodyStore, facts: ChainFacts, seen: ScrubReport, tell: Tell
 ) -> set[bytes]:
-    """Walk over the chain's records, then over the store's clips; return the ids with which something seems wrong."""
     suspects: set[bytes] = set()
     batch: dict[bytes, RecordState] = {}
 
@@ -231,7 +223,7 @@ async def _look_through(
 
 
 async def find_unclaimed_frames(store: CustodyStore) -> list[bytes]:
-    """Return the records of which there are frames and no clip that may have them; only while nothing moves."""
+    """Return records with frames but no clip; only at rest."""
     found: list[bytes] = []
     batch: list[bytes] = []
 
@@ -249,7 +241,7 @@ async def find_unclaimed_frames(store: CustodyStore) -> list[bytes]:
 
 
 async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple[bytes, bytes]]:
-    """Return grant and record of parts of shared keys that are not to be kept any more; only while nothing moves."""
+    """Return (grant, record) of parts to be destroyed; only at rest."""
     standing, ended = facts.shares()
     denied = {row.owner for row in facts.standings() if row.quarantined}
     found: list[tuple[bytes, bytes]] = []
@@ -265,6 +257,6 @@ async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple
 
 
 async def find_unclaimed_keys(store: CustodyStore, keys: ErasableKeys, in_flight: frozenset[int]) -> list[int]:
-    """Return the slots with keys that no frame names, and that are not on their way; only while nothing moves."""
+    """Return keyed slots neither named nor in flight; only at rest."""
     in_use = {slot async for slot in store.slots_in_use()}
     return [slot for slot in await asyncio.to_thread(lambda: keys.held) if slot not in in_use and slot not in in_flight]

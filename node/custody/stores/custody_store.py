@@ -1,8 +1,6 @@
-"""What a custodian needs of its store, in words of the domain. Must never ask for what SQLite and MongoDB do not both have.
+"""Protocol of a custodian's store, limited to what SQLite and MongoDB share.
 
-Every write is idempotent: repeated after a crash, it leaves what it left the first time. A clip's row is written after
-its frames and a block's checkpoint after all its effects, so that what is visible is whole. Nothing here opens a frame:
-ciphertexts are sealed to owners, and wrapped keys open only with erase keys, which live outside of the store.
+Writes are idempotent; a clip's row follows its frames, a checkpoint its effects.
 """
 
 from __future__ import annotations
@@ -22,11 +20,10 @@ OutboxStatus = Literal["erasing", "ready"]
 
 @dataclass(frozen=True, slots=True)
 class ClipRow:
-    """One clip. An erased one is a mark without owner, leaves or expiry, so that its id is never filled again.
+    """A clip; an erased one is a mark without owner, leaves or expiry.
 
-    `owner` (33 bytes), `expires_at_ms` and `height` come from the chain with the confirmation; until then they are
-    empty and 0. `record_id` has 16 bytes, `txid` and each leaf 32. `robot` (33 bytes) uploaded `size_bytes`; a clip that
-    was fetched from another custodian has none.
+    `owner` (33 bytes), `expires_at_ms`, `height`: empty or 0 until confirmed. `record_id`: 16 bytes; `txid`, leaves:
+    32; `robot`: 33, none if fetched.
     """
 
     record_id: bytes
@@ -44,7 +41,7 @@ class ClipRow:
 
 @dataclass(frozen=True, slots=True)
 class FrameRow:
-    """One frame: its ciphertext, its sealed data key wrapped under an erase key, and that key's slot."""
+    """A frame: ciphertext, sealed data key wrapped under an erase key, slot."""
 
     record_id: bytes
     index: int
@@ -55,7 +52,7 @@ class FrameRow:
 
 @dataclass(frozen=True, slots=True)
 class FramePlace:
-    """Where a frame and its erase key are, without its bytes."""
+    """Where a frame and its erase key are, without bytes."""
 
     record_id: bytes
     index: int
@@ -64,9 +61,9 @@ class FramePlace:
 
 @dataclass(frozen=True, slots=True)
 class RecordFacts:
-    """What the chain says of a record that is to be kept. As a row of the store: a clip that is still missing.
+    """A kept record's chain facts; as a store row, a missing clip.
 
-    `erased_frames` are those that the owner had erased before the clip arrived.
+    `erased_frames` were erased before the clip arrived.
     """
 
     record_id: bytes
@@ -81,9 +78,9 @@ class RecordFacts:
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """A final access request: the owner may fetch these records (none named: all of hers up to `height`).
+    """A final access request for these records (none: all up to `height`).
 
-    With a `share`, a grant's id, it is the grantee who asked, and she alone may fetch them.
+    With a `share` (grant's id), only its grantee may fetch.
     """
 
     access_id: bytes
@@ -94,11 +91,10 @@ class Grant:
 
 
 class VisitRestrictions(Wire, frozen=True):
-    """What a visit's owner (33 bytes) said of it last: restricted, kept beyond its expiry, objected to, denied.
+    """A visit owner's (33 bytes) last statements.
 
-    Requests up to `narrowed_height` are void. Restricted are the named records, or (`whole`) all those that would expire
-    after `whole_since_ms`; with `until_ms` (0: no) they are kept until then. `natural` are the record ids and expiries of
-    clips that are kept longer now than they would be, ms.
+    Requests up to `narrowed_height` are void. Restricted: named records, or (`whole`) those expiring after
+    `whole_since_ms`, kept until `until_ms` (0: no). `natural`: unprolonged expiries, ms.
     """
 
     owner: bytes
@@ -112,7 +108,7 @@ class VisitRestrictions(Wire, frozen=True):
 
 
 class ErasurePart(Wire, frozen=True):
-    """What is erased of one record: these frames, whose keys are in these slots; `whole` if the clip goes with them."""
+    """A record's frames to erase with their key slots; `whole`: the clip too."""
 
     record_id: bytes
     indexes: tuple[int, ...]
@@ -121,18 +117,16 @@ class ErasurePart(Wire, frozen=True):
 
 
 class ErasurePlan(Wire, frozen=True):
-    """All parts of one erasure, fixed before the first key is destroyed."""
+    """One erasure's parts, fixed before the first key is destroyed."""
 
     parts: tuple[ErasurePart, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class OutboxRow:
-    """A transaction that this custodian owes the chain.
+    """A pending transaction, keyed by kind, subject and part (0: single).
 
-    It is identified by kind, subject (an access or erasure id, or a digest) and part (0 unless it takes several).
-    While `erasing`, the plan is not carried out and nothing may be said; `ready` rows are submitted until the chain
-    shows them. `arguments` is the encoded list of the call's arguments.
+    `erasing`: plan unfinished, not submitted; `ready`: submitted until on chain.
     """
 
     kind: str
@@ -147,13 +141,12 @@ class OutboxRow:
 
     @property
     def key(self) -> tuple[str, bytes, int]:
-        """What identifies the row."""
         return self.kind, self.subject, self.part
 
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """The newest finalized block whose effects the store holds. Times are the block's, ms."""
+    """The newest finalized block applied to the store; times in ms."""
 
     height: int
     block_id: bytes
@@ -162,11 +155,10 @@ class Checkpoint:
 
 @dataclass(frozen=True, slots=True)
 class BlockEffects:
-    """What a stretch of a block's events changes, written together and in this order; the checkpoint is last.
+    """Changes of consecutive events, written in this order, checkpoint last.
 
-    Outbox rows that are already there stay as they are; `confirmed` clips stop being missing; `settled` are keys of
-    outbox rows that the chain has shown. `standings` come before the clips that they prolong; `expiries` are confirmed
-    clips and when they expire now, ms. A checkpoint also gives up missing clips that expired by its time.
+    Existing outbox rows stay; `confirmed` clips stop being missing; `settled`: keys of outbox rows on chain;
+    `expiries`: ms. A checkpoint drops expired missing clips.
     """
 
     outbox: tuple[OutboxRow, ...] = ()
@@ -181,12 +173,7 @@ class BlockEffects:
 
 @dataclass(frozen=True, slots=True)
 class StoreCounts:
-    """How much a store holds: clips by status, frames with their bytes, clips to be fetched, transactions owed.
-
-    `owed_erasures` are erasures planned and not yet carried out, `shares` grants that stand, `parts` what is held of their
-    keys. `size_bytes` is what the store takes up on disk, None
-    where only its server knows.
-    """
+    """Store counts; `owed_erasures`: planned, unfinished; `size_bytes`: None if unknown."""
 
     staged: int
     confirmed: int
@@ -202,171 +189,129 @@ class StoreCounts:
 
 @dataclass(frozen=True, slots=True)
 class Leftovers:
-    """What a store's own files keep beside its rows; `log_bytes` in a write-ahead log, `dirty_bytes` on free pages that
-    are not overwritten. None where only the store's server knows.
-    """
+    """Bytes in files outside rows: write-ahead log, free pages not overwritten (None: unknown)."""
 
     log_bytes: int | None
     dirty_bytes: int | None
 
 
 class ReceiptOutbox(Protocol):
-    """Where a custodian keeps the transactions that it owes, so that no crash loses one."""
+    """A custodian's pending transactions, kept across crashes."""
 
     async def add_outbox(self, row: OutboxRow) -> None:
-        """Keep a row; one that is already there stays as it is."""
+        """Add a row; an existing one stays unchanged."""
         ...
 
     async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
-        """Say that the row's erasure is carried out: the row may be submitted, its plan is forgotten."""
+        """Mark a row's erasure as done: submit it, drop its plan."""
         ...
 
-    async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
-        """Forget a row; one that is not there is no error."""
-        ...
+    async def remove_outbox(self, key: tuple[str, bytes, int]) -> None: ...
 
     async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
-        """Return up to `limit` rows of this status that call this contract, by height, then by key."""
+        """Return rows of a status and contract, by height, then key."""
         ...
 
-    async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
-        """Return the rows of one kind about one subject, by part."""
-        ...
+    async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]: ...
 
 
 class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
-    """A custodian's store. Every method raises STORE_UNAVAILABLE if the store does not answer."""
+    """A custodian's store; methods raise STORE_UNAVAILABLE."""
 
-    async def __aenter__(self) -> Self:
-        """Open the store, making it if it is new."""
-        ...
+    async def __aenter__(self) -> Self: ...
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the store."""
-        ...
+    ) -> None: ...
 
-    async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        """Keep a clip and its frames, in place of any rows of the same record."""
-        ...
+    async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None: ...
 
     async def correct(self, facts: RecordFacts) -> None:
-        """Write what the chain says of a confirmed clip, its frames untouched; another stays as it is."""
+        """Write a confirmed clip's chain facts; others stay unchanged."""
         ...
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-        """Put these frames in the place of all that a clip has. Cut off, each index has its old frame or its new one."""
+        """Replace a clip's frames; interrupted, each index has old or new."""
         ...
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
-        """Note the newer transaction of a staged clip; one that is not staged stays as it is."""
+        """Update a staged clip's transaction; others stay unchanged."""
         ...
 
     async def apply(self, effects: BlockEffects) -> None:
-        """Write what a block changes; the checkpoint last, or all at once."""
+        """Write a block's changes; checkpoint last, or all at once."""
         ...
 
     async def checkpoint(self) -> Checkpoint | None:
-        """Return the newest block whose effects are in the store, or None in a new one."""
+        """Return the newest applied block, or None in a new store."""
         ...
 
-    async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
-        """Return the clips among these ids that the store has."""
-        ...
+    async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]: ...
 
-    async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
-        """Return the confirmed clips of an owner, by record id."""
-        ...
+    async def clips_of_owner(self, owner: bytes) -> list[ClipRow]: ...
 
-    async def frames(self, record_id: bytes) -> list[FrameRow]:
-        """Return a clip's frames that are not erased, by index."""
-        ...
+    async def frames(self, record_id: bytes) -> list[FrameRow]: ...
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
-        """Return where the frames of these clips are, by record and index, without their bytes."""
+        """Return frames' places, by record and index, without bytes."""
         ...
 
-    async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
-        """Delete frames of a clip with their bytes."""
-        ...
+    async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None: ...
 
     async def erase_clip(self, record_id: bytes) -> None:
-        """Delete a clip, its frames and its entry among the missing; leave the mark of an erased one."""
+        """Delete a clip, frames and missing entry; leave an erased mark."""
         ...
 
     async def drop_staged(self, record_id: bytes) -> None:
-        """Delete a staged clip and its frames without a mark; one that is not staged stays."""
+        """Delete a staged clip without a mark; others stay."""
         ...
 
     async def sweep(self) -> None:
-        """Clear what the store's own files still hold of deleted rows, as far as that is in its power."""
+        """Clear deleted rows' remains from the store's files, where possible."""
         ...
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
-        """Return staged clips whose transaction can no longer be included: `valid_until_ms <= at_ms`."""
+        """Return staged clips whose `valid_until_ms <= at_ms`."""
         ...
 
     async def expired(self, at_ms: int, limit: int) -> list[bytes]:
-        """Return confirmed clips with `expires_at_ms <= at_ms`, the oldest expiry first."""
+        """Return confirmed clips with `expires_at_ms <= at_ms`, oldest expiry first."""
         ...
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        """Return clips that the chain has and this store has not, the newest first."""
+        """Return missing clips, newest first."""
         ...
 
-    async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
-        """Return what the chain says of one missing clip, or None if it is not missing."""
-        ...
+    async def missing_clip(self, record_id: bytes) -> RecordFacts | None: ...
 
-    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
-        """Return all missing clips of an owner, by record id."""
-        ...
+    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]: ...
 
-    async def grant(self, access_id: bytes) -> Grant | None:
-        """Return a final access request, or None."""
-        ...
+    async def grant(self, access_id: bytes) -> Grant | None: ...
 
-    async def grants_of_owner(self, owner: bytes) -> list[Grant]:
-        """Return the final access requests of an owner, by access id."""
-        ...
+    async def grants_of_owner(self, owner: bytes) -> list[Grant]: ...
 
     async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
-        """Return what was said of the visits of these owners, or of all; nothing for those of which nothing was."""
+        """Return standings of these owners' visits, or all; only existing ones."""
         ...
 
-    async def put_background(self, digest: bytes, content: bytes) -> None:
-        """Keep an empty frame under its SHA-256."""
-        ...
+    async def put_background(self, digest: bytes, content: bytes) -> None: ...
 
-    async def background(self, digest: bytes) -> bytes | None:
-        """Return an empty frame, or None."""
-        ...
+    async def background(self, digest: bytes) -> bytes | None: ...
 
-    async def background_digests(self) -> list[bytes]:
-        """Return the SHA-256 of every empty frame, sorted."""
-        ...
+    async def background_digests(self) -> list[bytes]: ...
 
-    async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
-        """Delete empty frames; those that are not there are passed over."""
-        ...
+    async def delete_backgrounds(self, digests: Sequence[bytes]) -> None: ...
 
     def all_clips(self) -> AsyncIterator[ClipRow]:
         """Yield every clip, erased ones too, by record id."""
         ...
 
-    def slots_in_use(self) -> AsyncIterator[int]:
-        """Yield the slot of every frame, and of every part of a shared key."""
-        ...
+    def slots_in_use(self) -> AsyncIterator[int]: ...
 
-    def records_with_frames(self) -> AsyncIterator[bytes]:
-        """Yield the record id of every frame, each once, also of frames that no clip claims."""
-        ...
+    def records_with_frames(self) -> AsyncIterator[bytes]: ...
 
-    async def counts(self) -> StoreCounts:
-        """Return how much the store holds."""
-        ...
+    async def counts(self) -> StoreCounts: ...
 
     async def leftovers(self) -> Leftovers:
-        """Sweep, then look into the store's own files for bytes that no row holds any more."""
+        """Sweep, then look for unreferenced bytes in the store's files."""
         ...

@@ -1,8 +1,4 @@
-"""How the rows of a custodian's store look as MongoDB documents. Must never guess at a document that is not whole.
-
-A row's key is the document's `_id`. Frames are documents of their own, so that no clip comes near the limit of 16 MB.
-A clip has one status more than `ClipRow` knows: `staging`, while its frames are being written or dropped.
-"""
+"""MongoDB documents of a custodian's rows; frames are separate documents (16 MB limit)."""
 
 from __future__ import annotations
 
@@ -35,12 +31,11 @@ STATUSES: dict[str, tuple[str, ...]] = {"staged": ("staged", STAGING), "confirme
 
 
 def _plain(document: Document) -> Document:
-    """Return the document with plain integers: what the driver reads as `Int64` is no value of a contract."""
     return {name: int(value) if isinstance(value, Int64) else value for name, value in document.items()}
 
 
 def rows(convert: Callable[[Document], Row], documents: Iterable[Document]) -> list[Row]:
-    """Convert what was found. Raises STORAGE_DAMAGED for a document that lacks a field or has a wrong one."""
+    """Raises STORAGE_DAMAGED for a document with a missing or wrong field."""
     try:
         return [convert(_plain(document)) for document in documents]
     except (KeyError, TypeError) as error:
@@ -48,18 +43,15 @@ def rows(convert: Callable[[Document], Row], documents: Iterable[Document]) -> l
 
 
 def frame_id(record_id: bytes, index: int) -> bytes:
-    """Return the key of a frame: its record id and index, so that keys sort as frames do."""
     return record_id + u32(index)
 
 
 def outbox_id(key: tuple[str, bytes, int]) -> bytes:
-    """Return the key of an outbox row."""
     kind, subject, part = key
     return kind.encode() + b"\x00" + subject + u32(part)
 
 
 def clip_document(clip: ClipRow, status: str | None = None) -> Document:
-    """Return a clip as a document, under another status if one is named."""
     return {
         "_id": clip.record_id,
         "txid": clip.txid,
@@ -76,7 +68,6 @@ def clip_document(clip: ClipRow, status: str | None = None) -> Document:
 
 
 def clip_row(found: Document) -> ClipRow:
-    """Return the clip of a document."""
     return ClipRow(
         record_id=found["_id"],
         txid=found["txid"],
@@ -102,33 +93,27 @@ def _told(facts: RecordFacts) -> Document:
 
 
 def confirmation(facts: RecordFacts) -> UpdateOne:
-    """Return the write that confirms a whole clip, and changes no erased or half-written one."""
     changes = {"status": "confirmed"} | _told(facts)
     return UpdateOne({"_id": facts.record_id, "status": {"$in": ["staged", "confirmed"]}}, {"$set": changes})
 
 
 def correction(facts: RecordFacts) -> UpdateOne:
-    """Return the write that says of a confirmed clip what the chain does, and changes no other."""
     return UpdateOne({"_id": facts.record_id, "status": "confirmed"}, {"$set": _told(facts)})
 
 
 def expiry(record_id: bytes, expires_at_ms: int) -> UpdateOne:
-    """Return the write that changes when a confirmed clip expires."""
     return UpdateOne({"_id": record_id, "status": "confirmed"}, {"$set": {"expires_at_ms": expires_at_ms}})
 
 
 def standing_document(standing: VisitRestrictions) -> Document:
-    """Return what was said of a visit as a document."""
     return {"_id": standing.owner, "standing": encode(standing)}
 
 
 def standing_row(found: Document) -> VisitRestrictions:
-    """Return what a document says was said of a visit."""
     return decode(bytes(found["standing"]), VisitRestrictions)
 
 
 def frame_document(row: FrameRow) -> Document:
-    """Return a frame as a document."""
     return {
         "_id": frame_id(row.record_id, row.index),
         "record_id": row.record_id,
@@ -140,23 +125,19 @@ def frame_document(row: FrameRow) -> Document:
 
 
 def replacement(row: FrameRow) -> ReplaceOne[Document]:
-    """Return the write that puts a frame in its place, over the one that is there."""
     frame = frame_document(row)
     return ReplaceOne({"_id": frame["_id"]}, frame, upsert=True)
 
 
 def frame_row(found: Document) -> FrameRow:
-    """Return the frame of a document."""
     return FrameRow(found["record_id"], found["index"], found["ciphertext"], found["wrapped_key"], found["slot"])
 
 
 def frame_place(found: Document) -> FramePlace:
-    """Return where the frame of a document, read without its bytes, is."""
     return FramePlace(found["record_id"], found["index"], found["slot"])
 
 
 def missing_document(facts: RecordFacts) -> Document:
-    """Return a missing clip as a document."""
     return {
         "_id": facts.record_id,
         "txid": facts.txid,
@@ -170,7 +151,6 @@ def missing_document(facts: RecordFacts) -> Document:
 
 
 def missing_row(found: Document) -> RecordFacts:
-    """Return the missing clip of a document."""
     return RecordFacts(
         record_id=found["_id"],
         txid=found["txid"],
@@ -184,7 +164,6 @@ def missing_row(found: Document) -> RecordFacts:
 
 
 def grant_document(grant: Grant) -> Document:
-    """Return a grant as a document."""
     return {
         "_id": grant.access_id,
         "owner": grant.owner,
@@ -195,12 +174,10 @@ def grant_document(grant: Grant) -> Document:
 
 
 def grant_row(found: Document) -> Grant:
-    """Return the grant of a document."""
     return Grant(found["_id"], found["owner"], tuple(found["records"]), found["height"], found.get("share", b""))
 
 
 def outbox_document(row: OutboxRow) -> Document:
-    """Return an outbox row as a document, without its key."""
     return {
         "kind": row.kind,
         "subject": row.subject,
@@ -215,21 +192,18 @@ def outbox_document(row: OutboxRow) -> Document:
 
 
 def outbox_row(found: Document) -> OutboxRow:
-    """Return the outbox row of a document."""
     return OutboxRow(**{name: value for name, value in found.items() if name != "_id"})
 
 
 def checkpoint_document(point: Checkpoint) -> Document:
-    """Return a checkpoint as a document, without its key."""
     return {"height": point.height, "block_id": point.block_id, "timestamp_ms": point.timestamp_ms}
 
 
 def checkpoint_row(found: Document) -> Checkpoint:
-    """Return the checkpoint of a document."""
     return Checkpoint(found["height"], found["block_id"], found["timestamp_ms"])
 
 
 def is_passing(cause: BaseException | None) -> bool:
-    """Tell whether a transaction failed by what the next attempt need not meet."""
+    """Return whether a transaction failed for a transient reason."""
     labels = ("TransientTransactionError", "UnknownTransactionCommitResult")
     return isinstance(cause, PyMongoError) and any(cause.has_error_label(label) for label in labels)

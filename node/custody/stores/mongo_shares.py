@@ -1,7 +1,4 @@
-"""Shares in the networked custody store. Must never write but as the store does: for the majority, and idempotently.
-
-A part's key is its grant and record, so that one grant's parts lie side by side.
-"""
+"""Shares in the MongoDB custody store: idempotent majority writes, keys of grant and record."""
 
 from __future__ import annotations
 
@@ -23,7 +20,6 @@ _BY_SLOT: Order = (("slot", ASCENDING),)
 
 
 def _by(field: str) -> Order:
-    """Return the order in which the parts of one field's values are read."""
     return ((field, ASCENDING), ("_id", ASCENDING))
 
 
@@ -71,38 +67,31 @@ class MongoShares:
         ) -> list[Document]: ...
 
     async def put_share(self, share: ShareRow) -> None:
-        """See `ShareStore.put_share`."""
         told = {"owner": share.owner, "records": list(share.records), "until_ms": share.until_ms}
         await self._bulk("shares", [ReplaceOne({"_id": share.grant_id}, told | {"height": share.height}, upsert=True)])
 
     async def share(self, grant_id: bytes) -> ShareRow | None:
-        """See `ShareStore.share`."""
         found = rows(_share, await self._many("shares", {"_id": grant_id}))
         return found[0] if found else None
 
     async def shares_over(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `ShareStore.shares_over`."""
         where = {"until_ms": {"$lt": at_ms + 1}}
         found = await self._many("shares", where, sort=_BY_END, limit=limit, fields=("_id", "until_ms"))
         return [document["_id"] for document in found]
 
     async def shares_of(self, owner: bytes) -> list[ShareRow]:
-        """See `ShareStore.shares_of`."""
         return rows(_share, await self._many("shares", {"owner": owner}, sort=_by("owner")))
 
     async def missing_over(self, at_ms: int) -> list[bytes]:
-        """See `ShareStore.missing_over`."""
         over = {"expires_at_ms": {"$lt": at_ms + 1}}
         found = await self._many("missing", over, fields=("_id", "expires_at_ms"), sort=_BY_EXPIRY)
         found.sort(key=lambda document: (document["expires_at_ms"], document["_id"]))
         return [document["_id"] for document in found]
 
     async def forget_share(self, grant_id: bytes) -> None:
-        """See `ShareStore.forget_share`."""
         await self._bulk("shares", [DeleteOne({"_id": grant_id})])
 
     async def all_shares(self) -> AsyncIterator[ShareRow]:
-        """See `ShareStore.all_shares`; read in pages, so that a long walk holds no cursor."""
         last = b""
         while found := await self._many("shares", {"_id": {"$gt": last}}, limit=_PAGE_DOCUMENTS_COUNT):
             for share in rows(_share, found):
@@ -110,7 +99,6 @@ class MongoShares:
             last = found[-1]["_id"]
 
     async def put_part(self, row: PartRow) -> None:
-        """See `ShareStore.put_part`."""
         document = {
             "grant_id": row.grant_id,
             "record_id": row.record_id,
@@ -124,33 +112,27 @@ class MongoShares:
         await self._bulk("parts", [ReplaceOne({"_id": row.grant_id + row.record_id}, document, upsert=True)])
 
     async def part(self, grant_id: bytes, record_id: bytes) -> PartRow | None:
-        """See `ShareStore.part`."""
         found = rows(_part, await self._many("parts", {"_id": grant_id + record_id}))
         return found[0] if found else None
 
     async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]:
-        """See `ShareStore.parts_of`."""
         where: Document = {field: {"$in": list(keys)}}
         found = rows(_place, await self._many("parts", where, sort=_by(field), fields=_PLACE_FIELDS) if keys else [])
         return sorted(found, key=lambda place: (place.grant_id, place.record_id))
 
     async def lapsed_parts(self, at_ms: int, limit: int) -> list[PartPlace]:
-        """See `ShareStore.lapsed_parts`."""
         where = {"status": "staged", "valid_until_ms": {"$lt": at_ms + 1}}
         found = await self._many("parts", where, sort=_BY_VALID_UNTIL, limit=limit, fields=_PLACE_FIELDS)
         return rows(_place, found)
 
     async def confirm_parts(self, grant_id: bytes, record_ids: Sequence[bytes], height: int) -> None:
-        """See `ShareStore.confirm_parts`."""
         changes = {"$set": {"status": "confirmed", "height": height}}
         await self._bulk("parts", [UpdateOne({"_id": grant_id + record_id}, changes) for record_id in record_ids])
 
     async def erase_parts(self, slots: Sequence[int]) -> None:
-        """See `ShareStore.erase_parts`."""
         await self._bulk("parts", [DeleteOne({"slot": slot}) for slot in slots])
 
     async def all_parts(self) -> AsyncIterator[PartPlace]:
-        """See `ShareStore.all_parts`; read in pages."""
         last, fields = b"", ("_id", *_PLACE_FIELDS)
         while found := await self._many("parts", {"_id": {"$gt": last}}, limit=_PAGE_DOCUMENTS_COUNT, fields=fields):
             for place in rows(_place, found):
@@ -158,7 +140,6 @@ class MongoShares:
             last = found[-1]["_id"]
 
     async def _part_slots(self) -> AsyncIterator[int]:
-        """Yield the slot of every part; read in pages, from the index alone."""
         last = -1
         where = {"slot": {"$gt": last}}
         while found := await self._many("parts", where, sort=_BY_SLOT, limit=_PAGE_DOCUMENTS_COUNT, fields=("slot",)):

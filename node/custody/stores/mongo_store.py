@@ -1,11 +1,7 @@
-"""The networked custody store, on MongoDB by PyMongo's asynchronous client. Must never rest on what needs a transaction.
+"""Networked custody store on MongoDB (asynchronous PyMongo).
 
-Where the server has transactions (a replica set or a sharded cluster), a block's effects and an erased clip's rows are
-written in one each; a single server writes them in order. Each write waits for the majority and their journals, is
-idempotent, and comes in an order in which a crash between two leaves nothing half visible: a clip is `staging` until
-its frames are there, and effects come before their checkpoint. Reads see only what the majority has, so that no
-failover takes back what was read. A server's files may hold deleted bytes for a while; without the erase keys, which no
-server has, these open nothing. The same code serves a replica set or a sharded cluster: its URI says which.
+Correct without transactions: idempotent majority-journaled writes, ordered to be crash-safe (frames before a clip
+leaves `staging`, effects before checkpoint). Reads use majority concern.
 """
 
 from __future__ import annotations
@@ -95,17 +91,12 @@ def _answering() -> Iterator[None]:
 
 
 def _tells_of_transactions(hello: Mapping[str, Any]) -> bool:
-    """Tell by a server's greeting whether it has transactions: members of a replica set do, and routers to shards."""
     is_cluster = "setName" in hello or hello.get("msg") == "isdbgrid"
     return is_cluster and "logicalSessionTimeoutMinutes" in hello
 
 
 def _up_to(at_ms: int) -> Document:
-    """Return the condition `<= at_ms` on whole milliseconds.
-
-    Written as `< at_ms + 1`: a server that the tests run on leaves out the bound itself when it reads `$lte` from the
-    middle of a compound index.
-    """
+    """Return `<= at_ms` as `< at_ms + 1`: a test server mishandles `$lte`."""
     return {"$lt": at_ms + 1}
 
 
@@ -135,7 +126,7 @@ def _connect(uri: str) -> tuple[AsyncMongoClient[Document], AsyncDatabase[Docume
 
 
 async def _check_format(database: AsyncDatabase[Document]) -> None:
-    """Mark a new database, or one of a former format (it lacks collections and fields), after its indexes are made."""
+    """Mark a database of a new or former format, after its indexes exist."""
     found = await database["format"].find_one({"_id": _ONE})
     if found is None and set(await database.list_collection_names()) - {"format", *_INDEXES}:
         raise BlockRobotError("STORAGE_DAMAGED", "The store's database has collections but no mark of their format.")
@@ -150,10 +141,10 @@ async def _check_format(database: AsyncDatabase[Document]) -> None:
 
 
 class MongoStore(MongoShares, MongoUploads):
-    """A `CustodyStore` in one database of a MongoDB server. Rules of the interface: `custody_store.py`."""
+    """A `CustodyStore` in one database of a MongoDB server."""
 
     def __init__(self, uri: str) -> None:
-        """Name the server and the database by a URI: `mongodb://host:port/database`."""
+        """Take a URI of server and database: `mongodb://host:port/database`."""
         self._uri = uri
         self.has_transactions = False
         self._abandoned: list[Mapping[str, Any]] = []
@@ -161,11 +152,7 @@ class MongoStore(MongoShares, MongoUploads):
         self._database: AsyncDatabase[Document] | None = None
 
     async def __aenter__(self) -> Self:
-        """Connect and make the indexes.
-
-        Raises STORE_UNAVAILABLE if no server answers in three seconds, STORAGE_DAMAGED for a database of another
-        format, CONFIGURATION_INVALID for a URI that names no database.
-        """
+        """Raises STORE_UNAVAILABLE after three seconds, STORAGE_DAMAGED (format), CONFIGURATION_INVALID (no database)."""
         client, database = _connect(self._uri)
         try:
             with _answering():
@@ -180,7 +167,6 @@ class MongoStore(MongoShares, MongoUploads):
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the connections."""
         if self._client is not None:
             await self._client.close()
         self._client = self._database = None
@@ -200,7 +186,6 @@ class MongoStore(MongoShares, MongoUploads):
             await self._collection(name).delete_many(where, session=_SESSION.get())
 
     async def _together(self, write: Callable[[], Awaitable[None]]) -> None:
-        """Do several writes in one transaction, begun again if cut off; in their order where the server has none."""
         if not self.has_transactions or self._client is None:
             await write()
             return
@@ -216,7 +201,7 @@ class MongoStore(MongoShares, MongoUploads):
                     raise
 
     async def _end_abandoned(self, client: AsyncMongoClient[Document]) -> None:
-        """End what a server may not know to be over: its locks would last as long as it lets a transaction, a minute."""
+        """Abort transactions whose locks would last up to a minute."""
         if doomed := self._abandoned[:]:
             with suppress(OperationFailure):  # it is known to be over, or the server does not let us: time ends it
                 await client.admin.command("killSessions", doomed)
@@ -246,13 +231,11 @@ class MongoStore(MongoShares, MongoUploads):
             return await found.to_list(None)
 
     async def _summed(self, name: str, where: Document, groups: Document) -> list[Document]:
-        """Return sums over documents, which the server makes: one row for each group."""
         with _answering():
             found = await self._collection(name).aggregate([{"$match": where}, {"$group": groups}])
             return await found.to_list(None)
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        """See `CustodyStore.stage`. A crash leaves a `staging` clip, which lapses as a staged one does."""
         first = documents.clip_document(clip, STAGING)
         await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, first, upsert=True)])
         await self._delete("frames", {"record_id": clip.record_id})
@@ -260,23 +243,19 @@ class MongoStore(MongoShares, MongoUploads):
         await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, documents.clip_document(clip), upsert=True)])
 
     async def correct(self, facts: RecordFacts) -> None:
-        """See `CustodyStore.correct`."""
         await self._bulk("clips", [documents.correction(facts)])
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-        """See `CustodyStore.replace_frames`; each goes into its old one's place, and only then what has none."""
         await self._bulk("frames", [documents.replacement(row) for row in frames])
         written = {row.index for row in frames}
         held = [place.index for place in await self.frame_places([record_id])]
         await self.erase_frames(record_id, [index for index in held if index not in written])
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
-        """See `CustodyStore.extend_staged`."""
         changes = {"$set": {"txid": txid, "valid_until_ms": valid_until_ms}}
         await self._bulk("clips", [UpdateOne({"_id": record_id, "status": "staged"}, changes)])
 
     async def apply(self, effects: BlockEffects) -> None:
-        """See `CustodyStore.apply`; in one transaction, or in order, each step idempotent."""
         await self._together(lambda: self._apply_in_order(effects))
 
     async def _apply_in_order(self, effects: BlockEffects) -> None:
@@ -307,38 +286,32 @@ class MongoStore(MongoShares, MongoUploads):
             await self._bulk("checkpoint", [ReplaceOne({"_id": _ONE}, point, upsert=True)])
 
     async def checkpoint(self) -> Checkpoint | None:
-        """See `CustodyStore.checkpoint`."""
         found = rows(documents.checkpoint_row, await self._one("checkpoint", _ONE))
         return found[0] if found else None
 
     async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
-        """See `CustodyStore.clips`."""
         where = {"_id": {"$in": list(record_ids)}, "status": {"$ne": STAGING}}
         found = await self._many("clips", where) if record_ids else []
         return {clip.record_id: clip for clip in rows(documents.clip_row, found)}
 
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
-        """See `CustodyStore.clips_of_owner`."""
         return rows(documents.clip_row, await self._many("clips", {"owner": owner, "status": "confirmed"}))
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
-        """See `CustodyStore.frames`."""
         found = await self._many("frames", {"record_id": record_id}, sort=_rising("record_id", "index"))
         return rows(documents.frame_row, found)
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
-        """See `CustodyStore.frame_places`."""
         where = {"record_id": {"$in": list(record_ids)}}
         order, fields = _rising("record_id", "index"), ("record_id", "index", "slot")
         found = await self._many("frames", where, sort=order, fields=fields) if record_ids else []
         return rows(documents.frame_place, found)
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
-        """See `CustodyStore.erase_frames`."""
         await self._bulk("frames", [DeleteOne({"_id": documents.frame_id(record_id, index)}) for index in indexes])
 
     async def erase_clip(self, record_id: bytes) -> None:
-        """See `CustodyStore.erase_clip`; the mark comes first, so that a half-erased clip is never served."""
+        """See `CustodyStore.erase_clip`; marks first, so a half-erased clip is never served."""
         mark = documents.clip_document(ClipRow(record_id, b"", 0, "erased", (), ()))
 
         async def erase() -> None:
@@ -349,7 +322,7 @@ class MongoStore(MongoShares, MongoUploads):
         await self._together(erase)
 
     async def drop_staged(self, record_id: bytes) -> None:
-        """See `CustodyStore.drop_staged`; the clip goes last, so that a crash leaves no frame without one."""
+        """See `CustodyStore.drop_staged`; the clip goes last, so no frame is orphaned."""
         staged = {"_id": record_id, "status": {"$in": STATUSES["staged"]}}
         with _answering():
             hidden = await self._collection("clips").update_one(staged, {"$set": {"status": STAGING}})
@@ -361,7 +334,7 @@ class MongoStore(MongoShares, MongoUploads):
         """See `CustodyStore.sweep`; a server's files are its own, so there is nothing to do from here."""
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `CustodyStore.lapsed`; a clip whose staging was cut off lapses too."""
+        """See `CustodyStore.lapsed`; includes clips whose staging was cut off."""
         found: list[Document] = []
         for status in STATUSES["staged"]:
             where = {"status": status, "valid_until_ms": _up_to(at_ms)}
@@ -371,66 +344,53 @@ class MongoStore(MongoShares, MongoUploads):
         return [document["_id"] for document in found[:limit]]
 
     async def expired(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `CustodyStore.expired`."""
         where = {"status": "confirmed", "expires_at_ms": _up_to(at_ms)}
         order = _rising("status", "expires_at_ms", "_id")
         found = await self._many("clips", where, sort=order, limit=limit, fields=("_id",))
         return [document["_id"] for document in found]
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        """See `CustodyStore.missing`."""
         return rows(documents.missing_row, await self._many("missing", {}, sort=_NEWEST_FIRST, limit=limit))
 
     async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
-        """See `CustodyStore.missing_clip`."""
         found = rows(documents.missing_row, await self._one("missing", record_id))
         return found[0] if found else None
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
-        """See `CustodyStore.missing_of_owner`."""
         return rows(documents.missing_row, await self._many("missing", {"owner": owner}))
 
     async def grant(self, access_id: bytes) -> Grant | None:
-        """See `CustodyStore.grant`."""
         found = rows(documents.grant_row, await self._one("grants", access_id))
         return found[0] if found else None
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
-        """See `CustodyStore.grants_of_owner`."""
         return rows(documents.grant_row, await self._many("grants", {"owner": owner}))
 
     async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
-        """See `CustodyStore.standings`."""
         if owners is not None and not owners:
             return {}
         found = await self._many("standings", {} if owners is None else {"_id": {"$in": list(owners)}})
         return {standing.owner: standing for standing in rows(documents.standing_row, found)}
 
     async def add_outbox(self, row: OutboxRow) -> None:
-        """See `ReceiptOutbox.add_outbox`."""
         await self.apply(BlockEffects(outbox=(row,)))
 
     async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
-        """See `ReceiptOutbox.mark_outbox_ready`."""
         changes = {"$set": {"status": "ready", "plan": b""}}
         await self._bulk("outbox", [UpdateOne({"_id": documents.outbox_id(key)}, changes)])
 
     async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
-        """See `ReceiptOutbox.remove_outbox`."""
         await self.apply(BlockEffects(settled=(key,)))
 
     async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
-        """See `ReceiptOutbox.outbox`."""
         found = await self._many("outbox", {"status": status, "contract": contract}, sort=_BY_CONTRACT, limit=limit)
         return rows(documents.outbox_row, found)
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
-        """See `ReceiptOutbox.outbox_of`."""
         order = _rising("kind", "subject", "part")
         return rows(documents.outbox_row, await self._many("outbox", {"kind": kind, "subject": subject}, sort=order))
 
     async def all_clips(self) -> AsyncIterator[ClipRow]:
-        """See `CustodyStore.all_clips`; read in pages, so that a long walk holds no cursor."""
         last = b""
         while found := await self._many("clips", {"_id": {"$gt": last}}, limit=_PAGE_DOCUMENTS_COUNT):
             for clip in rows(documents.clip_row, [document for document in found if document["status"] != STAGING]):
@@ -438,7 +398,6 @@ class MongoStore(MongoShares, MongoUploads):
             last = found[-1]["_id"]
 
     async def slots_in_use(self) -> AsyncIterator[int]:
-        """See `CustodyStore.slots_in_use`; read in pages, from the index alone."""
         last, order = -1, _rising("slot")
         while found := await self._many(
             "frames", {"slot": {"$gt": last}}, sort=order, limit=_PAGE_DOCUMENTS_COUNT, fields=("slot",)
@@ -450,7 +409,6 @@ class MongoStore(MongoShares, MongoUploads):
             yield slot
 
     async def records_with_frames(self) -> AsyncIterator[bytes]:
-        """See `CustodyStore.records_with_frames`; read in pages, from the index alone."""
         last, order = b"", _rising("record_id", "index")
         while found := await self._many(
             "frames", {"record_id": {"$gt": last}}, sort=order, limit=_PAGE_DOCUMENTS_COUNT, fields=("record_id",)
@@ -460,7 +418,7 @@ class MongoStore(MongoShares, MongoUploads):
             last = found[-1]["record_id"]
 
     async def counts(self) -> StoreCounts:
-        """See `CustodyStore.counts`; clips that are half written count as staged."""
+        """See `CustodyStore.counts`; half-written clips count as staged."""
         return StoreCounts(
             staged=await self._count("clips", {"status": {"$in": STATUSES["staged"]}}),
             confirmed=await self._count("clips", {"status": "confirmed"}),
@@ -475,7 +433,7 @@ class MongoStore(MongoShares, MongoUploads):
         )
 
     async def _size_bytes(self) -> int | None:
-        """Return what the server says that data and indexes take up, or None if this user may not ask."""
+        """Return the size of data and indexes, or None without permission."""
         if self._database is None:
             raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
         try:
@@ -492,5 +450,4 @@ class MongoStore(MongoShares, MongoUploads):
             return await self._collection(name).count_documents(where)
 
     async def leftovers(self) -> Leftovers:
-        """See `CustodyStore.leftovers`; a server's files cannot be looked into from here."""
         return Leftovers(None, None)

@@ -1,4 +1,4 @@
-"""Empty frames and the account of uploads in a MongoDB database. Must never write but as its store does."""
+"""Empty frames and the upload account in a MongoDB database."""
 
 from __future__ import annotations
 
@@ -34,37 +34,30 @@ class MongoUploads:
         ) -> list[Document]: ...
 
     async def use_by_robot(self, status: str) -> dict[bytes, Use]:
-        """See `UploadAccount.use_by_robot`."""
         sums = {"count": {"$sum": 1}, "size_bytes": {"$sum": "$size_bytes"}}
         where = {"status": {"$in": STATUSES[status]}}
         found = await self._summed("clips", where, {"_id": "$robot", **sums})
         return {bytes(row["_id"] or b""): Use(int(row["count"]), int(row["size_bytes"])) for row in found}
 
     async def add_use(self, use: DayUse) -> None:
-        """See `UploadAccount.add_use`."""
         row = {"day": use.day, "robot": use.robot}
         change = {"$set": row, "$inc": {"size_bytes": use.size_bytes}}
         await self._bulk("day_uses", [UpdateOne({"_id": u64(use.day) + use.robot}, change, upsert=True)])
         await self._delete("day_uses", {"day": {"$lt": use.day - USAGE_KEPT_DAYS}})
 
     async def day_uses(self) -> list[DayUse]:
-        """See `UploadAccount.day_uses`."""
         found = await self._many("day_uses", {})
         return [DayUse(int(row["day"]), bytes(row["robot"]), int(row["size_bytes"])) for row in found]
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
-        """See `CustodyStore.put_background`."""
         await self._bulk("backgrounds", [ReplaceOne({"_id": digest}, {"content": content}, upsert=True)])
 
     async def background(self, digest: bytes) -> bytes | None:
-        """See `CustodyStore.background`."""
         found = rows(lambda document: bytes(document["content"]), await self._one("backgrounds", digest))
         return found[0] if found else None
 
     async def background_digests(self) -> list[bytes]:
-        """See `CustodyStore.background_digests`."""
         return [bytes(found["_id"]) for found in await self._many("backgrounds", {}, fields=("_id",))]
 
     async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
-        """See `CustodyStore.delete_backgrounds`."""
         await self._delete("backgrounds", {"_id": {"$in": list(digests)}})

@@ -1,4 +1,4 @@
-"""Chooses the custody store that a node's configuration names. Must never print the URI, which may hold a password."""
+"""Opens the custody store that a node's configuration names; never prints its URI (password)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ MONGO_SCHEMES = ("mongodb://", "mongodb+srv://")
 
 
 def open_store(uri: str, folder: Path, require_space: Callable[[], None] = lambda: None) -> CustodyStore:
-    """Return the store, to be entered with `async with`: `sqlite` is one in `folder`, a MongoDB URI one on its server.
+    """Return a store (`sqlite` in `folder`, or MongoDB URI) for `async with`.
 
-    `require_space` stands before each write of the embedded store, and may raise OSError.
-
-    Raises CONFIGURATION_INVALID for any other name.
+    `require_space` precedes embedded writes and may raise OSError. Raises CONFIGURATION_INVALID.
     """
     if uri == "sqlite":
         return SqliteStore(folder, require_space)

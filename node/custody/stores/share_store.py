@@ -1,7 +1,6 @@
-"""What a custodian keeps of shares, in words of its store: grants that stand, and parts of keys. Must never hold one bare.
+"""Storage of standing grants and wrapped key parts.
 
-A part row is a package and one custodian's parts of the key that opens it, wrapped under an erase key of its own, which
-lies outside of the store. It is staged until its grant is final. Every write is idempotent.
+A part is wrapped under its own erase key outside the store, and staged until its grant is final. Writes are idempotent.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ PartField = Literal["grant_id", "record_id", "owner"]
 
 @dataclass(frozen=True, slots=True)
 class ShareRow:
-    """A final grant that stands: these records (16 bytes each) of an owner (33 bytes), until a time in ms."""
+    """A final standing grant: record ids (16 bytes), owner (33 bytes), end in ms."""
 
     grant_id: bytes
     owner: bytes
@@ -27,9 +26,9 @@ class ShareRow:
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
-    """What this custodian holds of one record of a grant, wrapped, and the slot of the erase key.
+    """A granted record's wrapped part and its erase key slot.
 
-    `height` is the grant's, 0 while it is staged; until then `valid_until_ms` is the expiry of its transaction.
+    `height`: the grant's, 0 while staged (`valid_until_ms`: transaction expiry).
     """
 
     grant_id: bytes
@@ -55,57 +54,52 @@ class PartPlace:
 
 
 class ShareStore(Protocol):
-    """The part of a custodian's store that is about shares. Every method raises STORE_UNAVAILABLE."""
+    """Storage of shares in a custodian's store. Every method raises STORE_UNAVAILABLE."""
 
     async def put_share(self, share: ShareRow) -> None:
-        """Keep a grant that stands, in place of any row of the same."""
+        """Store a standing grant, replacing any row of the same grant."""
         ...
 
-    async def share(self, grant_id: bytes) -> ShareRow | None:
-        """Return a grant that stands, or None."""
-        ...
+    async def share(self, grant_id: bytes) -> ShareRow | None: ...
 
     async def shares_over(self, at_ms: int, limit: int) -> list[bytes]:
         """Return grants with `until_ms <= at_ms`, the oldest end first."""
         ...
 
     async def shares_of(self, owner: bytes) -> list[ShareRow]:
-        """Return the grants of a visit that stand, by its first key and by their ids."""
+        """Return a visit's standing grants, by its first key and their ids."""
         ...
 
     async def missing_over(self, at_ms: int) -> list[bytes]:
-        """Return the records whose clips are missing here and expired (`expires_at_ms <= at_ms`), the oldest first.
-
-        The next checkpoint forgets them; what is held of their keys has to go before.
+        """Return missing records with `expires_at_ms <= at_ms`, oldest first; erase their keys before the next
+        checkpoint.
         """
         ...
 
     async def forget_share(self, grant_id: bytes) -> None:
-        """Forget a grant; one that is not there is no error."""
+        """Delete a grant; an unknown one is no error."""
         ...
 
     def all_shares(self) -> AsyncIterator[ShareRow]:
-        """Yield every grant that stands, by its id."""
+        """Yield every standing grant, ordered by id."""
         ...
 
     async def put_part(self, row: PartRow) -> None:
-        """Keep a part, in place of any row of the same grant and record."""
+        """Store a part, replacing any row of the same grant and record."""
         ...
 
-    async def part(self, grant_id: bytes, record_id: bytes) -> PartRow | None:
-        """Return one part, or None."""
-        ...
+    async def part(self, grant_id: bytes, record_id: bytes) -> PartRow | None: ...
 
     async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]:
         """Return the parts of these grants, records or owners, by grant and record."""
         ...
 
     async def lapsed_parts(self, at_ms: int, limit: int) -> list[PartPlace]:
-        """Return staged parts whose grant can no longer become final: `valid_until_ms <= at_ms`."""
+        """Return staged parts whose grant cannot become final: `valid_until_ms <= at_ms`."""
         ...
 
     async def confirm_parts(self, grant_id: bytes, record_ids: Sequence[bytes], height: int) -> None:
-        """Note that the grant of these parts is final; none that is not there is made."""
+        """Mark these parts' grant as final; missing parts are not created."""
         ...
 
     async def erase_parts(self, slots: Sequence[int]) -> None:
@@ -113,5 +107,5 @@ class ShareStore(Protocol):
         ...
 
     def all_parts(self) -> AsyncIterator[PartPlace]:
-        """Yield where every part is, by grant and record."""
+        """Yield every part's place, by grant and record."""
         ...

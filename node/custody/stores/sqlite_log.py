@@ -1,4 +1,4 @@
-"""Which pages an SQLite write-ahead log holds: all that were written since it was cut. Must never write anything.
+"""Reads which pages an SQLite write-ahead log holds since its last truncation.
 
 Format: https://www.sqlite.org/fileformat2.html#the_write_ahead_log
 """
@@ -14,10 +14,7 @@ _FRAME_PAGE, _FRAME_SALTS = slice(0, 4), slice(8, 16)
 
 
 def read_written_pages(path: Path) -> frozenset[int]:
-    """Return the numbers of the pages in a log, of rolled back transactions too; none if there is no log.
-
-    Frames of an earlier round of the log, which have other salts, lie behind those that count.
-    """
+    """Return page numbers in a log, rolled-back transactions included; empty without log."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:

@@ -1,8 +1,6 @@
-"""The bytes of an SQLite file that no row holds: on free pages, and in the gaps of tables' pages. Must never touch a row.
+"""Cleans bytes of an SQLite file that no row holds.
 
-`secure_delete` overwrites what is deleted, but not the copies that stay in a page's gap when rows move to another page.
-Whoever calls holds the database's write lock, with nothing in its write-ahead log, and keeps the descriptor open for as
-long as the database: closing one would give up the locks of the whole process. Format:
+The caller holds the write lock with an empty log and keeps the descriptor open: closing drops the process's locks.
 https://www.sqlite.org/fileformat2.html
 """
 
@@ -38,22 +36,22 @@ class PageFile:
         return os.pread(self._descriptor, self._page_bytes, (number - 1) * self._page_bytes)
 
     def count_dirty(self, roots: Sequence[int]) -> int:
-        """Return how many bytes that no row holds are not zero. `roots` are the first pages of all tables."""
+        """Return the number of nonzero unused bytes; `roots` are all tables' first pages."""
         if self._is_empty:
             return 0
         return sum(_count_set(content[start:end]) for _, content, start, end in self._unused(roots))
 
     def clean(self, roots: Sequence[int]) -> int:
-        """Overwrite what no row holds and is not zero, force it to the medium, and return how many bytes that were."""
+        """Zero and sync unused nonzero bytes; return their number."""
         return 0 if self._is_empty else self._overwrite(self._unused(roots))
 
     @property
     def is_told_by_kind(self) -> bool:
-        """Tell whether a page's first byte says for certain whether it is one of a table."""
+        """Return whether a page's first byte reliably identifies table pages."""
         return self._is_empty or os.fstat(self._descriptor).st_size < _TOLD_BY_KIND_PAGES_COUNT * self._page_bytes
 
     def clean_written(self, written: Collection[int]) -> int:
-        """Overwrite the gaps of these pages alone; only while `is_told_by_kind`. SQLite overwrote what it freed itself."""
+        """Zero the gaps of these pages; only while `is_told_by_kind`."""
         if self._is_empty:
             return 0
         gaps = (gap for number in sorted(written) for gap in self._gaps_in(number, self._page(number)))
@@ -71,7 +69,6 @@ class PageFile:
         return cleaned
 
     def _gaps(self, roots: Sequence[int]) -> Iterator[tuple[int, bytes, int, int]]:
-        """Yield (page number, page, start, end) of every stretch within the pages of tables that no row uses."""
         waiting = [1, *roots]
         seen: set[int] = set()
         while waiting:
@@ -84,7 +81,6 @@ class PageFile:
             yield from self._gaps_in(number, content)
 
     def _kind(self, number: int, content: bytes) -> tuple[int, int]:
-        """Return where a page's header begins, and the page's kind; 0 for one that holds no rows."""
         at = _HEADER_BYTES if number == 1 else 0
         kind = content[at] if len(content) == self._page_bytes else 0
         return at, kind if kind in (*_INTERIOR, *_LEAVES) else 0
@@ -98,7 +94,6 @@ class PageFile:
         return [*(int.from_bytes(content[place : place + 4], "big") for place in places), last]
 
     def _gaps_in(self, number: int, content: bytes) -> Iterator[tuple[int, bytes, int, int]]:
-        """Yield, as `_gaps`, those of one page; none of a page that holds no rows."""
         at, kind = self._kind(number, content)
         if not kind:
             return
@@ -111,11 +106,6 @@ class PageFile:
             freeblock = following if following > freeblock else 0
 
     def _trunks(self, written: Collection[int] | None = None) -> Iterator[tuple[int, bytes, int]]:
-        """Yield (page number, page, how many numbers) of the pages that list the free ones.
-
-        With `written` up to the first that is not among them: SQLite changes only the first of the list, so that those
-        behind an unchanged one are unchanged too.
-        """
         seen, trunk = 0, self._first_trunk
         while trunk and seen <= self._free_count and (written is None or trunk in written):
             content = self._page(trunk)
@@ -125,12 +115,10 @@ class PageFile:
             trunk = following
 
     def _trunk_tails(self, written: Collection[int] | None = None) -> Iterator[tuple[int, bytes, int, int]]:
-        """Yield, as `_gaps`, what lies behind the numbers that count: those of pages that were taken stay there."""
         for number, content, leaves in self._trunks(written):
             yield number, content, _TRUNK.size + 4 * leaves, len(content)
 
     def _free_pages(self) -> Iterator[tuple[int, bytes, int, int]]:
-        """Yield, as `_gaps`, the free pages that are listed: SQLite overwrote them, another program perhaps not."""
         for _, content, leaves in self._trunks():
             for number in struct.unpack_from(f">{leaves}I", content, _TRUNK.size):
                 yield number, self._page(number), 0, self._page_bytes

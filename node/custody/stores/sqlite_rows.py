@@ -1,4 +1,4 @@
-"""Rows of the embedded custody store, read and written in the caller's transaction. Must never begin or end one."""
+"""Rows of the embedded custody store, read and written in the caller's transaction."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow, O
 
 
 def split(joined: bytes, size: int) -> tuple[bytes, ...]:
-    """Return a joined text in pieces of one size."""
     return tuple(joined[start : start + size] for start in range(0, len(joined), size))
 
 
@@ -28,7 +27,7 @@ def read_missing(row: Sequence[Any]) -> RecordFacts:
 
 
 def insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> None:
-    """Keep outbox rows; those that are there stay as they are."""
+    """Insert outbox rows; existing ones stay as they are."""
     database.executemany(
         "INSERT INTO outbox VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
         [
@@ -39,7 +38,7 @@ def insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> No
 
 
 def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
-    """Write what a block changes, in the order that `BlockEffects` says."""
+    """Write a block's changes in the order that `BlockEffects` defines."""
     insert_outbox(database, effects.outbox)
     database.executemany(
         "INSERT OR REPLACE INTO standings VALUES (?, ?)", [(row.owner, encode(row)) for row in effects.standings]
@@ -84,7 +83,6 @@ def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
 
 
 def write_frames(database: sqlite3.Connection, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-    """Put frames in the place of all that a clip has."""
     database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
     database.executemany(
         "INSERT INTO frames (record_id, place, slot, wrapped_key, ciphertext) VALUES (?, ?, ?, ?, ?)",
@@ -93,7 +91,7 @@ def write_frames(database: sqlite3.Connection, record_id: bytes, frames: Sequenc
 
 
 def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-    """Keep a clip and its frames, in place of any rows of the same record."""
+    """Write a clip and its frames, replacing rows of the same record."""
     write_frames(database, clip.record_id, frames)
     database.execute(
         "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
@@ -114,7 +112,7 @@ def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[Fra
 
 
 def delete_clip(database: sqlite3.Connection, record_id: bytes) -> None:
-    """Delete a clip, its frames and its entry among the missing; leave the mark of an erased one."""
+    """Delete a clip, its frames and missing entry; keep the erased mark."""
     database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
     database.execute("DELETE FROM missing WHERE record_id = ?", (record_id,))
     database.execute(
@@ -123,7 +121,7 @@ def delete_clip(database: sqlite3.Connection, record_id: bytes) -> None:
 
 
 def delete_staged(database: sqlite3.Connection, record_id: bytes) -> None:
-    """Delete a staged clip and its frames; one that is not staged stays."""
+    """Delete a clip and its frames only if staged."""
     found = database.execute("SELECT status FROM clips WHERE record_id = ?", (record_id,)).fetchone()
     if found is not None and found[0] == "staged":
         database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))

@@ -1,4 +1,4 @@
-"""The tables of the embedded custody store. Must never change without another format version."""
+"""Tables of the embedded custody store; any change needs a new format version."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Shares in the embedded custody store. Must never read or write but through the store's one connection.
-
-The store's own rules (`sqlite_store.py`) hold here too: freed bytes are overwritten, the log is cut by a sweep.
-"""
+"""Shares in the embedded custody store, through the store's one connection."""
 
 from __future__ import annotations
 
@@ -53,36 +50,29 @@ class SqliteShares:
         async def _write_one(self, query: str, *rows: Sequence[Any]) -> None: ...
 
     async def put_share(self, share: ShareRow) -> None:
-        """See `ShareStore.put_share`."""
         row = (share.grant_id, share.owner, b"".join(share.records), share.until_ms, share.height)
         await self._write_one("INSERT OR REPLACE INTO shares VALUES (?, ?, ?, ?, ?)", row)
 
     async def share(self, grant_id: bytes) -> ShareRow | None:
-        """See `ShareStore.share`."""
         rows = await self._read(f"SELECT {_SHARE} FROM shares WHERE grant_id = ?", grant_id)  # noqa: S608
         return _share(rows[0]) if rows else None
 
     async def shares_over(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `ShareStore.shares_over`."""
         query = "SELECT grant_id FROM shares WHERE until_ms <= ? ORDER BY until_ms, grant_id LIMIT ?"
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
     async def shares_of(self, owner: bytes) -> list[ShareRow]:
-        """See `ShareStore.shares_of`."""
         query = f"SELECT {_SHARE} FROM shares WHERE owner = ? ORDER BY grant_id"  # noqa: S608
         return [_share(row) for row in await self._read(query, owner)]
 
     async def missing_over(self, at_ms: int) -> list[bytes]:
-        """See `ShareStore.missing_over`."""
         query = "SELECT record_id FROM missing WHERE expires_at_ms <= ? ORDER BY expires_at_ms, record_id"
         return [row[0] for row in await self._read(query, at_ms)]
 
     async def forget_share(self, grant_id: bytes) -> None:
-        """See `ShareStore.forget_share`."""
         await self._write_one("DELETE FROM shares WHERE grant_id = ?", (grant_id,))
 
     async def all_shares(self) -> AsyncIterator[ShareRow]:
-        """See `ShareStore.all_shares`; read in pages, so that a long walk holds no lock."""
         query = f"SELECT {_SHARE} FROM shares WHERE grant_id > ? ORDER BY grant_id LIMIT ?"  # noqa: S608
         last = b""
         while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
@@ -91,37 +81,30 @@ class SqliteShares:
             last = rows[-1][0]
 
     async def put_part(self, row: PartRow) -> None:
-        """See `ShareStore.put_part`."""
         values = (row.grant_id, row.record_id, row.owner, row.valid_until_ms, row.status, row.height, row.slot)
         await self._write_one("INSERT OR REPLACE INTO parts VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*values, row.wrapped))
 
     async def part(self, grant_id: bytes, record_id: bytes) -> PartRow | None:
-        """See `ShareStore.part`."""
         query = f"SELECT {_PART} FROM parts WHERE grant_id = ? AND record_id = ?"  # noqa: S608
         rows = await self._read(query, grant_id, record_id)
         return PartRow(*rows[0]) if rows else None
 
     async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]:
-        """See `ShareStore.parts_of`."""
         found = [PartPlace(*row) for key in sorted(set(keys)) for row in await self._read(_OF_FIELD[field], key)]
         return sorted(found, key=lambda place: (place.grant_id, place.record_id))
 
     async def lapsed_parts(self, at_ms: int, limit: int) -> list[PartPlace]:
-        """See `ShareStore.lapsed_parts`."""
         due = "status = 'staged' AND valid_until_ms <= ? ORDER BY valid_until_ms LIMIT ?"
         return [PartPlace(*row) for row in await self._read(f"SELECT {_PLACE} FROM parts WHERE {due}", at_ms, limit)]  # noqa: S608
 
     async def confirm_parts(self, grant_id: bytes, record_ids: Sequence[bytes], height: int) -> None:
-        """See `ShareStore.confirm_parts`."""
         query = "UPDATE parts SET status = 'confirmed', height = ? WHERE grant_id = ? AND record_id = ?"
         await self._write_one(query, *((height, grant_id, record_id) for record_id in record_ids))
 
     async def erase_parts(self, slots: Sequence[int]) -> None:
-        """See `ShareStore.erase_parts`."""
         await self._write_one("DELETE FROM parts WHERE slot = ?", *((slot,) for slot in slots))
 
     async def all_parts(self) -> AsyncIterator[PartPlace]:
-        """See `ShareStore.all_parts`; read in pages."""
         after = "(grant_id, record_id) > (?, ?) ORDER BY grant_id, record_id LIMIT ?"
         query, last = f"SELECT {_PLACE} FROM parts WHERE {after}", (b"", b"")  # noqa: S608
         while rows := await self._read(query, *last, _PAGE_ROWS_COUNT):

@@ -1,8 +1,6 @@
-"""The embedded custody store, on SQLite. Must never leave the bytes of an erased row in its own files.
+"""Embedded custody store on SQLite; erased rows leave no bytes.
 
-One connection in one worker thread, so that the event loop never waits for a disk. `secure_delete` overwrites freed
-pages, `synchronous=FULL` makes a commit survive a power cut, and `sweep` cuts the write-ahead log and overwrites the
-copies that moved rows left behind (`sqlite_sweep.py`).
+One connection in one thread; `secure_delete` overwrites freed pages, `sweep` the log and moved rows' copies.
 """
 
 from __future__ import annotations
@@ -66,10 +64,10 @@ _PAGE_ROWS_COUNT = 500
 
 
 class SqliteStore(SqliteShares, SqliteUploads):
-    """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `custody_store.py`."""
+    """A `CustodyStore` in one directory, which it makes with mode 0700."""
 
     def __init__(self, directory: Path, require_space: Callable[[], None] = lambda: None) -> None:
-        """`require_space` is called before each write; the OSError that it raises is taken for the disk's own."""
+        """`require_space` runs before each write; its OSError counts as the disk's."""
         self._directory = directory
         self._require_space = require_space
         self._database: sqlite3.Connection | None = None
@@ -79,7 +77,7 @@ class SqliteStore(SqliteShares, SqliteUploads):
         self._clean_from_bytes = LOG_MAX_BYTES
 
     async def __aenter__(self) -> Self:
-        """Open the database. Raises STORE_UNAVAILABLE if the directory or the file cannot be used."""
+        """Open the database. Raises STORE_UNAVAILABLE if directory or file is unusable."""
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="custody-store")
         try:
             await self._in_worker(self._open)
@@ -91,7 +89,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Finish what is under way and close the database."""
         if self._database is not None:
             await self._in_worker(self._finish)
         if self._descriptor >= 0:
@@ -120,7 +117,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
             raise
 
     def _finish(self) -> None:
-        """Sweep, since closing would copy the log into the database unseen, and close."""
         self._try_to_clean()
         self._close_database()
 
@@ -133,7 +129,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return True
 
     def _clean_full_log(self) -> None:
-        """Cut a log that is full without waiting for another reader; while there is one, try again as it grows on."""
         self._opened().execute("PRAGMA busy_timeout = 0")
         is_cut = self._try_to_clean()
         self._opened().execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
@@ -156,7 +151,7 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return database
 
     def _prepare(self, database: sqlite3.Connection) -> None:
-        """Bring a database to this format, in one transaction. Raises STORE_UNAVAILABLE for a foreign one."""
+        """Migrate to this format in one transaction. Raises STORE_UNAVAILABLE for a foreign one."""
         for setting in ("journal_mode = WAL", "synchronous = FULL", "secure_delete = ON", "temp_store = MEMORY"):
             database.execute(f"PRAGMA {setting}").fetchall()
         version = database.execute("PRAGMA user_version").fetchone()[0]
@@ -214,36 +209,28 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return self._database
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        """See `CustodyStore.stage`."""
         await self._write(lambda database: write_clip(database, clip, frames))
 
     async def correct(self, facts: RecordFacts) -> None:
-        """See `CustodyStore.correct`."""
         changes = "txid = ?, owner = ?, expires_at_ms = ?, height = ?"
         query = f"UPDATE clips SET {changes} WHERE record_id = ? AND status = 'confirmed'"  # noqa: S608
         await self._write_one(query, (facts.txid, facts.owner, facts.expires_at_ms, facts.height, facts.record_id))
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-        """See `CustodyStore.replace_frames`."""
         await self._write(lambda database: write_frames(database, record_id, frames))
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
-        """See `CustodyStore.extend_staged`."""
         query = "UPDATE clips SET txid = ?, valid_until_ms = ? WHERE record_id = ? AND status = 'staged'"
         await self._write_one(query, (txid, valid_until_ms, record_id))
 
     async def apply(self, effects: BlockEffects) -> None:
-        """See `CustodyStore.apply`; here it is one transaction."""
         await self._write(lambda database: write_effects(database, effects))
 
     async def checkpoint(self) -> Checkpoint | None:
-        """See `CustodyStore.checkpoint`."""
         rows = await self._read("SELECT height, block_id, timestamp_ms FROM checkpoint")
         return Checkpoint(*rows[0]) if rows else None
 
     async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
-        """See `CustodyStore.clips`."""
-
         def read() -> dict[bytes, ClipRow]:
             database, found = self._opened(), {}
             for record_id in record_ids:
@@ -256,18 +243,14 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return await self._in_worker(read)
 
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
-        """See `CustodyStore.clips_of_owner`."""
         query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE owner = ? AND status = 'confirmed' ORDER BY record_id"  # noqa: S608
         return [read_clip(row) for row in await self._read(query, owner)]
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
-        """See `CustodyStore.frames`."""
         query = "SELECT record_id, place, ciphertext, wrapped_key, slot FROM frames WHERE record_id = ? ORDER BY place"
         return [FrameRow(*row) for row in await self._read(query, record_id)]
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
-        """See `CustodyStore.frame_places`."""
-
         def read() -> list[FramePlace]:
             query = "SELECT record_id, place, slot FROM frames WHERE record_id = ? ORDER BY place"
             database = self._opened()
@@ -276,21 +259,18 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return await self._in_worker(read)
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
-        """See `CustodyStore.erase_frames`."""
         places = [(record_id, index) for index in indexes]
         query = "DELETE FROM frames WHERE record_id = ? AND place = ?"
         await self._write_one(query, *places)
 
     async def erase_clip(self, record_id: bytes) -> None:
-        """See `CustodyStore.erase_clip`."""
         await self._write(lambda database: delete_clip(database, record_id))
 
     async def drop_staged(self, record_id: bytes) -> None:
-        """See `CustodyStore.drop_staged`."""
         await self._write(lambda database: delete_staged(database, record_id))
 
     async def sweep(self) -> None:
-        """Cut the write-ahead log to nothing, and overwrite in the database what no row holds."""
+        """Truncate the write-ahead log and overwrite unused bytes of the database."""
         await self._in_worker(self._clean)
 
     def _clean(self) -> None:
@@ -299,45 +279,36 @@ class SqliteStore(SqliteShares, SqliteUploads):
             self._database = self._connect()
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `CustodyStore.lapsed`."""
         due = "status = 'staged' AND valid_until_ms <= ? ORDER BY valid_until_ms, record_id LIMIT ?"
         query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
     async def expired(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `CustodyStore.expired`."""
         due = "status = 'confirmed' AND expires_at_ms <= ? ORDER BY expires_at_ms, record_id LIMIT ?"
         query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        """See `CustodyStore.missing`."""
         query = f"SELECT {MISSING_COLUMNS} FROM missing ORDER BY height DESC, record_id LIMIT ?"  # noqa: S608
         return [read_missing(row) for row in await self._read(query, limit)]
 
     async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
-        """See `CustodyStore.missing_clip`."""
         rows = await self._read(f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?", record_id)  # noqa: S608
         return read_missing(rows[0]) if rows else None
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
-        """See `CustodyStore.missing_of_owner`."""
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE owner = ? ORDER BY record_id"  # noqa: S608
         return [read_missing(row) for row in await self._read(query, owner)]
 
     async def grant(self, access_id: bytes) -> Grant | None:
-        """See `CustodyStore.grant`."""
         rows = await self._read("SELECT owner, records, height, share FROM grants WHERE access_id = ?", access_id)
         return Grant(access_id, rows[0][0], split(rows[0][1], 16), *rows[0][2:]) if rows else None
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
-        """See `CustodyStore.grants_of_owner`."""
         query = "SELECT access_id, owner, records, height, share FROM grants WHERE owner = ? ORDER BY access_id"
         return [Grant(row[0], row[1], split(row[2], 16), *row[3:]) for row in await self._read(query, owner)]
 
     async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
-        """See `CustodyStore.standings`."""
-
         def read() -> dict[bytes, VisitRestrictions]:
             database, query = self._opened(), "SELECT owner, standing FROM standings"
             if owners is None:
@@ -349,49 +320,39 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return await self._in_worker(read)
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
-        """See `CustodyStore.put_background`."""
         query = "INSERT OR REPLACE INTO backgrounds VALUES (?, ?)"
         await self._write_one(query, (digest, content))
 
     async def background(self, digest: bytes) -> bytes | None:
-        """See `CustodyStore.background`."""
         rows = await self._read("SELECT content FROM backgrounds WHERE digest = ?", digest)
         return rows[0][0] if rows else None
 
     async def background_digests(self) -> list[bytes]:
-        """See `CustodyStore.background_digests`."""
         return [row[0] for row in await self._read("SELECT digest FROM backgrounds ORDER BY digest")]
 
     async def delete_backgrounds(self, digests: Sequence[bytes]) -> None:
-        """See `CustodyStore.delete_backgrounds`."""
         await self._write_one("DELETE FROM backgrounds WHERE digest = ?", *((digest,) for digest in digests))
 
     async def add_outbox(self, row: OutboxRow) -> None:
-        """See `ReceiptOutbox.add_outbox`."""
         await self._write(lambda database: insert_outbox(database, [row]))
 
     async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
-        """See `ReceiptOutbox.mark_outbox_ready`."""
         query = "UPDATE outbox SET status = 'ready', plan = x'' WHERE kind = ? AND subject = ? AND part = ?"
         await self._write_one(query, key)
 
     async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
-        """See `ReceiptOutbox.remove_outbox`."""
         await self._write(lambda database: write_effects(database, BlockEffects(settled=(key,))))
 
     async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
-        """See `ReceiptOutbox.outbox`."""
         where = "status = ? AND contract = ? ORDER BY height, kind, subject, part LIMIT ?"
         query = f"SELECT {OUTBOX_COLUMNS} FROM outbox WHERE {where}"  # noqa: S608
         return [OutboxRow(*row) for row in await self._read(query, status, contract, limit)]
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
-        """See `ReceiptOutbox.outbox_of`."""
         query = f"SELECT {OUTBOX_COLUMNS} FROM outbox WHERE kind = ? AND subject = ? ORDER BY part"  # noqa: S608
         return [OutboxRow(*row) for row in await self._read(query, kind, subject)]
 
     async def all_clips(self) -> AsyncIterator[ClipRow]:
-        """See `CustodyStore.all_clips`; read in pages, so that a long walk holds no lock."""
         query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE record_id > ? ORDER BY record_id LIMIT ?"  # noqa: S608
         last = b""
         while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
@@ -400,7 +361,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
             last = rows[-1][0]
 
     async def slots_in_use(self) -> AsyncIterator[int]:
-        """See `CustodyStore.slots_in_use`."""
         both = "SELECT slot FROM frames WHERE slot > ? UNION SELECT slot FROM parts WHERE slot > ?"
         last = -1
         while rows := await self._read(f"{both} ORDER BY slot LIMIT ?", last, last, _PAGE_ROWS_COUNT):
@@ -409,7 +369,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
             last = rows[-1][0]
 
     async def records_with_frames(self) -> AsyncIterator[bytes]:
-        """See `CustodyStore.records_with_frames`."""
         query = "SELECT DISTINCT record_id FROM frames WHERE record_id > ? ORDER BY record_id LIMIT ?"
         last = b""
         while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
@@ -418,8 +377,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
             last = rows[-1][0]
 
     async def counts(self) -> StoreCounts:
-        """See `CustodyStore.counts`."""
-
         def read() -> StoreCounts:
             database = self._opened()
             clips = dict(database.execute("SELECT status, count(*) FROM clips GROUP BY status"))
@@ -444,8 +401,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return await self._in_worker(read)
 
     async def leftovers(self) -> Leftovers:
-        """See `CustodyStore.leftovers`. The one connection is busy meanwhile, so nothing is written."""
-
         def look() -> Leftovers:
             self._clean()
             sweeper = self._swept()

@@ -1,10 +1,7 @@
-"""Sweeping an SQLite database: cut the log, and overwrite what no row holds. Must never skip a page that was written.
+"""Sweeps an SQLite database: truncates its log and overwrites unused bytes.
 
-Only pages that were written since the last sweep can hold anything new, and the write-ahead log lists all of them, as
-long as nothing but a sweep copies it into the database. So the store turns automatic checkpoints off, and a sweep costs
-what was written. A stamp of the database file (inode, size, times) tells whether another program, a restored backup or
-a power cut changed it in between: then every page is walked, as `PageFile.clean` does it. The log is cut last, so that
-after a crash it still names the pages.
+Without automatic checkpoints the log lists all pages written since; it is truncated last. If the file's stamp changed
+otherwise, all pages are cleaned.
 """
 
 from __future__ import annotations
@@ -24,12 +21,11 @@ _READ_BY_ANOTHER = "Another program reads the database, so its log cannot be cut
 
 
 def find_roots(database: sqlite3.Connection) -> list[int]:
-    """Return the first pages of all tables and indexes."""
     return [row[0] for row in database.execute("SELECT rootpage FROM sqlite_master WHERE rootpage > 0")]
 
 
 class Sweeper:
-    """Sweeps one database file, whose descriptor the store keeps open. All calls from the store's one thread."""
+    """Sweeps one database file; all calls from the store's one thread."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -42,7 +38,6 @@ class Sweeper:
 
     @property
     def log_bytes(self) -> int:
-        """The size of the write-ahead log."""
         try:
             return self._log.stat().st_size
         except FileNotFoundError:
@@ -50,23 +45,17 @@ class Sweeper:
 
     @property
     def is_known_clean(self) -> bool:
-        """Tell whether the file is as the last sweep left it, so that only the log's pages need to be looked at."""
         return self._stamp == self._read_stamp()
 
     def distrust(self) -> None:
-        """Let the next sweep walk every page."""
         self._stamp = ""
 
     def begin(self, database: sqlite3.Connection) -> None:
-        """Take up a connection that was just opened."""
         database.execute("PRAGMA wal_autocheckpoint = 0").fetchall()
         self._version = _read_version(database)
 
     def sweep(self, database: sqlite3.Connection) -> int:
-        """Cut the log to nothing and return how many bytes had to be overwritten. Raises STORE_UNAVAILABLE.
-
-        After any, the connection has copies of what was overwritten: it has to be closed and opened again.
-        """
+        """Truncate the log; return bytes overwritten (if any, reopen the connection). Raises STORE_UNAVAILABLE."""
         is_known = self.is_known_clean
         _checkpoint(database, "FULL")
         database.execute("BEGIN IMMEDIATE")
@@ -89,7 +78,6 @@ class Sweeper:
         return cleaned
 
     def count_dirty(self, database: sqlite3.Connection) -> int:
-        """Walk every page and return how many bytes that no row holds are not zero."""
         return PageFile(self._descriptor).count_dirty(find_roots(database))
 
     def _read_stamp(self) -> str:
@@ -104,6 +92,5 @@ def _checkpoint(database: sqlite3.Connection, mode: str) -> None:
 
 
 def _read_version(database: sqlite3.Connection) -> int:
-    """Return the number that changes whenever another connection commits."""
     version: int = database.execute("PRAGMA data_version").fetchone()[0]
     return version

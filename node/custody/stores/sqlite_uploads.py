@@ -1,4 +1,4 @@
-"""The account of uploads in the embedded custody store. Must never read or write but through the store's one connection."""
+"""The upload account in the embedded custody store, through its one connection."""
 
 from __future__ import annotations
 
@@ -25,13 +25,10 @@ class SqliteUploads:
         async def _write(self, work: Callable[[sqlite3.Connection], None]) -> None: ...
 
     async def use_by_robot(self, status: str) -> dict[bytes, Use]:
-        """See `UploadAccount.use_by_robot`; read from an index alone."""
         query = "SELECT robot, count(*), sum(size_bytes) FROM clips WHERE status = ? GROUP BY robot"
         return {robot: Use(count, size_bytes) for robot, count, size_bytes in await self._read(query, status)}
 
     async def add_use(self, use: DayUse) -> None:
-        """See `UploadAccount.add_use`."""
-
         def write(database: sqlite3.Connection) -> None:
             database.execute(
                 "INSERT INTO day_uses VALUES (?, ?, ?) "
@@ -43,7 +40,6 @@ class SqliteUploads:
         await self._write(write)
 
     async def day_uses(self) -> list[DayUse]:
-        """See `UploadAccount.day_uses`."""
         return [
             DayUse(*row) for row in await self._read("SELECT day, robot, size_bytes FROM day_uses ORDER BY day, robot")
         ]

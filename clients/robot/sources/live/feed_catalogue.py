@@ -1,7 +1,4 @@
-"""The live feeds that a robot can listen to, a line each, and the options that each adds to the commands that use them.
-
-The one place that knows every adapter.
-"""
+"""The only catalogue of live feeds and their command options."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ Option = Callable[[Any], Any]
 
 @dataclass(frozen=True, slots=True)
 class FeedKind:
-    """An adapter: `make` builds its feeds of a command's options, `options` are the click options that it adds."""
+    """An adapter: `make` builds feeds, `options` are its click options."""
 
     make: Callable[[Mapping[str, Any]], Sequence[Feed]]
     options: tuple[Option, ...] = ()
@@ -37,6 +34,6 @@ BESIDE: dict[str, FeedKind] = {
 
 
 def make_feeds(source: str, options: Mapping[str, Any]) -> list[Feed]:
-    """Return the feeds that a command's options describe: those of `source`, and of the readers beside it."""
+    """Return feeds of `source` and of readers beside it."""
     kinds = [CAMERAS[source], *BESIDE.values()]
     return [feed for kind in kinds for feed in kind.make(options)]

@@ -1,4 +1,4 @@
-"""Notices when what a robot listens to falls silent, vanishes or comes back, and says so in a sentence. Knows no clock."""
+"""Reports feed topics falling silent, vanishing or returning; no own clock."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ SILENT_AFTER_S = 5.0
 
 
 class Watch:
-    """Watches the `wanted` topics of one feed; of the `camera` topic it also says when it falls silent."""
+    """Watches a feed's `wanted` topics, and silence of `camera`."""
 
     def __init__(self, name: str, wanted: Collection[str], camera: str) -> None:
         self.gone: Counter[str] = Counter()
@@ -21,7 +21,7 @@ class Watch:
         self._silent_since_s: float | None = None
 
     def look(self, advertised: Mapping[str, str] | None) -> list[str]:
-        """Take what is advertised now, None if the feed does not answer; return what is new about it."""
+        """Return changes; `advertised` None: the feed does not answer."""
         if advertised is None:
             told = [f"{self._name} does not answer; what is connected goes on."] if self._reachable else []
             self._reachable = False
@@ -39,7 +39,7 @@ class Watch:
         return told
 
     def listen(self, now_s: float, heard_s: float) -> list[str]:
-        """Take the time and when the camera was last heard, of one clock, in seconds; return what is new about it."""
+        """Return changes, by present and last-heard seconds of one clock."""
         if now_s - heard_s >= SILENT_AFTER_S:
             is_new = self._silent_since_s is None
             self._silent_since_s = heard_s if is_new else self._silent_since_s

@@ -1,7 +1,7 @@
-"""What came and is not yet worked on: bounded, in order of arrival, filled by any thread and emptied by one.
+"""Bounded arrival queue: many writers, one reader.
 
-When it is full, images go first, the oldest before the newer; then sound and labels; readings of tags last, since a frame
-whose reading is gone could be taken for somebody else's.
+When full, drops oldest images first, then sound and labels, tag readings last: a lost reading could misattribute
+frames.
 """
 
 from __future__ import annotations
@@ -26,19 +26,18 @@ _OTHERS_LANE = 1
 
 @dataclass(frozen=True, slots=True)
 class Queued:
-    """One message with the types to decode it by, or what needs no decoding; `kind` is how events of it are counted."""
+    """A message with types to decode, or decoded input, counted by `kind`."""
 
     kind: str
     what: tuple[Message, MessageTypes] | Sighting | Refused = field(repr=False)
 
     @property
     def size_bytes(self) -> int:
-        """How much memory it takes, about."""
         return ENTRY_BYTES + (len(self.what[0].data) if isinstance(self.what, tuple) else 0)
 
 
 class LiveQueue:
-    """At most `max_count` entries of `max_bytes` in all. `missed` counts by kind what went unread for lack of room."""
+    """Bounded by `max_count` and `max_bytes`; `missed` counts drops by kind."""
 
     def __init__(self, max_count: int = QUEUE_MAX_COUNT, max_bytes: int = QUEUE_MAX_BYTES) -> None:
         self.missed: Counter[str] = Counter()
@@ -56,12 +55,11 @@ class LiveQueue:
 
     @property
     def size_bytes(self) -> int:
-        """How much memory all of it takes, about."""
         with self._lock:
             return self._bytes
 
     def put(self, entry: Queued) -> None:
-        """Add what came; drop what there is no room for, which may be this very entry."""
+        """Add an entry, dropping any, even this one, without room."""
         with self._lock:
             self._put_count += 1
             self._lanes[_LANES.get(entry.kind, _OTHERS_LANE)].append((self._put_count, entry))
@@ -75,7 +73,7 @@ class LiveQueue:
             wake()
 
     def take(self, wake: Callable[[], None] | None = None) -> Queued | None:
-        """Return the oldest entry; if there is none, None, and `wake` is called from any thread when the next comes."""
+        """Return the oldest, or None; `wake` is called from any thread."""
         with self._lock:
             oldest = min((lane for lane in self._lanes if lane), key=lambda lane: lane[0][0], default=None)
             if oldest is None:
@@ -86,7 +84,7 @@ class LiveQueue:
             return entry
 
     def clear(self) -> Counter[str]:
-        """Empty it, and return how many there were of each kind."""
+        """Empty it; return the number by kind."""
         with self._lock:
             left = Counter(entry.kind for lane in self._lanes for _, entry in lane)
             for lane in self._lanes:

@@ -1,4 +1,4 @@
-"""Listens to live feeds for some seconds: what is on the air, and frames of a scene without people."""
+"""Samples live feeds: topics on air, and empty-scene frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TOPICS_MAX_COUNT = 512
 
 
 class Sample:
-    """What came of one feed within some seconds, and what was advertised, in the form in which a recording is listed."""
+    """A feed's topics and messages within some seconds, listed like recordings."""
 
     def __init__(self, feed: Feed) -> None:
         self.topics: dict[str, TopicFigures] = {}
@@ -33,7 +33,7 @@ class Sample:
         self._lock = threading.Lock()
 
     def listen(self, seconds: float) -> None:
-        """Subscribe to all that is advertised, for so long. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
+        """Subscribe to all topics. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
         advertised = dict(sorted(self._feed.topics().items())[:TOPICS_MAX_COUNT])
         self.topics = {topic: TopicFigures(topic, kind, types={kind}) for topic, kind in advertised.items()}
         with ExitStack() as closing:
@@ -47,7 +47,6 @@ class Sample:
                 figures.rate_hz = round(figures.count / seconds, 2)
 
     def explain_unknown(self, topic: str) -> str:
-        """Return why a topic's type is not known, and what to do about it."""
         figures = self.topics[topic]
         if self._feed.ros1 and not figures.count:
             return (
@@ -57,11 +56,10 @@ class Sample:
         return explain_undefined(figures, "neither the robot's middleware nor BlockRobot defines")
 
     def types_of(self, type_name: str) -> MessageTypes:
-        """Return the types among which messages of a type are explained."""
         return self._types.of(type_name)
 
     def first(self, topic: str) -> Any:
-        """Return the first message of a topic if it can be decoded, else None."""
+        """Return a topic's first message, None if not decodable."""
         if topic not in self._first:
             return None
         message, types = self._first[topic]
@@ -71,12 +69,10 @@ class Sample:
             return None
 
     def learn(self, type_name: str, definition: str) -> None:
-        """Take the definition of a type."""
         with self._lock:
             self._types.learn(type_name, definition)
 
     def deliver(self, message: Message, definition: str = "") -> None:
-        """Count a message, and keep it if it is its topic's first."""
         with self._lock:
             if message.topic in self.topics:
                 if definition:
@@ -105,10 +101,7 @@ class Sample:
 
 
 def record_empty_frames(source: LiveSource, seconds: float) -> list[Depth]:
-    """Return frames of an entered source, of `seconds` from now on, all of one size.
-
-    Raises CAMERA_SILENT if no usable one came, naming the topics that are there.
-    """
+    """Return equally sized frames of `seconds`. Raises CAMERA_SILENT."""
     gathered, refused = asyncio.run(_gather(source, seconds))
     if gathered.frames:
         return gathered.frames

@@ -1,7 +1,4 @@
-"""Live feeds as one source: what they deliver waits in a bounded queue until the robot comes to it, in real time only.
-
-What the robot is too slow for is dropped at the queue and counted.
-"""
+"""Live feeds as one real-time source with a bounded, dropping queue."""
 
 from __future__ import annotations
 
@@ -45,11 +42,9 @@ Tell = Callable[[str], None]
 
 
 class LiveSource:
-    """What `feeds` bring of `topics`, while inside the context; `tell` is told in a sentence what comes and goes.
+    """A source of `feeds`, as context; `tell` receives status sentences in `play`'s thread.
 
-    `tell` is called while `play` runs, in its thread; that nobody reads it (OSError, ValueError) ends nothing.
-    What comes before `play` begins is not heard, but for the camera's focal length. Entering raises FEED_UNREACHABLE,
-    MIDDLEWARE_MISSING, and TOPICS_INVALID when a topic is there and carries what it cannot.
+    Entering raises FEED_UNREACHABLE, MIDDLEWARE_MISSING, TOPICS_INVALID. Before `play` only focal length counts.
     """
 
     def __init__(self, feeds: Sequence[Feed], topics: Topics, tell: Tell | None = None) -> None:
@@ -105,7 +100,6 @@ class LiveSource:
 
     @property
     def topics(self) -> Topics:
-        """What is read of which topic."""
         return self._topics
 
     @property
@@ -115,21 +109,18 @@ class LiveSource:
 
     @property
     def focal_px(self) -> float | None:
-        """The focal length that the user names, or the one that the camera's CameraInfo has told so far."""
+        """Focal length by user or CameraInfo, None if unknown."""
         return self._focal_px
 
     @property
     def focal_from(self) -> str:
-        """Where the focal length is from."""
         return "camera-info" if self._topics.focal_px is None else "topics"
 
     @property
     def camera_topic(self) -> str:
-        """The topic of depth images."""
         return self._topics.depth
 
     def describe_images(self) -> str:
-        """Return which topics of images are advertised now, as a sentence."""
         advertised = _advertised(self._feeds[0]) or {}
         images = sorted(topic for topic, kind in advertised.items() if kind in (IMAGE_TYPE, COMPRESSED_TYPE))
         more = f" and {len(images) - LISTED_MAX_COUNT} more" if len(images) > LISTED_MAX_COUNT else ""
@@ -138,14 +129,14 @@ class LiveSource:
 
     @property
     def antennas_unnamed(self) -> AntennaCounts:
-        """How often antennas were heard that the topics file names neither in front nor in back."""
+        """Numbers of readings by antennas unnamed in the topics file."""
         return self._reader.antennas_unnamed
 
     def shift_to(self, start_ms: int) -> None:
         """Take no notice: what is live cannot be moved."""
 
     def empty_frames(self) -> list[Depth]:
-        """Raise EMPTY_SCENE_MISSING: nobody could say whether somebody is in a frame that comes now."""
+        """Raises EMPTY_SCENE_MISSING: live frames may show somebody."""
         raise BlockRobotError(
             "EMPTY_SCENE_MISSING",
             "A live camera has no frames of the empty scene by itself. Record some with `blockrobot robot background "
@@ -153,11 +144,11 @@ class LiveSource:
         )
 
     def events(self) -> Iterator[SourceEvent]:
-        """Raise USAGE_INVALID: what is live comes in real time only, from `play`."""
+        """Raises USAGE_INVALID: live sources need `play`."""
         raise BlockRobotError("USAGE_INVALID", "A live source can only be played in real time.")
 
     async def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Yield what comes from now on until `clock` wakes all sleepers. Raises what a feed failed with, after all else."""
+        """Yield events until `clock` wakes sleepers; then raise feed errors."""
         loop = asyncio.get_running_loop()
         came = asyncio.Event()
         self._wake = lambda: _call_in(loop, came.set)
@@ -190,10 +181,7 @@ class LiveSource:
             self._tell_all()
 
     def intake_json(self) -> dict[str, Any]:
-        """Return how much came on each topic and how often one was gone; how much never came, though it was sent.
-
-        By kind: how much came and was dropped for lack of room (`missed`), or waited still when the run ended (`unread`).
-        """
+        """Return numbers received, lost, and by kind `missed` (dropped) or `unread`."""
         gone = self._gone.copy()
         for watch in self._watches.values():
             gone += watch.gone
@@ -206,7 +194,6 @@ class LiveSource:
         }
 
     def hear(self, message: Message, types: MessageTypes) -> None:
-        """Take a message of a feed and what to decode it by, from any thread."""
         if message.topic not in self._kinds:
             self._look_through(message, types)
         elif self._is_playing:
@@ -218,24 +205,21 @@ class LiveSource:
             self._queue.put(Queued(kind, (message, types)))
 
     def hear_ready(self, kind: str, event: Sighting | Refused) -> None:
-        """Take what needs no decoding, from any thread."""
         if self._is_playing:
             self._queue.put(Queued(kind, event))
 
     def note_missing(self, topic: str, count: int) -> None:
-        """Count what a feed lost on the way of what is wanted, from any thread."""
         if self._is_playing and topic in self._kinds:
             with self._counting:
                 self._missing[topic] += count
 
     def note_presence(self, part: str, *, here: bool) -> None:
-        """Say that a part of a feed is gone, or back, from any thread."""
         with self._counting:
             self._gone[part] += not here
         self._say(f"{part} is there." if here else f"{part} is gone; it is waited for.")
 
     def note_unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
-        """Say that a topic cannot be heard, and count it as refused; without a camera there is no run. From any thread."""
+        """Report and count an unhearable topic; without camera the run ends."""
         if topic == self._topics.depth and for_good:
             self.lose(error)
             return
@@ -245,7 +229,6 @@ class LiveSource:
             self._queue.put(Queued(kind, Refused(SystemClock().now_ms(), kind, "type")))
 
     def lose(self, error: BlockRobotError) -> None:
-        """Take a feed's failure, from any thread."""
         self._failure = self._failure or BlockRobotError("FEED_LOST", error.detail)
         self._wake()
 
@@ -263,7 +246,6 @@ class LiveSource:
         return self._reader.read(*entry.what) if isinstance(entry.what, tuple) else [entry.what]
 
     def _look_through(self, message: Message, types: MessageTypes) -> None:
-        """Take the focal length from a CameraInfo, once."""
         if self._focal_px is None and message.type == INFO_TYPE:
             with suppress(BlockRobotError):
                 self._focal_px = read_focal_px(types.decode(message))
@@ -279,7 +261,6 @@ class LiveSource:
             await asyncio.sleep(LOOK_EVERY_S)
 
     def _say(self, sentence: str) -> None:
-        """Have a sentence told, from any thread: whoever listens may be slow, or gone."""
         self._sentences.append(sentence)
         self._wake_teller()
 
@@ -290,8 +271,6 @@ class LiveSource:
 
 
 class _FeedListener:
-    """The listener of one feed. Whatever a strange message does, the feed's thread goes on."""
-
     def __init__(self, source: LiveSource, types: LearntTypes) -> None:
         self._source = source
         self._types = types

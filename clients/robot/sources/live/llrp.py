@@ -1,7 +1,4 @@
-"""Asks RFID readers for tags over LLRP, beside whatever brings the camera's frames, in one thread for all of them.
-
-LLRP has no encryption: a reader belongs on a network of the robot's own.
-"""
+"""RFID readers over LLRP, in one thread; unencrypted: use the robot's own network."""
 
 from __future__ import annotations
 
@@ -46,7 +43,7 @@ SESSION = 0
 
 
 def parse_address(text: str) -> LlrpReader:
-    """Return the reader at HOST, HOST:PORT or [IPV6]:PORT. Raises BadParameter."""
+    """Parse HOST, HOST:PORT or [IPV6]:PORT. Raises BadParameter."""
     host, mark, port = text.rpartition("]:" if "[" in text else ":")
     if not mark:
         host, port = text, str(LLRP_PORT)
@@ -73,10 +70,7 @@ OPTIONS = (
 
 
 def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
-    """Return a feed of the readers that the options or else the topics file name, none if neither does.
-
-    A reader that the option names keeps the antennas of its table. Raises TOPICS_INVALID.
-    """
+    """Return a feed of option or topics-file readers. Raises TOPICS_INVALID."""
     file = options.get("topics_file")
     known = load_topics(file).llrp if file else ()
     tables = {reader.address: reader for reader in known}
@@ -86,7 +80,7 @@ def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
 
 
 class LlrpFeed:
-    """Some readers. One that is lost is looked for again, at growing intervals, until `close`."""
+    """Several readers; lost ones are retried with backoff until `close`."""
 
     name = "llrp"
     ros1 = False
@@ -98,11 +92,10 @@ class LlrpFeed:
         self._work: asyncio.Task[None] | None = None
 
     def topics(self) -> dict[str, str]:
-        """Return nothing: a reader has no topics."""
         return {}
 
     def open(self, wanted: Mapping[str, str], listener: Listener) -> None:  # noqa: ARG002 - a reader has no topics
-        """Connect to all readers and start to read. Raises FEED_UNREACHABLE if one does not answer, MIDDLEWARE_MISSING."""
+        """Start all readers. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
         library = _Library()
         opening = _Opening(len(self._readers))
         links = [_Link(library, reader, listener, opening) for reader in self._readers]
@@ -114,7 +107,6 @@ class LlrpFeed:
             raise error
 
     def close(self) -> None:
-        """Take the jobs away from the readers that answer, and leave."""
         if self._loop is not None and self._work is not None:
             with contextlib.suppress(RuntimeError):  # it has ended by itself
                 self._loop.call_soon_threadsafe(self._work.cancel)
@@ -141,8 +133,6 @@ class LlrpFeed:
 
 
 class _Opening:
-    """Lets `open` wait until every reader has answered, or one has not."""
-
     def __init__(self, count: int) -> None:
         self._left = count
         self._error: BlockRobotError | None = None
@@ -164,8 +154,6 @@ class _Opening:
 
 
 class _Link:
-    """One reader: connects, reads, and begins again."""
-
     def __init__(self, library: _Library, reader: LlrpReader, listener: Listener, opening: _Opening) -> None:
         self._library = library
         self._reader = reader
@@ -174,7 +162,7 @@ class _Link:
         self._readings = LlrpReadings(reader)
 
     async def serve(self) -> None:
-        """Serve until cancelled; give up only if the reader does not answer the first time."""
+        """Serve until cancelled; give up only if the first connect fails."""
         pause_s, has_opened, tries_left = TRY_AGAIN_FIRST_S, False, FIRST_TRIES_COUNT
         loop = asyncio.get_running_loop()
         while True:
@@ -203,7 +191,6 @@ class _Link:
 
     @contextlib.asynccontextmanager
     async def _joined(self) -> AsyncIterator[Any]:
-        """Connect, give the reader its job, and take it away at the end if it still answers."""
         link = self._library.connect_to(self._reader)
         try:
             async with asyncio.timeout(OPEN_MAX_S):
@@ -219,7 +206,6 @@ class _Link:
                     await link.close()
 
     async def _read(self, link: Any) -> None:
-        """Return when the reader is gone."""
         loop = asyncio.get_running_loop()
         asking = asyncio.create_task(self._ask(link))
         lost, due_s = 0, loop.time() + GATHER_MS / 1000
@@ -238,7 +224,6 @@ class _Link:
             await asyncio.gather(asking, return_exceptions=True)
 
     async def _ask(self, link: Any) -> None:
-        """Return, or raise, once the reader does not answer any more."""
         while True:
             await asyncio.sleep(ASK_EVERY_S)
             await self._library.ask(link)
@@ -260,7 +245,7 @@ class _Link:
 
 
 class _Library:
-    """What is used of llrpkit. Raises MIDDLEWARE_MISSING where it is not installed."""
+    """Raises MIDDLEWARE_MISSING."""
 
     def __init__(self) -> None:
         try:
@@ -279,7 +264,6 @@ class _Library:
         logging.getLogger("llrpkit").addHandler(logging.NullHandler())  # it would speak on the user's terminal
 
     def connect_to(self, reader: LlrpReader) -> Any:
-        """Return a connection that is not yet made."""
         return self._reader(
             reader.host,
             reader.port,
@@ -289,7 +273,6 @@ class _Library:
         )
 
     async def start(self, link: Any) -> None:
-        """Give a reader the job to read with all antennas and to report each reading at once."""
         job = self._rospec(ro_spec_id=ROSPEC_ID, session=SESSION)
         await link.client.transact(self._messages.DELETE_ROSPEC(ro_spec_id=ROSPEC_ID))  # one of a run that was killed
         for request in (
@@ -300,18 +283,15 @@ class _Library:
             self._check(await link.client.transact(request))
 
     async def stop(self, link: Any) -> None:
-        """Take the job away."""
         if link.client.connected:
             await link.client.transact(self._messages.STOP_ROSPEC(ro_spec_id=ROSPEC_ID))
             await link.client.transact(self._messages.DELETE_ROSPEC(ro_spec_id=ROSPEC_ID))
 
     async def ask(self, link: Any) -> None:
-        """Ask something small. Raises if there is no answer."""
         await link.get_config(self._identification)
 
 
 async def _waiting(reports: asyncio.Queue[Any], wait_s: float) -> list[Any]:
-    """Return the reports that are there, after waiting for the first; none if none comes in time."""
     try:
         async with asyncio.timeout(wait_s):
             found = [await reports.get()]
@@ -323,7 +303,6 @@ async def _waiting(reports: asyncio.Queue[Any], wait_s: float) -> list[Any]:
 
 
 def _why(error: BaseException) -> str:
-    """Return in plain words what kept a reader from answering; the library wraps what the system said."""
     root = error
     while root.__cause__ is not None and not isinstance(root, OSError):
         root = root.__cause__

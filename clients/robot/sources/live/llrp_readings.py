@@ -1,7 +1,6 @@
-"""Makes the reports of one LLRP reader into sightings: gathered by tag and antenna, and put on this machine's clock.
+"""One LLRP reader's reports as sightings without distance, in host time.
 
-Each reader has a clock of its own, UTC or the time since it was switched on, and a run may hear several: that is why they
-are told apart here. A sighting from here has no distance.
+Each reader has its own clock: UTC or uptime.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _US_PER_MS = 1_000
 
 
 class LlrpReadings:
-    """The readings of one reader. Between two calls of `flush`, at most `GATHERED_MAX_COUNT` sightings are held."""
+    """One reader's readings, at most `GATHERED_MAX_COUNT` between flushes."""
 
     def __init__(self, reader: LlrpReader) -> None:
         self._reader = reader
@@ -33,7 +32,7 @@ class LlrpReadings:
         self._gathered: dict[tuple[str, int], Sighting] = {}
 
     def take(self, report: Any, received_ms: int) -> list[Sighting | Refused]:
-        """Take one tag's report (LLRP's TagReportData) and return what is not gathered any longer, or is refused."""
+        """Add a TagReportData; return completed sightings or refusals."""
         uid = _uid(report)
         if uid is None:
             return [Refused(received_ms, _KIND, "tag")]
@@ -53,7 +52,7 @@ class LlrpReadings:
         return []
 
     def flush(self) -> list[Sighting | Refused]:
-        """Return all that was gathered, in the order in which it was last heard."""
+        """Return all gathered readings, ordered by last heard."""
         gathered = sorted(self._gathered.values(), key=lambda one: one.received_at_ms or 0)
         self._gathered.clear()
         return [made for one in gathered for made in self._put_on_our_clock(one)]
@@ -93,7 +92,7 @@ class LlrpReadings:
 
 
 def _uid(report: Any) -> str | None:
-    """Return a tag's EPC in upper-case hexadecimal, None if it is empty, too long, or not of whole words."""
+    """Return an EPC in upper-case hexadecimal, None if invalid."""
     told = report.epc_parameter.epc
     bits = getattr(told, "bit_len", None)
     data = bytes(told if bits is None else told.data)

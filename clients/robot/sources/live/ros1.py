@@ -1,7 +1,7 @@
-"""ROS 1 as a live feed: rospy's own subscribers, which hand over each message as it came, with its type's definition.
+"""ROS 1 live feed by rospy, undecoded messages.
 
-rospy is a guest in this process: it must never handle our signals, write its log files, print, or listen beyond this
-machine when the master is on it. One process can hold one ROS 1 node, once.
+rospy is kept from signals, logs, printing, and non-local listening with a local master. One ROS 1 node per process,
+once.
 """
 
 from __future__ import annotations
@@ -83,19 +83,18 @@ OPTIONS = (
 
 
 def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
-    """Return the one feed that the options describe."""
     uri = options.get("ros_master") or os.environ.get("ROS_MASTER_URI") or MASTER_DEFAULT_URI
     return [Ros1Feed(uri, options.get("ros_path") or DEBIAN_FOLDER)]
 
 
 def ros_type(name: str) -> str:
-    """Return a type of ROS 1 (`pkg/Name`) as `pkg/msg/Name`; empty if it is none."""
+    """Return `pkg/Name` as `pkg/msg/Name`, empty if invalid."""
     found = _TYPE.fullmatch(name) if len(name) <= NAME_MAX_CHARS else None
     return f"{found[1]}/msg/{found[2]}" if found else ""
 
 
 class Ros1Feed:
-    """The topics of one ROS 1 master. `folder` is where rospy is looked for if Python does not find it."""
+    """A ROS 1 master's topics; `folder`: fallback location of rospy."""
 
     ros1 = True
 
@@ -111,11 +110,11 @@ class Ros1Feed:
         self._roll_call = threading.Thread(target=self._reregister_loop, name="ros1-roll-call", daemon=True)
 
     def topics(self) -> dict[str, str]:
-        """Return what publishers have registered with the master. Raises FEED_UNREACHABLE."""
+        """Return registered topics. Raises FEED_UNREACHABLE."""
         return self._master.published()
 
     def open(self, wanted: Mapping[str, str], listener: Listener) -> None:
-        """Join the graph as a node of its own and subscribe. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
+        """Join and subscribe. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
         self._rospy = import_rospy(self._folder)
         self._listener = listener
         self._topics = tuple(wanted)
@@ -124,7 +123,6 @@ class Ros1Feed:
         self._roll_call.start()
 
     def close(self) -> None:
-        """Leave the graph, whether or not its master still answers."""
         self._closing.set()
         if self._rospy is None:
             return
@@ -135,14 +133,13 @@ class Ros1Feed:
             self._roll_call.join(CLOSE_MAX_S / 2)
 
     def _subscribe(self) -> None:
-        """Join the graph and subscribe. rospy goes on trying for ever if the master does not answer just then."""
         _join(self._rospy, self._master.uri)
         for topic in self._topics:
             settings = {"callback_args": topic, "buff_size": BUFFER_BYTES, "tcp_nodelay": True}
             self._subscribers.append(self._rospy.Subscriber(topic, self._rospy.AnyMsg, self._hear, **settings))
 
     def _hear(self, message: Any, topic: str) -> None:
-        """Hand over one message. rospy would print whatever this raised, so nothing may."""
+        """Deliver a message; never raises, since rospy would print it."""
         listener = self._listener
         if listener is None or self._closing.is_set():
             return
@@ -153,10 +150,7 @@ class Ros1Feed:
         listener.deliver(Message(topic, type_name, at_ns, bytes(message._buff or b"")), definition)
 
     def _reregister_loop(self) -> None:
-        """Register again with a master that has forgotten this node, which rospy never does: it was started anew.
-
-        Who was shut down, as anybody on the graph may ask, is deaf for good: rospy cannot be started twice.
-        """
+        """Reregister after a master restart; a node shut down stays deaf."""
         while not self._closing.wait(ROLL_CALL_EVERY_S):
             if self._rospy.is_shutdown():
                 if self._listener is not None and not self._closing.is_set():
@@ -175,7 +169,7 @@ class Ros1Feed:
 
 
 class Master:
-    """What a feed asks a ROS 1 master. Every call raises FEED_UNREACHABLE after `MASTER_ANSWER_MAX_S` at the latest."""
+    """A ROS 1 master; calls raise FEED_UNREACHABLE after `MASTER_ANSWER_MAX_S`."""
 
     def __init__(self, uri: str) -> None:
         self.uri = uri
@@ -183,11 +177,10 @@ class Master:
             raise BlockRobotError("FEED_UNREACHABLE", _no_master(uri))
 
     def published(self) -> dict[str, str]:
-        """Return the topics that have a publisher, with their types."""
         return self._ask(_read_topics, "getPublishedTopics", f"/{NODE_NAME}", "")
 
     def subscribed(self, node: str) -> set[str]:
-        """Return the topics that the master knows a node to subscribe to."""
+        """Return the topics the master lists for a node."""
 
         def read(answer: Any) -> set[str]:
             _, subscribers, _ = answer
@@ -196,7 +189,7 @@ class Master:
         return self._ask(read, "getSystemState", node)
 
     def subscribe(self, node: str, topic: str, node_uri: str) -> list[str]:
-        """Register a node's subscription; return the addresses of the topic's publishers."""
+        """Register a subscription and return the topic's publisher addresses."""
         return self._ask(_read_uris, "registerSubscriber", node, topic, "*", node_uri)
 
     def _ask(self, read: Callable[[Any], Answer], method: str, *arguments: str) -> Answer:
@@ -222,8 +215,6 @@ def _read_uris(answer: Any) -> list[str]:
 
 
 class _Transport(xmlrpc.client.Transport):
-    """A transport that gives up on a server that does not answer."""
-
     def make_connection(self, host: Any) -> HTTPConnection:
         connection = HTTPConnection(host, timeout=MASTER_ANSWER_MAX_S)
         self._connection = host, connection  # `close` looks for it here
@@ -235,10 +226,7 @@ def _proxy(uri: str) -> xmlrpc.client.ServerProxy:
 
 
 def import_rospy(folder: Path) -> Any:
-    """Return rospy, tamed. Raises MIDDLEWARE_MISSING.
-
-    `folder` goes behind all others: what our own environment has, numpy among it, is not taken from there.
-    """
+    """Return rospy, restricted; `folder` comes last on the path. Raises MIDDLEWARE_MISSING."""
     loggers = logging.getLoggerClass()
     added = [str(folder)] if importlib.util.find_spec("rospy") is None and str(folder) not in sys.path else []
     sys.path.extend(added)
@@ -266,7 +254,7 @@ def import_rospy(folder: Path) -> Any:
 
 
 def _bound_messages(transport: Any) -> None:
-    """Let a connection end that brings more than a message may have: rospy would take in whatever is announced."""
+    """End connections that exceed the message size; rospy itself has no limit."""
     receive = transport.recv_buff
 
     def receive_bounded(connection: Any, buffer: Any, count: int) -> int:
@@ -285,7 +273,7 @@ def _join(rospy: Any, master_uri: str) -> None:
 
 
 def _within(limit_s: float, what: Callable[[], None], uri: str) -> None:
-    """Do what may wait for ever in a thread of its own. Raises FEED_UNREACHABLE."""
+    """Run a possibly endless call in a thread. Raises FEED_UNREACHABLE."""
     failures: list[Exception] = []
 
     def do() -> None:

@@ -1,7 +1,6 @@
-"""ROS 2 as a live feed: the user's own rclpy with raw subscriptions, which hand over each message's CDR bytes as they came.
+"""ROS 2 live feed by the user's rclpy, raw CDR subscriptions.
 
-rclpy is a guest in this process: it must never handle our signals, write its log files or read our command line. Nothing
-is published, and no message is decoded here. All of rclpy is used by one thread at a time.
+rclpy is kept from signals, logs and command line, and used by one thread at a time. Nothing is published or decoded.
 """
 
 from __future__ import annotations
@@ -40,12 +39,11 @@ _log = logging.getLogger(__name__)
 
 
 def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
-    """Return the one feed that the options describe."""
     return [Ros2Feed(options.get("ros_domain"))]
 
 
 class Ros2Feed:
-    """The ROS 2 graph that this process' environment describes to any ROS 2 program; `domain` goes before ROS_DOMAIN_ID."""
+    """The environment's ROS 2 graph; `domain` overrides ROS_DOMAIN_ID."""
 
     name = "The ROS 2 graph"
     ros1 = False
@@ -60,9 +58,8 @@ class Ros2Feed:
         self._thread: threading.Thread | None = None
 
     def topics(self) -> dict[str, str]:
-        """Return the topics that have a publisher; before `open` it joins the graph for that, and leaves it again.
-
-        Takes from `LOOK_MIN_S` to `LOOK_MAX_S` then. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING.
+        """Return published topics, in `LOOK_MIN_S` to `LOOK_MAX_S` before `open`. Raises FEED_UNREACHABLE,
+        MIDDLEWARE_MISSING.
         """
         if self._thread is not None:
             return dict(self._advertised)
@@ -73,11 +70,10 @@ class Ros2Feed:
             joined.leave()
 
     def open(self, wanted: Mapping[str, str], listener: Listener) -> None:
-        """Join the graph and listen to it in a thread; what is not advertised yet is subscribed when it is.
+        """Join and listen in a thread, subscribing topics as advertised.
 
-        Waits up to `SUBSCRIBE_MAX_S` for the publishers of topics whose type is told. Raises FEED_UNREACHABLE, and
-        MIDDLEWARE_MISSING when rclpy or such a type cannot be imported, or is not the publisher's. Of other topics that
-        is told to `listener` as unusable, and the rest is heard all the same.
+        Waits `SUBSCRIBE_MAX_S` for typed topics. Raises FEED_UNREACHABLE, and MIDDLEWARE_MISSING for missing or
+        differing types; other topics are reported unusable.
         """
         bindings = _Bindings()
         told = {topic for topic, type_name in wanted.items() if type_name}
@@ -102,7 +98,6 @@ class Ros2Feed:
         self._thread.start()
 
     def close(self) -> None:
-        """Leave the graph."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join(CLOSE_MAX_S)
@@ -123,7 +118,7 @@ class Ros2Feed:
             joined.leave()
 
     def _look(self, joined: _Joined, listener: Listener) -> list[tuple[str, BlockRobotError]]:
-        """Subscribe to what is advertised, anew where type or reliability has changed; return what is newly unusable."""
+        """Subscribe, again where type or reliability changed; return newly unusable topics."""
         advertised, unusable = joined.advertised(), []
         for topic, told in self._wanted.items():
             publishers = joined.publishers(topic) if topic in advertised else []
@@ -143,7 +138,7 @@ class Ros2Feed:
         return unusable
 
     def _subscribe(self, joined: _Joined, listener: Listener, topic: str, publishers: list[_Publisher]) -> None:
-        """Subscribe as suits the publishers, all of one type, unless that is so already. Raises MIDDLEWARE_MISSING."""
+        """Raises MIDDLEWARE_MISSING."""
         heard = self._heard.get(topic)
         wish = _Heard(publishers[0].type, all(one.is_reliable for one in publishers))
         found = joined.bindings.find(topic, wish.type)
@@ -165,7 +160,7 @@ class Ros2Feed:
 
 @dataclass(slots=True)
 class _Heard:
-    """What is subscribed of a topic; two are equal if they ask for the same."""
+    """A topic's subscription; equal if the request is the same."""
 
     type: str
     is_reliable: bool
@@ -174,7 +169,7 @@ class _Heard:
 
 @dataclass(frozen=True, slots=True)
 class _Publisher:
-    """What a publisher offers. `type_hash` is REP 2011's, empty if it tells none (before ROS 2 Iron)."""
+    """A publisher's offer; `type_hash` by REP 2011, empty before ROS 2 Iron."""
 
     type: str
     is_reliable: bool
@@ -182,12 +177,11 @@ class _Publisher:
 
 
 def _choose_type(offered: set[str], heard: str, told: str) -> str:
-    """Return which type of a topic is listened to: the one that was, else the one that was told, else any."""
+    """Return a topic's type: present one, else requested, else any."""
     return next((name for name in (heard, told) if name in offered), min(offered))
 
 
 def _tell_unusable(listener: Listener, topic: str, error: BlockRobotError) -> None:
-    """What Python cannot import now it never can; a publisher of another version may end and leave others."""
     listener.unusable(topic, error, for_good="until" not in error.context)
 
 
@@ -196,7 +190,7 @@ def _cut(error: Exception) -> str:
 
 
 class _Bindings:
-    """rclpy, and the message types that Python finds beside it. Making it raises MIDDLEWARE_MISSING."""
+    """rclpy and Python message types. Raises MIDDLEWARE_MISSING."""
 
     def __init__(self) -> None:
         loggers = logging.getLoggerClass()
@@ -218,7 +212,7 @@ class _Bindings:
         self._types: dict[str, ros2_types.RosType] = {}
 
     def find(self, topic: str, type_name: str) -> ros2_types.RosType:
-        """Return a type as Python finds it. Raises MIDDLEWARE_MISSING."""
+        """Raises MIDDLEWARE_MISSING."""
         if type_name not in self._types:
             try:
                 self._types[type_name] = ros2_types.load(type_name)
@@ -233,7 +227,7 @@ class _Bindings:
 
 
 class _Joined:
-    """A node of ours in the graph, with a context and an executor of its own. `spin` alone makes messages come."""
+    """Our own node, context and executor; messages arrive only in `spin`."""
 
     def __init__(self, bindings: _Bindings, context: Any, node: Any, executor: Any) -> None:
         self.bindings = bindings
@@ -243,7 +237,7 @@ class _Joined:
 
     @classmethod
     def join(cls, bindings: _Bindings, domain: int | None) -> _Joined:
-        """Join the graph of a domain, the environment's if none is given. Raises FEED_UNREACHABLE."""
+        """Join a domain's graph, by default the environment's. Raises FEED_UNREACHABLE."""
         rclpy = bindings.rclpy
         context = rclpy.context.Context()
         try:
@@ -268,7 +262,6 @@ class _Joined:
         return cls(bindings, context, node, executor)
 
     def advertised(self) -> dict[str, str]:
-        """Return the topics that have a publisher now, each with a type."""
         found = {}
         for topic, types in self._node.get_topic_names_and_types():
             own_count = int(topic == OWN_TOPIC)
@@ -277,14 +270,12 @@ class _Joined:
         return found
 
     def discover(self) -> dict[str, str]:
-        """Return what is advertised once nothing new is heard of."""
         discovery = Discovery(time.monotonic())
         while not discovery.is_known(self.advertised(), time.monotonic()):
             time.sleep(DISCOVERY_POLL_S)
         return discovery.found
 
     def publishers(self, topic: str) -> list[_Publisher]:
-        """Return what the publishers of a topic offer now."""
         reliable = self.bindings.rclpy.qos.ReliabilityPolicy.RELIABLE
         found = []
         for info in self._node.get_publishers_info_by_topic(topic):
@@ -294,11 +285,7 @@ class _Joined:
         return found
 
     def subscribe(self, topic: str, wish: _Heard, listener: Listener) -> Any:
-        """Subscribe to the bytes of a topic's messages.
-
-        Best effort hears every publisher, but of large messages it loses many: it is asked for only where somebody offers
-        no more. Volatile hears every durability.
-        """
+        """Subscribe to raw bytes, volatile; best effort only if a publisher requires it, since it loses large messages."""
         qos, events = self.bindings.rclpy.qos, self.bindings.rclpy.event_handler
         reliability = qos.ReliabilityPolicy.RELIABLE if wish.is_reliable else qos.ReliabilityPolicy.BEST_EFFORT
         profile = qos.QoSProfile(
@@ -326,15 +313,12 @@ class _Joined:
         raise BlockRobotError("FEED_LOST", f"The topic {topic} cannot be subscribed.")
 
     def unsubscribe(self, subscription: Any) -> None:
-        """Stop hearing a topic."""
         self._node.destroy_subscription(subscription)
 
     def spin(self, limit_s: float) -> None:
-        """Hand over what has come; wait for it no longer than this."""
         self._executor.spin_once(timeout_sec=limit_s)
 
     def leave(self) -> None:
-        """Leave the graph, whatever state it is in."""
         for step in (self._executor.shutdown, self._node.destroy_node, self._context.try_shutdown):
             try:
                 step()

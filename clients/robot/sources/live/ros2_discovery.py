@@ -1,4 +1,4 @@
-"""When what a ROS 2 graph advertises counts as known: DDS never says that it has found all. Pure; time is told to it."""
+"""Decides when ROS 2 discovery is complete, since DDS never says so."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ LOOK_MIN_S, LOOK_MAX_S = 4.0, 8.0
 
 
 class Discovery:
-    """What has been heard of since `started_s`, in seconds of any clock that only goes forward."""
+    """Discovery since `started_s`, in monotonic seconds."""
 
     def __init__(self, started_s: float) -> None:
         self.found: dict[str, str] = {}
         self._started_s = self._changed_s = started_s
 
     def is_known(self, advertised: Mapping[str, str], now_s: float) -> bool:
-        """Take what is advertised now, topics and their types; tell whether that is all there will be."""
+        """Return whether the advertised topics (by type) are complete."""
         if advertised != self.found:
             self.found, self._changed_s = dict(advertised), now_s
         looked_s = now_s - self._started_s

@@ -1,6 +1,6 @@
-"""What ROS 2's generated Python classes say about message types: their definitions as text, and REP 2011's hash of them.
+"""Definitions and REP 2011 hashes of ROS 2's generated Python types.
 
-A class is looked up by its type's name alone: the name comes from strangers, so nothing but `PKG.msg` is ever imported.
+Type names are untrusted: only `PKG.msg` is ever imported.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ _KEPT = frozenset({"string", "int8", "uint8", "int16", "uint16", "int32", "uint3
 
 
 class NotFoundError(Exception):
-    """Python finds no such type; the text says why, as the second half of a sentence."""
+    """Python finds no such type; the text is a sentence's second half."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosType:
-    """A type: its generated class, its definition with all that is in it, and its hash (empty if it cannot be told)."""
+    """A generated class, full definition, and hash (empty if unknown)."""
 
     python_class: Any
     definition: str
     hash: str
 
     def is_other(self, hashes: set[str]) -> bool:
-        """Tell whether one of these hashes, which publishers announce, is of another type than this."""
+        """Return whether a published hash differs from this type's."""
         return bool(self.hash and hashes - {self.hash})
 
 
@@ -50,7 +50,7 @@ def load(type_name: str) -> RosType:
 
 
 def definition_of(type_name: str, python_class: Any) -> str:
-    """Return the text of a type, followed by those of the types in it, as rosbag2 writes them. Raises NotFoundError."""
+    """Return a full definition as in rosbag2. Raises NotFoundError."""
     texts: dict[str, str] = {}
     waiting = [(type_name, python_class)]
     while waiting:
@@ -83,7 +83,7 @@ def _find(type_name: str) -> Any:
 
 
 def _load_libraries(type_name: str, python_class: Any) -> None:
-    """Load what a package has compiled, without which nothing of its types can be subscribed. Raises NotFoundError."""
+    """Load a package's compiled type support. Raises NotFoundError."""
     try:
         if python_class._TYPE_SUPPORT is None:
             python_class.__import_type_support__()
@@ -98,7 +98,7 @@ def _not_importable(error: Exception) -> NotFoundError:
 
 
 def _field_type(kind: str) -> tuple[str, str]:
-    """Return a field's type as `.msg` files write it, and the name of the message type in it, empty if there is none."""
+    """Return a field's `.msg` type and its message type, if any."""
     if found := _LIST.fullmatch(kind):
         text, nested = _field_type(found[1])
         return f"{text}[{'<=' + found[2] if found[2] else ''}]", nested

@@ -1,8 +1,4 @@
-"""The synthetic corridor as a live source, rendered as it is asked for: nothing is kept, and nothing is written.
-
-Its day has no end: when the scenario is over it begins again. Played, it is as a camera is: a frame is seen when it is
-due, and what the machine is too slow for is never seen.
-"""
+"""Synthetic corridor as a live source, rendered on demand; late frames are skipped."""
 
 from __future__ import annotations
 
@@ -23,9 +19,8 @@ _Due = tuple[int, Sighting | int]
 
 
 class SyntheticSource:
-    """One scenario. `uids` maps each tagged alias to a tag's UID. Raises CONFIGURATION_INVALID when one is missing.
-
-    With `frames_per_s` only about so many of the scenario's frames are taken. `endless`: it begins again when it is over.
+    """A scenario; `uids` maps aliases to UIDs; `frames_per_s` thins frames, `endless` loops. Raises
+    CONFIGURATION_INVALID.
     """
 
     def __init__(
@@ -48,30 +43,26 @@ class SyntheticSource:
 
     @property
     def start_ms(self) -> int:
-        """When the first event happens, `shift_ms` included."""
+        """First event's time, `shift_ms` included."""
         first_ms = min([RUN_START_MS, *(at_ms for at_ms, _ in self._sightings[:1])])
         return first_ms + self.shift_ms
 
     @property
     def focal_px(self) -> float:
-        """The focal length of the scenario's camera."""
         return self._scenario.focal_px
 
     @property
     def focal_from(self) -> str:
-        """Where the focal length is from."""
         return "scenario"
 
     def shift_to(self, start_ms: int) -> None:
-        """Move the timeline so that the first event happens at `start_ms`."""
         self.shift_ms += start_ms - self.start_ms
 
     def empty_frames(self) -> list[Depth]:
-        """Return the frames of the empty corridor."""
         return [self._renderer.empty_frame(number) for number in range(1, self._scenario.empty_frames + 1)]
 
     def events(self) -> Iterator[SourceEvent]:
-        """Yield frames and sightings as they would be received, each frame rendered then."""
+        """Yield frames, rendered on demand, and sightings in receipt order."""
         sequences = itertools.count()
         for at_ms, what in self._timeline():
             if isinstance(what, Sighting):
@@ -80,7 +71,7 @@ class SyntheticSource:
                 yield Frame(at_ms, next(sequences), self._renderer.frame(what), at_ms)
 
     async def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Yield the same, each when `clock` says it is due; a frame whose successor is due already is left out."""
+        """Yield events when due by `clock`; overdue frames are skipped."""
         ticking = clock or SystemClock()
         period_ms = self._step * 1000 / self._scenario.frame_rate
         sequences = itertools.count()
@@ -93,14 +84,13 @@ class SyntheticSource:
                 yield Frame(at_ms, next(sequences), depth, ticking.now_ms())
 
     def _timeline(self) -> Iterator[_Due]:
-        """Yield all that comes in order of time, lap after lap."""
         for lap in itertools.count() if self._endless else range(1):
             shift_ms = self.shift_ms + lap * round(self._scenario.duration_s * 1000)
             for at_ms, what in self._lap():
                 yield at_ms + shift_ms, _moved(what, at_ms, shift_ms) if isinstance(what, Sighting) else what
 
     def _lap(self) -> Iterator[_Due]:
-        """Yield the scenario on its own timeline; a sighting goes before a frame of the same time."""
+        """Yield the scenario's timeline; sightings precede frames of equal time."""
         waiting = iter(self._sightings)
         pending = next(waiting, None)
         for index in range(0, self._scenario.frame_count, self._step):

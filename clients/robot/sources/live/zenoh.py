@@ -1,7 +1,6 @@
-"""Listens to ROS 2 over Zenoh, as `rmw_zenoh` publishes it, without any ROS on this machine.
+"""ROS 2 over Zenoh (`rmw_zenoh`) without local ROS.
 
-A client of one router or peer: it must never open a port, look for others by multicast unless told to, or publish.
-Attachments tell what was lost on the way; their source times are not used, since frames bear stamps of their own.
+A client only: no open port, no publishing, multicast only if requested.
 """
 
 from __future__ import annotations
@@ -82,7 +81,7 @@ OPTIONS = (
 
 
 def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
-    """Return the one feed that the options describe. Raises TOPICS_INVALID."""
+    """Return the feed by options. Raises TOPICS_INVALID."""
     file = options.get("topics_file")
     definitions = load_topics(file).definitions if file else {}
     scout = bool(options.get("zenoh_scout"))
@@ -90,10 +89,9 @@ def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
 
 
 class ZenohFeed:
-    """ROS 2 topics of one domain, through the first of `endpoints` that answers. Lost connections are taken up again.
+    """One domain's ROS 2 topics, through the first answering endpoint, reconnecting.
 
-    `definitions` gives the text of types that ROS does not have: Zenoh carries none, only a hash of each, and messages
-    whose hash is another than that of the type they would be read with are refused.
+    `definitions` supplies non-ROS types; messages with another type hash are refused.
     """
 
     name = "The Zenoh router"
@@ -117,10 +115,7 @@ class ZenohFeed:
         self._lock = threading.Lock()
 
     def topics(self) -> dict[str, str]:
-        """Return each topic with its type, as its publishers announce them, else as they are heard.
-
-        While open, only what is wanted is listened for; before, everything in the domain, for a moment.
-        """
+        """Return topics by type: announced or heard; while open, wanted ones only."""
         session = self._session
         if session is not None:
             recent = [one.last_key for one in self._subscriptions if one.is_recent(time.monotonic())]
@@ -129,9 +124,8 @@ class ZenohFeed:
             return _by_topic(self._announced(passing) or self._heard(passing))
 
     def open(self, wanted: Mapping[str, str], listener: Listener) -> None:
-        """Subscribe to `wanted`. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING.
-
-        Raises TOPICS_INVALID where a topic of which a type is wanted carries one that is not known here, or differs.
+        """Subscribe to `wanted`. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING, TOPICS_INVALID for unknown or differing
+        types.
         """
         keys = {topic: subscription_key(topic, self._domain) for topic in wanted}
         by_name = {"/" + topic.lstrip("/"): topic for topic in wanted}
@@ -153,14 +147,13 @@ class ZenohFeed:
         self._session = session
 
     def close(self) -> None:
-        """Leave the network."""
         with self._lock:
             session, self._session = self._session, None
         if session is not None:
             session.close()
 
     def differs(self, key: TopicKey) -> bool:
-        """Tell whether a type's hash is another than that of the definition that its messages would be read with."""
+        """Return whether a type's hash differs from our definition's."""
         if key.hash in HASHES_UNSAID or not self._knows(key.type):
             return False
         if key.type not in self._hashes:
@@ -168,7 +161,7 @@ class ZenohFeed:
         return self._hashes[key.type] != key.hash
 
     def _hash_of(self, type_name: str) -> str:
-        """Return the hash that ROS 2 would announce. Raises TOPICS_INVALID for a type with parts that nobody defines."""
+        """Return the hash ROS 2 announces. Raises TOPICS_INVALID for undefined parts."""
         try:
             return self._types.hash_rihs01(type_name)
         except KeyError as error:
@@ -219,7 +212,6 @@ class ZenohFeed:
             raise BlockRobotError("FEED_UNREACHABLE", f"No Zenoh router or peer answers at {where}.") from None
 
     def _announced(self, session: Any) -> set[TopicKey]:
-        """Return what the tokens of publishers say; nothing where none are written, as by plain Zenoh programs."""
         replies = session.liveliness().get(f"@ros2_lv/{self._domain}/**", timeout=TOKENS_MAX_S)
         return set(_limited(parse_token(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None))
 
@@ -237,7 +229,7 @@ class ZenohFeed:
 
 
 class _Subscription:
-    """One wanted topic: makes a `Message` of each sample, in Zenoh's thread, where nothing may be raised or waited for."""
+    """Makes samples `Message`s in Zenoh's thread; never raises or waits."""
 
     def __init__(self, topic: str, feed: ZenohFeed, listener: Listener) -> None:
         self._topic = topic
@@ -249,11 +241,9 @@ class _Subscription:
         self.last_key: TopicKey | None = None
 
     def is_recent(self, now_s: float) -> bool:
-        """Tell whether something came a short while ago, by the monotonic clock."""
         return self.last_key is not None and now_s - self._came_s < RECENT_S
 
     def take(self, sample: Any) -> None:
-        """Deliver one sample."""
         at_ns = time.time_ns()
         try:
             key = parse_key(str(sample.key_expr))

@@ -1,7 +1,4 @@
-"""How ROS 2 writes topics, types, publishers and sequence numbers into Zenoh, as `rmw_zenoh` lays them out.
-
-Everything read here comes from strangers: what does not fit the layout is nothing, and never an error.
-"""
+"""`rmw_zenoh` layout of topics, types and sequence numbers; invalid input gives None."""
 
 from __future__ import annotations
 
@@ -32,7 +29,7 @@ _NAMED = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
 
 @dataclass(frozen=True, slots=True)
 class TopicKey:
-    """A topic as a key or a token names it: `type` is `pkg/msg/Name`, `hash` the RIHS01 hash of its definition."""
+    """A topic; `type` is `pkg/msg/Name`, `hash` RIHS01."""
 
     topic: str
     type: str
@@ -40,14 +37,14 @@ class TopicKey:
 
 
 def subscription_key(topic: str, domain: int) -> str:
-    """Return the key expression of all that is published on a topic. Raises TOPICS_INVALID for what is no topic."""
+    """Return a topic's key expression. Raises TOPICS_INVALID."""
     if len(topic) > KEY_MAX_CHARS or not _TOPIC.fullmatch(topic):
         raise BlockRobotError("TOPICS_INVALID", f"{topic[:64]!r} is no name of a ROS topic, such as /camera/depth.")
     return f"{domain}/{topic.lstrip('/')}/*/*"
 
 
 def parse_key(key: str) -> TopicKey | None:
-    """Return what the key of a message says, None if it is no message of a ROS topic."""
+    """Return a message key's topic, None if not ROS."""
     parts = key.split("/") if len(key) <= KEY_MAX_CHARS else []
     if len(parts) < 4:
         return None
@@ -55,7 +52,7 @@ def parse_key(key: str) -> TopicKey | None:
 
 
 def parse_token(token: str) -> TopicKey | None:
-    """Return what the liveliness token of a publisher says, None if it is of anything else."""
+    """Return a publisher token's topic, None otherwise."""
     parts = token.split("/") if len(token) <= KEY_MAX_CHARS else []
     if len(parts) != _TOKEN_PARTS_COUNT or parts[_TOKEN_KIND] != "MP":
         return None
@@ -63,10 +60,7 @@ def parse_token(token: str) -> TopicKey | None:
 
 
 def parse_numbers(attachment: bytes) -> tuple[bytes, int] | None:
-    """Return a message's publisher and its sequence number, None if the attachment tells none.
-
-    Read are the layout of today (two numbers, then the publisher) and the older one, which names each of the three.
-    """
+    """Return publisher and sequence number by either attachment layout, or None."""
     if attachment.startswith(_NAMED[0]):
         parts = [attachment[len(_NAMED[0]) :]]
         for name in _NAMED[1:]:
@@ -84,13 +78,13 @@ def parse_numbers(attachment: bytes) -> tuple[bytes, int] | None:
 
 
 class SequenceGaps:
-    """Counts what was lost on the way, by the gaps in each publisher's sequence numbers."""
+    """Counts lost messages by gaps in publishers' sequence numbers."""
 
     def __init__(self) -> None:
         self._last: dict[bytes, int] = {}
 
     def take(self, attachment: bytes) -> int:
-        """Return how many messages of this one's publisher are missing since the one before."""
+        """Return the number missing before this message."""
         told = parse_numbers(attachment)
         if told is None:
             return 0

@@ -1,7 +1,4 @@
-"""Makes events of messages: frames, tag sightings, other senses, and a `Refused` for each that cannot be used.
-
-Recordings and live feeds are read by this one reader.
-"""
+"""Decodes recorded and live messages into events or `Refused`."""
 
 from __future__ import annotations
 
@@ -44,7 +41,7 @@ KINDS = {"depth": "frame", "tags": "sighting", "rgb": "rgb", "labels": "label", 
 
 
 class MessageReader:
-    """Reads the messages of `topics`, numbering frames and senses from 0 in the order in which they are read."""
+    """Reads messages of `topics`; numbers frames and senses from 0."""
 
     def __init__(self, topics: Topics) -> None:
         self._topics = topics
@@ -55,7 +52,7 @@ class MessageReader:
         """By topic, how often antennas were heard that the topics file names neither in `front` nor in `back`."""
 
     def read(self, message: Message, types: MessageTypes, *, shift_ms: int = 0) -> list[SourceEvent]:
-        """Return what one message of a wanted topic says, `shift_ms` added to every time: its events, or a `Refused`."""
+        """Return a message's events or a `Refused`, times shifted by `shift_ms`."""
         kind = self._wanted[message.topic]
         try:
             with refusing_other_fields():
@@ -114,7 +111,7 @@ class MessageReader:
 
 
 def wrong_type(topics: Topics, topic: str, type_name: str) -> str:
-    """Return why a wanted topic cannot carry messages of a type, as a sentence; empty if it can."""
+    """Return why a topic cannot carry a type; empty if it can."""
     if topics.wanted[topic] in ("depth", "rgb") and type_name not in IMAGE_TYPES:
         return f"Topic {topic} carries {type_name}, which is no image."
     told = next((tags.type for tags in topics.tags if tags.topic == topic), "")
@@ -122,12 +119,12 @@ def wrong_type(topics: Topics, topic: str, type_name: str) -> str:
 
 
 def info_topic(topics: Topics) -> str:
-    """Return the name of the CameraInfo topic beside the depth topic."""
+    """Return the CameraInfo topic beside the depth topic."""
     return topics.depth.rpartition("/")[0] + "/camera_info"
 
 
 def read_focal_px(info: Any) -> float | None:
-    """Return the focal length in pixels that a CameraInfo tells (`k` in ROS 2, `K` in ROS 1), None if it tells none."""
+    """Return CameraInfo's focal length in px (`k` or `K`), or None."""
     matrix = getattr(info, "k", getattr(info, "K", (0.0,)))
     try:
         told = float(matrix[0])
@@ -147,7 +144,6 @@ def _label(topic: LabelTopic, content: Any, at_ms: int, sequence: int, received_
 
 
 def _audio(topic: AudioTopic, content: Any, at_ms: int, sequence: int, received_ms: int) -> AudioClip:
-    """Return samples as they stand, or those of a WAV file."""
     data = _sound_bytes(read_path(content, topic.data))
     rate, channels = topic.rate_hz, topic.channels
     if data.startswith(b"RIFF"):
@@ -168,7 +164,6 @@ def _audio(topic: AudioTopic, content: Any, at_ms: int, sequence: int, received_
 
 
 def _sound_bytes(samples: Any) -> bytes:
-    """Return bytes, an array of octets or 16-bit samples, or a list of octets, as they stand in the message."""
     if isinstance(samples, bytes | bytearray):
         found = bytes(samples)
     elif isinstance(samples, np.ndarray) and samples.dtype.kind in "iu" and samples.dtype.itemsize <= 2:

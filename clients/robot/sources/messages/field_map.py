@@ -1,8 +1,6 @@
-"""Reads tag sightings, labels and sound out of messages of any type, by a map that names the path of each field.
+"""Reads sightings, labels and sound from any message type, by field paths.
 
-There is no standard ROS message for RFID, so the user says where things stand: `epc = "ids[]"`, `rssi = "dbs[]"`. A
-path goes through fields by `.`; `[]` behind a field means each of its entries, `{}` that the field is text in JSON,
-through which the path goes on.
+`.` separates fields, `[]` means each entry, `{}` JSON text: `epc = "ids[]"`.
 """
 
 from __future__ import annotations
@@ -45,7 +43,7 @@ _FACING_WORDS = frozenset({Facing.FRONT.value, Facing.BACK.value})
 
 
 def check_path(path: str, name: str) -> str:
-    """Return `path` if it can be one. Raises TOPICS_INVALID naming the setting."""
+    """Return a valid `path`. Raises TOPICS_INVALID naming the setting."""
     if not _PATH.fullmatch(path) or path.count("[]") > 1 or path.count("{}") > 1:
         raise BlockRobotError(
             "TOPICS_INVALID",
@@ -55,10 +53,7 @@ def check_path(path: str, name: str) -> str:
 
 
 def read_path(message: Any, path: str) -> Any:
-    """Return the value at a path, a list for a path with `[]`.
-
-    Raises FRAME_INVALID with the reason `field` if there is none, `json` if text on the way is not JSON.
-    """
+    """Return the value at a path, a list for `[]`. Raises FRAME_INVALID (`field`, `json`)."""
     value = _walk(message, path.split("."))
     if value is _MISSING:
         raise _unusable("field", f"The message has no field {path}.")
@@ -66,7 +61,7 @@ def read_path(message: Any, path: str) -> Any:
 
 
 def json_paths(message: Any, field: str) -> list[str]:
-    """Return the paths of the values in the JSON text of a field, of lists by their first entry; none if it is no JSON."""
+    """Return value paths in a field's JSON, by first list entries."""
     try:
         document = _parse_json(getattr(message, field, None))
     except BlockRobotError:
@@ -85,7 +80,7 @@ def _paths_in(value: Any, path: str, deeper_count: int) -> Iterator[str]:
 
 
 def stamp_ms(stamp: Any, unit: str = "ns") -> int:
-    """Return a ROS time, or a number in `unit`, as milliseconds. Raises FRAME_INVALID for what is no time."""
+    """Return ROS time, or a number in `unit`, as ms. Raises FRAME_INVALID."""
     if hasattr(stamp, "sec") and hasattr(stamp, "nanosec"):
         return int(stamp.sec) * 1000 + int(stamp.nanosec) // NS_PER_MS
     number = _number(stamp)
@@ -96,7 +91,7 @@ def stamp_ms(stamp: Any, unit: str = "ns") -> int:
 
 
 def header_ms(message: Any) -> int | None:
-    """Return the stamp of a message's header, None if it has none or if it was never set."""
+    """Return the header stamp in ms, None if absent or unset."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is None or not (stamp.sec or stamp.nanosec):
         return None
@@ -105,11 +100,10 @@ def header_ms(message: Any) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class TagMap:
-    """Where a message holds the fields of a sighting; an empty path: it does not.
+    """Paths of a sighting's fields; empty: absent.
 
-    `distance_sigma` may be a number instead of a path. `front` and `back` are the antennas, by number or name, that
-    look as the camera looks and away from it; `facing` is a path to the word itself, or for a reader that always looks
-    one way the word `front` or `back`.
+    `distance_sigma`: number or path; `front`, `back`: antennas by number or name; `facing`: a path, or a fixed `front`
+    or `back`.
     """
 
     epc: str
@@ -129,12 +123,10 @@ class TagMap:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Every path of the map."""
         return tuple(self.named_paths.values())
 
     @property
     def named_paths(self) -> dict[str, str]:
-        """Every path of the map, by the name of its setting."""
         every = {
             "epc": self.epc,
             "antenna": self.antenna,
@@ -149,29 +141,23 @@ class TagMap:
         return {key: path for key, path in every.items() if path}
 
     def antennas_of(self, message: Any) -> list[Any]:
-        """Return the antenna of each reading of a message that was read."""
         told = read_path(message, self.antenna) if self.antenna else []
         return told if "[]" in self.antenna else [told] if self.antenna else []
 
     def unnamed_antenna(self, antenna: Any) -> str:
-        """Return an antenna as the file would name it if `front` and `back` are given and name others only, else ""."""
+        """Return an antenna missing from given `front` and `back`, else ""."""
         name = str(antenna)
         named = (*self.front, *self.back)
         return name if self.antenna and named and name not in named else ""
 
     @property
     def knows_facing(self) -> bool:
-        """Whether readings can say that their antenna looks as the camera looks, or away from it."""
         return bool(self.facing or self.front or self.back)
 
     def read(
         self, message: Any, at_ms: int, shift_ms: int, received_at_ms: int, origin: str = ""
     ) -> tuple[list[Sighting], list[str]]:
-        """Return the sightings of a message, and the reasons of those readings that make no sense.
-
-        `at_ms` is when it was read if no field says so; `origin` is the topic. Raises FRAME_INVALID when the message as
-        a whole is unusable.
-        """
+        """Return sightings and invalid readings' reasons; `at_ms`: default time, `origin`: topic. Raises FRAME_INVALID."""
         columns = {path: read_path(message, path) for path in self.paths}
         lists = {len(values) for path, values in columns.items() if "[]" in path}
         if len(lists) > 1:
@@ -252,7 +238,7 @@ def _walk(value: Any, parts: Sequence[str]) -> Any:
 
 
 def _parse_json(text: Any) -> Any:
-    """Return the JSON document that a field holds as text. Raises FRAME_INVALID with the reason `json`."""
+    """Raises FRAME_INVALID."""
     if not isinstance(text, str) or len(text) > JSON_MAX_CHARS:
         raise _unusable("json", f"A field that should hold JSON is not text of at most {JSON_MAX_CHARS} characters.")
     return _parsed_json(text)
@@ -267,7 +253,7 @@ def _parsed_json(text: str) -> Any:
 
 
 def _uid(value: Any) -> str:
-    """Return a tag's UID as text: text as it stands, bytes in hexadecimal, a number in decimal."""
+    """Return a UID as text: bytes in hexadecimal, numbers in decimal."""
     if isinstance(value, np.ndarray) and value.dtype == np.uint8:
         value = value.tobytes()
     if isinstance(value, bytes | bytearray):

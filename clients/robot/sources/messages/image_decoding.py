@@ -1,7 +1,7 @@
-"""Turns ROS image messages, raw or compressed, into depth in millimetres or into colour.
+"""Decodes raw or compressed ROS images to depth (mm) or colour.
 
-Every refusal is FRAME_INVALID with a `reason` of a few words: encoding, size, step, undecodable. No measurement is 0
-whatever the camera calls it: 0, NaN, infinite, below 0, or at the end of the 16 bits.
+Errors are FRAME_INVALID with reason encoding, size, step or undecodable. No measurement (0, NaN, infinite, negative,
+maximum) is 0.
 """
 
 from __future__ import annotations
@@ -35,13 +35,12 @@ _TO_RGB["bgra8"] = cv2.COLOR_BGRA2RGB
 
 
 def refuse(reason: str, detail: str) -> BlockRobotError:
-    """Return FRAME_INVALID with the `reason` under which it is counted."""
     return BlockRobotError("FRAME_INVALID", detail, reason=reason)
 
 
 @contextlib.contextmanager
 def refusing_other_fields() -> Iterator[None]:
-    """Refuse a message that is called as a type of ROS and defined otherwise, whatever reading its fields runs into."""
+    """Refuse messages whose fields differ from the ROS type they claim."""
     try:
         yield
     except BlockRobotError:
@@ -51,12 +50,11 @@ def refusing_other_fields() -> Iterator[None]:
 
 
 def encoding_of(message: Any) -> str:
-    """Return the encoding that a message of either type says it has, such as `16UC1` or `rgb8; jpeg`."""
+    """Return an image message's encoding, such as `16UC1` or `rgb8; jpeg`."""
     return str(getattr(message, "encoding", None) or getattr(message, "format", ""))
 
 
 def could_be_depth(message: Any) -> bool:
-    """Tell whether an image message holds depth that this module reads."""
     name = encoding_of(message)
     if hasattr(message, "encoding"):
         return name in DEPTH_ENCODINGS
@@ -64,7 +62,6 @@ def could_be_depth(message: Any) -> bool:
 
 
 def could_be_colour(message: Any) -> bool:
-    """Tell whether an image message holds colour that this module reads."""
     name = encoding_of(message)
     if hasattr(message, "encoding"):
         return name in COLOUR_ENCODINGS
@@ -72,7 +69,7 @@ def could_be_colour(message: Any) -> bool:
 
 
 def decode_depth(message: Any) -> Depth:
-    """Return the depth (uint16 millimetres, 0 = no measurement) of a message. Raises FRAME_INVALID."""
+    """Return uint16 mm depth, 0: no measurement. Raises FRAME_INVALID."""
     name = encoding_of(message)
     if not hasattr(message, "encoding"):
         return _compressed_depth(bytes(message.data), name)
@@ -86,7 +83,7 @@ def decode_depth(message: Any) -> Depth:
 
 
 def decode_colour(message: Any) -> Colour:
-    """Return the colour image, uint8 of shape (height, width, 3) in the order red, green, blue. Raises FRAME_INVALID."""
+    """Return uint8 RGB (height, width, 3). Raises FRAME_INVALID."""
     name = encoding_of(message)
     if not hasattr(message, "encoding"):
         return decode_colour_file(bytes(message.data))
@@ -101,7 +98,7 @@ def decode_colour(message: Any) -> Colour:
 
 
 def decode_colour_file(data: bytes) -> Colour:
-    """Return the colour image of a JPEG or PNG file, red first. Raises FRAME_INVALID."""
+    """Return a JPEG or PNG as RGB. Raises FRAME_INVALID."""
     image = _decode_file(data, cv2.IMREAD_COLOR)
     if image.ndim != 3 or image.dtype != np.uint8:
         raise refuse("encoding", "The compressed image is no colour image of 8 bits.")
@@ -109,7 +106,6 @@ def decode_colour_file(data: bytes) -> Colour:
 
 
 def _rows(message: Any, pixel_bytes: int) -> npt.NDArray[np.uint8]:
-    """Return the image's bytes as (height, width * pixel_bytes), the padding of rows cut off."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     if not (0 < height <= DEPTH_HEIGHT_MAX_PX and 0 < width <= DEPTH_WIDTH_MAX_PX):
         raise refuse("size", f"{width}x{height} pixels is empty or too large.")
@@ -122,13 +118,12 @@ def _rows(message: Any, pixel_bytes: int) -> npt.NDArray[np.uint8]:
 
 
 def _clean(depth: Depth) -> Depth:
-    """Return depth with the largest value taken for no measurement, as cameras mean it."""
+    """Return depth with its maximum value set to no measurement."""
     saturated = depth == SATURATED_MM
     return np.where(saturated, np.uint16(0), depth) if saturated.any() else depth
 
 
 def _millimetres(metres: npt.NDArray[Any]) -> Depth:
-    """Return metres as whole millimetres; what is not a distance becomes 0."""
     with np.errstate(invalid="ignore", over="ignore"):
         scaled = metres.astype(np.float32) * np.float32(1000)
         good = np.isfinite(scaled) & (scaled >= 0.5) & (scaled < SATURATED_MM - 0.5)
@@ -136,7 +131,7 @@ def _millimetres(metres: npt.NDArray[Any]) -> Depth:
 
 
 def _compressed_depth(data: bytes, name: str) -> Depth:
-    """Return the depth of a `compressedDepth` message: twelve bytes of parameters, then a PNG of 16 bits."""
+    """Decode `compressedDepth`: 12 parameter bytes, then 16-bit PNG."""
     if "compresseddepth" not in name.lower() or "rvl" in name.lower():
         raise refuse("encoding", f"{name[:40]!r} is no compressed depth that the robot reads.")
     if len(data) <= DEPTH_HEADER_BYTES:
@@ -153,7 +148,7 @@ def _compressed_depth(data: bytes, name: str) -> Depth:
 
 
 def _decode_file(data: bytes, mode: int) -> npt.NDArray[Any]:
-    """Return the pixels of a PNG or JPEG, whose size is looked at before it is decoded."""
+    """Return PNG or JPEG pixels, size checked before decoding."""
     width, height = _file_size(data)
     if not (0 < height <= DEPTH_HEIGHT_MAX_PX and 0 < width <= DEPTH_WIDTH_MAX_PX):
         raise refuse("size", f"{width}x{height} pixels is empty or too large.")
@@ -171,7 +166,6 @@ def _decode_file(data: bytes, mode: int) -> npt.NDArray[Any]:
 
 
 def _file_size(data: bytes) -> tuple[int, int]:
-    """Return (width, height) as the header of a PNG or JPEG says, before anything is decoded."""
     if data.startswith(PNG_SIGNATURE) and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return width, height

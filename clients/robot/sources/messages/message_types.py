@@ -1,4 +1,4 @@
-"""What the types of messages look like: those that ROS has, our own, and what a recording or a live graph defines."""
+"""Message types: built-in, our own, recorded, or learnt live."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ Value = TypeVar("Value")
 
 @functools.cache
 def own_types() -> Typestore:
-    """Return the built-in types, made once; never to be changed."""
+    """Return the shared built-in types; do not modify."""
     return typestore()
 
 
 def types_with(definitions: Mapping[str, str]) -> Typestore:
-    """Return the built-in types and those that the user defines. Raises TOPICS_INVALID for one that makes no sense."""
+    """Return built-in and user types. Raises TOPICS_INVALID."""
     if not definitions:
         return own_types()
     store = typestore()
@@ -45,7 +45,7 @@ def types_with(definitions: Mapping[str, str]) -> Typestore:
 
 
 class MessageTypes:
-    """Types by name, and messages of them in one serialisation: ROS 1's own, or CDR."""
+    """Types by name, decoded from ROS 1 serialisation or CDR."""
 
     def __init__(self, store: Typestore, *, ros1: bool) -> None:
         self._store = store
@@ -53,7 +53,7 @@ class MessageTypes:
         self._bounded: dict[str, bool] = {}
 
     def decode(self, message: Message) -> Any:
-        """Return a message as an object with the fields of its type. Raises FRAME_INVALID, reason `undecodable`."""
+        """Decode a message. Raises FRAME_INVALID (`undecodable`)."""
         read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
         try:
             if not self._is_bounded(message.type):
@@ -64,15 +64,13 @@ class MessageTypes:
             raise BlockRobotError("FRAME_INVALID", detail, reason="undecodable") from error
 
     def knows(self, type_name: str) -> bool:
-        """Tell whether messages of a type can be decoded."""
         return type_name in self._store.types and self._is_bounded(type_name)
 
     def field_names(self, type_name: str) -> list[str]:
-        """Return the names of a type's own fields, none if it is not known."""
         return [name for name, _ in self._fields(type_name)]
 
     def paths(self, type_name: str, deep: int = 3) -> list[str]:
-        """Return the paths of a type's plain fields: `epc`, `tags[].epc`. Bytes are one value, a UID perhaps."""
+        """Return paths of plain fields: `epc`, `tags[].epc`; bytes are one value."""
         found = []
         for name, (kind, what) in self._fields(type_name):
             each = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
@@ -86,7 +84,7 @@ class MessageTypes:
         return found
 
     def has_path(self, type_name: str, path: str) -> bool:
-        """Tell whether messages of a type can hold something at a path; also where the type on the way is not known."""
+        """Return whether a path may exist; unknown types count as yes."""
         part, _, rest = path.partition(".")
         name, in_text = part.removesuffix("[]").removesuffix("{}"), "{}" in part
         fields = dict(self._fields(type_name))
@@ -104,7 +102,6 @@ class MessageTypes:
         return not rest or (inner[0] is Nodetype.NAME and self.has_path(str(inner[1]), rest))
 
     def is_text(self, type_name: str, path: str) -> bool:
-        """Tell whether a path leads to text, or to a list of texts."""
         part, _, rest = path.partition(".")
         for name, (kind, what) in self._fields(type_name):
             if name == part.removesuffix("[]"):
@@ -126,10 +123,9 @@ class MessageTypes:
 
 
 class LearntTypes:
-    """What a live feed's types look like: as the feed tells, else as the user's definitions or ROS itself say.
+    """Live types: learnt, else user-defined, else ROS's. Thread-safe.
 
-    Each type's definition stands for itself, with the types in it: two nodes may disagree about one that both use. What is
-    no definition, or asks for more work than its messages' bytes, is as if never told. Any thread may use it.
+    Definitions are separate, since nodes may disagree on shared types; invalid or unbounded ones are ignored.
     """
 
     def __init__(self, known: Typestore, *, ros1: bool) -> None:
@@ -140,14 +136,14 @@ class LearntTypes:
         self._newest: OrderedDict[str, MessageTypes | None] = OrderedDict()
 
     def learn(self, type_name: str, definition: str) -> bool:
-        """Take the newest definition of a type; return whether it makes sense."""
+        """Add a type's newest definition; return whether it is valid."""
         with self._lock:
             types = self._work_out(type_name, definition)
             _keep(self._newest, type_name, types)
             return types is not None
 
     def of(self, type_name: str, definition: str = "") -> MessageTypes:
-        """Return the types to decode a message with: by its own definition if it came with one, else by the newest."""
+        """Return decoding types: by the message's definition, else the newest."""
         with self._lock:
             types = self._work_out(type_name, definition) if definition else self._newest.get(type_name)
         return types or self._known
@@ -171,7 +167,6 @@ class LearntTypes:
 
 
 def _keep(kept: OrderedDict[Key, Value], key: Key, value: Value) -> Value:
-    """Put a value last of so many; what was not used for the longest goes."""
     kept[key] = value
     kept.move_to_end(key)
     if len(kept) > LEARNT_MAX_COUNT:

@@ -1,7 +1,6 @@
-"""Whether reading a message of a type takes no more work than its bytes: a stranger's definition may ask for far more.
+"""Checks that decoding work is bounded by a message's bytes.
 
-The reader runs through arrays of values that have no bytes as often as a message tells, and writes fixed arrays out, one
-line of code for each value.
+Untrusted definitions may contain zero-byte arrays or huge fixed arrays.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ class _UnboundedError(Exception):
 
 
 def is_bounded(type_name: str, fields: Mapping[str, Any], *, ros1: bool) -> bool:
-    """Tell whether the work of reading a type is bounded by its messages' bytes; one that is not known is."""
+    """Return whether decoding work is bounded; unknown types count as bounded."""
     try:
         walk = _Walk(fields, ros1=ros1)
         walk.look_at(type_name)
@@ -36,8 +35,6 @@ def is_bounded(type_name: str, fields: Mapping[str, Any], *, ros1: bool) -> bool
 
 
 class _Walk:
-    """Goes through a type and all in it, each once."""
-
     def __init__(self, fields: Mapping[str, Any], *, ros1: bool) -> None:
         self.written_out_count = 0
         self._fields = fields
@@ -48,13 +45,13 @@ class _Walk:
         self._later: list[str] = []
 
     def look_at(self, type_name: str) -> None:
-        """Raise `_UnboundedError` or RecursionError if a type is not bounded."""
+        """Raise `_UnboundedError` or RecursionError for unbounded types."""
         self._later.append(type_name)
         while self._later:
             self._count(self._later.pop())
 
     def _count(self, name: str) -> int:
-        """Return how many values without bytes one value of a type holds, itself included."""
+        """Return a value's number of zero-byte values, itself included."""
         if name in self._above:
             raise _UnboundedError  # each value holds another of its kind
         if name not in self._counts:

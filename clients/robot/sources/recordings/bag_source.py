@@ -1,8 +1,4 @@
-"""A recording as a source: frames, tag sightings and other senses, in the order in which they were recorded.
-
-A message that cannot be used becomes a `Refused`, and the stream goes on; a recording that breaks off ends in
-BAG_DAMAGED after everything before the break.
-"""
+"""A recording as a source in recorded order; damage ends with BAG_DAMAGED."""
 
 from __future__ import annotations
 
@@ -25,20 +21,14 @@ from consensus.errors import BlockRobotError
 
 @dataclass(frozen=True, slots=True)
 class EmptyScene:
-    """Where the frames without people are, if not on the topic that is meant for them.
-
-    Another recording (its depth topic), or a stretch of this one in seconds from its first frame.
-    """
+    """Frames without people: another recording, or seconds from this one's start."""
 
     recording: Path | None = None
     seconds: tuple[float, float] | None = None
 
 
 class BagSource:
-    """One recording. `shift_ms` is added to every time in it, so that an old recording plays in the present.
-
-    Raises BAG_DAMAGED when nothing in it can be read, BAG_TOPIC_MISSING when it has no depth or no sightings.
-    """
+    """A recording, times shifted by `shift_ms`. Raises BAG_DAMAGED, BAG_TOPIC_MISSING."""
 
     def __init__(
         self, path: Path, *, topics: Topics | None = None, empty: EmptyScene | None = None, shift_ms: int = 0
@@ -58,17 +48,15 @@ class BagSource:
 
     @property
     def topics(self) -> Topics:
-        """What is read of which topic."""
         return self._topics
 
     @property
     def broken(self) -> str:
-        """What is wrong with the recording as a whole; empty if nothing is."""
         return self._recording.broken
 
     @property
     def start_ms(self) -> int:
-        """When the first usable event was recorded, `shift_ms` included. Raises BAG_DAMAGED if there is none."""
+        """First usable event's time, shifted. Raises BAG_DAMAGED if none."""
         for event in self.events():
             if not isinstance(event, Refused):
                 return happened_ms(event)
@@ -76,7 +64,7 @@ class BagSource:
 
     @property
     def focal_px(self) -> float | None:
-        """The focal length that the user names, or the one of the CameraInfo beside the depth topic."""
+        """Focal length by user or CameraInfo."""
         if self._topics.focal_px is not None:
             return self._topics.focal_px
         beside = info_topic(self._topics)
@@ -84,20 +72,18 @@ class BagSource:
 
     @property
     def focal_from(self) -> str:
-        """Where the focal length is from."""
         return "camera-info" if self._topics.focal_px is None else "topics"
 
     @property
     def antennas_unnamed(self) -> AntennaCounts:
-        """How often antennas were heard that the topics file names neither in front nor in back."""
+        """Numbers of readings by antennas unnamed in the topics file."""
         return self._reader.antennas_unnamed
 
     def shift_to(self, start_ms: int) -> None:
-        """Move the timeline so that the first usable event happens at `start_ms`."""
         self.shift_ms += start_ms - self.start_ms
 
     def empty_frames(self) -> list[Depth]:
-        """Return the recorded frames of the empty scene; raises EMPTY_SCENE_MISSING if there are none."""
+        """Return recorded empty-scene frames. Raises EMPTY_SCENE_MISSING."""
         if self._empty.recording is not None:
             found = self._empty_elsewhere(self._empty.recording)
         elif self._empty.seconds is not None:
@@ -115,24 +101,19 @@ class BagSource:
         )
 
     def events(self) -> Iterator[SourceEvent]:
-        """Yield frames (numbered from 0), sightings and senses as recorded, and a `Refused` for each bad message."""
+        """Yield frames (from 0), sightings, senses, and `Refused`."""
         self._reader = MessageReader(self._topics)
         for message in self._recording.messages(self._wanted):
             yield from self.events_of(message)
 
     def events_of(self, message: Message) -> list[SourceEvent]:
-        """Return what one message says: its events, or a `Refused`."""
         return self._reader.read(message, self._recording.types, shift_ms=self.shift_ms)
 
     def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Yield the same events, each no earlier than `clock` says it was recorded. Shift the timeline first."""
+        """Yield events when due by `clock`; shift the timeline first."""
         return play_events(self.events(), clock)
 
     def _depths(self, recording: Recording, topic: str, seconds: tuple[float, float] | None) -> list[Depth]:
-        """Return the usable frames of a topic that are of the first one's size, within `seconds` if given.
-
-        Of many no more than so many frames and bytes, spread evenly over those that were read.
-        """
         gathered = EmptyFrames()
         first_ns: int | None = None
         try:

@@ -1,8 +1,4 @@
-"""Decompresses chunks of recordings, no more of one than a recorder writes.
-
-The library that reads recordings decompresses a chunk whole, however much comes out; a few kilobytes may be gigabytes. A
-file that is packed as a whole it unpacks beside, into the folder for temporary files.
-"""
+"""Bounds decompression of recording chunks, which the library leaves unlimited."""
 
 from __future__ import annotations
 
@@ -36,11 +32,11 @@ UNPACKING_LEAVES_BYTES = 1024**3
 
 
 class ChunkTooLargeError(Exception):
-    """A chunk is larger than any recorder makes one, breaks off, or has something behind it."""
+    """A chunk is oversized, truncated, or has trailing data."""
 
 
 def _bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
-    """Return a function that unpacks one stream, or several one after the other, as the formats allow."""
+    """Return a bounded decompressor of one or several concatenated streams."""
 
     def decompress(data: bytes) -> bytes:
         found = bytearray()
@@ -63,8 +59,6 @@ unpack_bz2, unpack_lz4, unpack_zstd = (
 
 
 class _BoundedFile:
-    """A packed file that is read unpacked, as far as the limits go."""
-
     def __init__(self, packed: IO[bytes], _mode: str) -> None:
         self._opened = zstd.open(packed, "rb")
         self._read_bytes = 0
@@ -76,7 +70,7 @@ class _BoundedFile:
         self._opened.close()
 
     def read(self, size: int) -> bytes:
-        """Return so many bytes more. Raises RECORDING_TOO_LARGE before they are more than may be written."""
+        """Read bytes. Raises RECORDING_TOO_LARGE at the limit."""
         found: bytes = self._opened.read(size)
         self._read_bytes += len(found)
         if self._read_bytes > UNPACKED_FILE_MAX_BYTES:
@@ -90,14 +84,12 @@ class _BoundedFile:
 
 
 class _BoundedZstd:
-    """The module `zstd` as the reader of ROS 2 uses it."""
-
     open = _BoundedFile
     decompress = staticmethod(unpack_zstd)
 
 
 def bound_chunks() -> None:
-    """Let the library decompress by these functions."""
+    """Install the bounded functions in the library."""
     rosbag1.decompressors.update({"bz2": unpack_bz2, "lz4": unpack_lz4})
     storage_mcap.DECOMPRESSORS.update(
         {"lz4": lambda data, _: unpack_lz4(data), "zstd": lambda data, _: unpack_zstd(data)}

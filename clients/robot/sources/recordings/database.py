@@ -1,8 +1,7 @@
-"""Opens the SQLite database of a recording, which a stranger wrote.
+"""Opens a recording's untrusted SQLite database.
 
-A database may be a program: views, triggers, generated columns and virtual tables compute what is selected from them.
-Only the plain tables that recorders write are read. Pages may also lead to one another in a circle or be shared by many
-rows, so that work, memory and rows are bounded by the size of the file.
+Only plain recorder tables are allowed: no views, triggers, generated columns or virtual tables. Work, memory and rows
+are bounded by file size.
 """
 
 from __future__ import annotations
@@ -37,15 +36,11 @@ _INDEX = re.compile(
 
 
 class ForeignDatabaseError(apsw.Error):
-    """The database holds what no recorder writes, or asks for more than its size."""
+    """The database has a foreign schema, or exceeds its size's limits."""
 
 
 def open_database(path: Path, *, cut_off: bool = False) -> apsw.Connection:
-    """Open a database for reading, and return it once it is known to hold nothing but the tables of a recording.
-
-    One that is shorter than it says is taken if it may be `cut_off`. Raises `apsw.Error`, `OSError`,
-    and ValueError for texts that are no Unicode.
-    """
+    """Open a checked database read-only, `cut_off`: truncated allowed. Raises `apsw.Error`, `OSError`, ValueError."""
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         raise ForeignDatabaseError("It is no regular file.")
@@ -66,7 +61,6 @@ def open_database(path: Path, *, cut_off: bool = False) -> apsw.Connection:
 
 
 def _bound(base: apsw.Connection, size: int) -> None:
-    """Let a connection do no more than a file of this size can need."""
     base.limit(apsw.SQLITE_LIMIT_LENGTH, min(max(size, READ_LEAST_BYTES), VALUE_MAX_BYTES))
     base.limit(apsw.SQLITE_LIMIT_ATTACHED, 0)
     base.limit(apsw.SQLITE_LIMIT_WORKER_THREADS, 0)
@@ -93,7 +87,7 @@ def _bound(base: apsw.Connection, size: int) -> None:
 
 
 def _require_plain(base: apsw.Connection) -> None:
-    """Raise `ForeignDatabaseError` unless the schema is plain tables of these names and indexes of their columns."""
+    """Raise `ForeignDatabaseError` unless only expected plain tables and indexes exist."""
     names = []
     for kind, name, sql in base.execute("SELECT type, name, sql FROM sqlite_master"):
         if kind == "table" and name in _STATISTICS:
@@ -113,15 +107,13 @@ def _require_plain(base: apsw.Connection) -> None:
 
 
 class _BoundedApsw:
-    """The module `apsw` as the library's reader uses it."""
-
     Error = apsw.Error
     SQLITE_OPEN_READONLY = apsw.SQLITE_OPEN_READONLY
     SQLITE_OPEN_URI = apsw.SQLITE_OPEN_URI
 
     @staticmethod
     def Connection(uri: str, flags: int, vfs: None) -> apsw.Connection:  # noqa: ARG004, N802 - the library's names
-        """Open the file that the library names; one that it would have to sort as a whole is no file for it."""
+        """Open the library's file; refuses files needing a full sort."""
         base = open_database(Path(uri.removeprefix("file:").removesuffix("?immutable=1")))
         indexed = "SELECT 1 FROM pragma_index_list('messages') AS l, pragma_index_info(l.name) AS i WHERE i.seqno = 0"
         if base.execute(f"{indexed} AND i.name = 'timestamp'").fetchone() is None:
@@ -131,5 +123,5 @@ class _BoundedApsw:
 
 
 def bound_databases() -> None:
-    """Let the library open databases by this module."""
+    """Install this module in the library."""
     storage_sqlite3.apsw = _BoundedApsw  # type: ignore[assignment, attr-defined]

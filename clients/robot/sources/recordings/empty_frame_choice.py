@@ -1,7 +1,4 @@
-"""Gathers frames of the empty scene out of many: no more than are needed, spread evenly over those that came.
-
-Pure.
-"""
+"""Picks a bounded, evenly spread set of empty-scene frames."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ EMPTY_FRAMES_MAX_BYTES = 256 * 1024 * 1024
 
 
 class EmptyFrames:
-    """Takes frames one by one; `frames` are those kept so far, all of the first one's size."""
+    """Collects frames one by one, all of the first's size."""
 
     def __init__(self) -> None:
         self.frames: list[Depth] = []
@@ -22,11 +19,9 @@ class EmptyFrames:
 
     @property
     def is_enough(self) -> bool:
-        """Whether no more frames are looked at."""
         return self._usable_count >= EMPTY_FRAMES_READ_MAX_COUNT
 
     def add(self, depth: Depth) -> None:
-        """Take one frame; one of another size is left out."""
         if self.frames and depth.shape != self.frames[0].shape:
             return
         if self._usable_count % self._step == 0:

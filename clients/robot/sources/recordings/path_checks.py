@@ -1,7 +1,4 @@
-"""Tells at the start, where a topic's type is known, which path of the topics file leads nowhere in its messages.
-
-A misspelt field would otherwise cost every reading of a run.
-"""
+"""Check topics file paths against the recorded message types."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ FIELDS_SHOWN_MAX_COUNT = 24
 
 
 def missing_field(topics: Topics, topic: str, type_name: str, types: MessageTypes) -> str:
-    """Return which setting names a field that messages of a type have not, as a sentence; empty if all are there."""
+    """Return the setting with a missing field, as a sentence, or empty."""
     for key, path in _named(topics, topic):
         if not types.has_path(type_name, path):
             words = ', and it is neither "front" nor "back"' if key.endswith(".facing") else ""
@@ -23,19 +20,16 @@ def missing_field(topics: Topics, topic: str, type_name: str, types: MessageType
 
 
 def shown_fields(types: MessageTypes, type_name: str) -> str:
-    """Return the fields of a type, but for the header's, so many at most."""
     paths = own_paths(types, type_name)
     more = f" and {len(paths) - FIELDS_SHOWN_MAX_COUNT} more" if len(paths) > FIELDS_SHOWN_MAX_COUNT else ""
     return ", ".join(paths[:FIELDS_SHOWN_MAX_COUNT]) + more
 
 
 def own_paths(types: MessageTypes, type_name: str) -> list[str]:
-    """Return the paths of a type's plain fields, but for the header's."""
     return [path for path in types.paths(type_name) if not path.startswith("header.")]
 
 
 def _named(topics: Topics, topic: str) -> Iterator[tuple[str, str]]:
-    """Yield the settings of the topics file that are paths into a topic's messages, with these."""
     for place, tags in enumerate(topics.tags):
         if tags.topic == topic:
             yield from ((f"tags[{place}].{key}", path) for key, path in tags.map.named_paths.items())

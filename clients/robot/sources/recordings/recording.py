@@ -1,7 +1,6 @@
-"""One recording of any format: ROS 1 .bag, rosbag2 with SQLite or MCAP, as folder or as file.
+"""ROS 1 .bag and rosbag2 (SQLite, MCAP) recordings.
 
-A whole recording is read by its index, in time order. One that was cut off is read from the front to the break, and
-says so at the end: `messages` then raises BAG_DAMAGED after the last whole message.
+Intact ones are read by index, in time order; truncated ones from the front, ending with BAG_DAMAGED.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ SUFFIXES = (*ROS1_SUFFIXES, *STORAGE_SUFFIXES)
 
 @dataclass(slots=True)
 class TopicFigures:
-    """A topic of a recording: its type, how many messages it has, and how many a second on average."""
+    """A recorded topic: type, number of messages, average messages per second."""
 
     name: str
     type: str
@@ -56,7 +55,6 @@ class TopicFigures:
 
 
 def explain_undefined(figures: TopicFigures, who: str) -> str:
-    """Return what to do about a topic of a type that `who` (with its verb) does not define."""
     return (
         f"{figures.name} carries {figures.type}, which {who}. If it holds tag readings, put the type's text into the "
         "topics file under [definitions], and name topic and fields under [[tags]]."
@@ -64,10 +62,8 @@ def explain_undefined(figures: TopicFigures, who: str) -> str:
 
 
 class Recording:
-    """A recording that was looked into once: `topics` by name, their `types`, and `broken`, which says what is wrong.
-
-    `definitions` gives the text of types that the recording does not define. Raises BAG_DAMAGED when nothing in it
-    can be read, and TOPICS_INVALID when a definition makes no sense.
+    """An opened recording; `broken` describes damage, `definitions` adds missing types. Raises BAG_DAMAGED,
+    TOPICS_INVALID.
     """
 
     def __init__(self, path: Path, definitions: Mapping[str, str] | None = None) -> None:
@@ -89,7 +85,7 @@ class Recording:
             self._look_through(error)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """Yield the messages of some topics in time order. Raises BAG_DAMAGED at the break, if there is one."""
+        """Yield messages in time order. Raises BAG_DAMAGED at the break."""
         if self._salvage:
             yield from self._salvaged(set(topics))
             return
@@ -107,15 +103,13 @@ class Recording:
             raise self._damaged() from error
 
     def types_of(self, type_name: str) -> MessageTypes:  # noqa: ARG002 - a recording has one set for all
-        """Return the types among which messages of a type are explained."""
         return self.types
 
     def explain_unknown(self, topic: str) -> str:
-        """Return why a topic's type is not known, and what to do about it."""
         return explain_undefined(self.topics[topic], "the recording does not define")
 
     def first(self, topic: str) -> Any:
-        """Return the first message of a topic that can be decoded, None if there is none."""
+        """Return a topic's first decodable message, or None."""
         try:
             for message in self.messages([topic]):
                 try:
@@ -137,7 +131,6 @@ class Recording:
             figures.rate_hz = round(figures.count / seconds, 2) if seconds > 0 else 0.0
 
     def _look_through(self, why: Exception) -> None:
-        """Count what can be read of a recording that has no index, or a damaged one."""
         self.topics.clear()
         self._salvage = _storage_files(self.path)
         channels: dict[tuple[Path, int], str] = {}
@@ -192,7 +185,7 @@ class Recording:
         figures.count += count
 
     def _learn(self, definitions: list[tuple[str, MessageDefinition]]) -> None:
-        """Add the types that the recording defines; its word goes before what is built in, for ROS 1 differs."""
+        """Add the recording's types, overriding built-in ones (ROS 1 differs)."""
         store = get_typestore(Stores.EMPTY)
         work_left = DEFINITIONS_MAX_WORK
         defined = [
@@ -219,7 +212,7 @@ class Recording:
 
 
 def _require_kinds(*told: tuple[Any, type]) -> None:
-    """Raise BrokenOffError for what is of another kind: a column of SQLite holds whatever somebody wrote into it."""
+    """Raise BrokenOffError on a wrong type: SQLite columns are untyped."""
     if any(type(value) is not kind for value, kind in told):
         raise BrokenOffError("A row holds what no recorder writes.")
 
@@ -229,7 +222,7 @@ def _reader(path: Path) -> Ros1Reader | Ros2Reader:
 
 
 def _require_regular(path: Path) -> None:
-    """Raise BAG_DAMAGED for what is no regular file, or a folder that holds such: to read one may never end."""
+    """Raise BAG_DAMAGED unless regular: reading other files may never end."""
     try:
         for file in path.iterdir() if path.is_dir() else [path]:
             if file.exists() and not (file.is_file() or (path.is_dir() and file.is_dir())):
@@ -239,7 +232,7 @@ def _require_regular(path: Path) -> None:
 
 
 def _storage_files(path: Path) -> list[Path]:
-    """Return the files of a recording in the order in which they were written. Raises BAG_DAMAGED if there are none."""
+    """Raises BAG_DAMAGED."""
     if path.is_dir():
         files = [file for file in path.iterdir() if file.suffix in STORAGE_SUFFIXES and file.is_file()]
         found = sorted(files, key=lambda file: (len(file.name), file.name))  # ..._9 before ..._10

@@ -1,8 +1,6 @@
-"""Reads what stands before the break of a recording that was cut off: MCAP, ROS 1 bags and SQLite, front to back.
+"""Salvage truncated MCAP, ROS 1 and SQLite recordings, front to back.
 
-A recorder that is killed leaves no index, so the records are taken in the order of the file until one is not whole.
-Each scan ends by returning at the proper end and by raising `BrokenOffError` at the break. It must never repair a file or
-write one, and never give a record of which a part is missing.
+Scans raise `BrokenOffError` at the break; they modify nothing and yield only whole records.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinition
 
 
 class BrokenOffError(Exception):
-    """The file breaks off, or is damaged, at this place."""
+    """The file is truncated or damaged at this position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +45,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """One whole message: the number of its channel, when it was recorded, its bytes."""
+    """One whole message: channel number, recording time, bytes."""
 
     channel: int
     at_ns: int
@@ -58,7 +56,7 @@ Scan = Iterator[Channel | Found]
 
 
 def scan_file(path: Path) -> Scan:
-    """Scan one file by its first bytes, whatever its name is. Raises `BrokenOffError` for what is no recording."""
+    """Scan a file by its first bytes. Raises `BrokenOffError` for non-recordings."""
     with path.open("rb") as file:
         begins = file.read(len(SQLITE_MAGIC))
         if begins.startswith(MCAP_MAGIC):
@@ -74,7 +72,6 @@ def scan_file(path: Path) -> Scan:
 
 
 def _guarded(scan: Scan) -> Scan:
-    """Turn whatever damaged bytes make a parser do into `BrokenOffError`."""
     try:
         yield from scan
     except BrokenOffError:
@@ -93,7 +90,6 @@ def _read(file: BinaryIO, size: int) -> bytes:
 
 
 def _read_last(file: BinaryIO, size: int, opcode: bytes, chunk: bytes) -> bytes:
-    """Return a record, or what there is of it if it is a chunk: the messages in its beginning may be whole."""
     if size > RECORD_MAX_BYTES:
         raise BrokenOffError("A record says that it is larger than any.")
     data = file.read(size)
@@ -103,7 +99,6 @@ def _read_last(file: BinaryIO, size: int, opcode: bytes, chunk: bytes) -> bytes:
 
 
 def _in_time_order(scan: Scan) -> Scan:
-    """Yield the channels of one chunk, then its messages by time."""
     found: list[Found] = []
     broken: BrokenOffError | None = None
     try:
@@ -120,7 +115,6 @@ def _in_time_order(scan: Scan) -> Scan:
 
 
 def _definition(kind: MessageDefinitionFormat | None, text: str) -> MessageDefinition:
-    """Return a definition, none for one of another language. Of one that is too long so much is kept that it is told."""
     return _NO_DEFINITION if kind is None else MessageDefinition(kind, text[: DEFINITION_MAX_CHARS + 1])
 
 
@@ -222,7 +216,6 @@ def _ros1_fields(data: bytes) -> dict[str, bytes]:
 
 
 def scan_sqlite(path: Path) -> Scan:
-    """Scan a rosbag2 database. One that is shorter than it says is read all the same, as far as its pages go."""
     try:
         base = open_database(path, cut_off=True)
     except (apsw.Error, OSError, ValueError, MemoryError) as error:  # a text that is no Unicode is a ValueError

@@ -1,7 +1,4 @@
-"""Says what a recording holds, and which topics could be depth, colour, tags, labels or sound.
-
-It looks at types and at the first message of each image topic.
-"""
+"""List a recording's topics and guess which are depth, colour, tags, labels or sound."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ AUDIO_NAMES = ("audio", "sound", "mic", "speech", "voice", "wav")
 
 
 class Holding(Protocol):
-    """What holds messages on topics: a recording, or a sample of what is on the air."""
+    """Messages by topic: a recording or a live sample."""
 
     topics: dict[str, TopicFigures]
 
@@ -51,7 +48,7 @@ class Holding(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """One topic: what it could be (`depth`, `rgb`, `tags`, `labels`, `audio`), and how its images are encoded."""
+    """One topic: possible roles (`depth`, `rgb`, `tags`, `labels`, `audio`) and image encoding."""
 
     figures: TopicFigures
     could_be: tuple[str, ...]
@@ -59,17 +56,14 @@ class Listed:
 
     @property
     def is_unexplained(self) -> bool:
-        """Tell whether its messages are of a type that is neither ROS's nor ours, and nothing says what they hold."""
         return not self.could_be and self.figures.type not in {*own_types().types, *ROS_LOG_TYPES}
 
 
 def list_topics(recording: Holding) -> list[Listed]:
-    """Return every topic of a recording by name, with what it could be."""
     return [_listed(recording, figures) for _, figures in sorted(recording.topics.items())]
 
 
 def describe(recording: Holding) -> str:
-    """Return what a recording holds as one sentence, for the detail of a refusal."""
     listed = list_topics(recording)
     shown = [
         f"{item.figures.name} ({item.figures.type}"
@@ -121,7 +115,7 @@ def _speaks(text: str, words: tuple[str, ...]) -> bool:
 
 
 def draft_topics(recording: Holding, listed: list[Listed]) -> str:
-    """Return the text of a topics file made of the guesses; the user checks it. Fields are guessed by their names."""
+    """Return a draft topics file, guessed by field names."""
     lines = ["# Drafted from what the recording looks like: check every line.", ""]
     depth = [item.figures.name for item in listed if "depth" in item.could_be]
     empty = [name for name in depth if "empty" in name.lower()]
@@ -142,7 +136,6 @@ def draft_topics(recording: Holding, listed: list[Listed]) -> str:
 
 
 def _drafted_focal(recording: Holding, depth: str) -> list[str]:
-    """Return a line for the focal length, unless the CameraInfo beside the depth topic tells it."""
     beside = info_topic(Topics(depth=depth))
     if beside in recording.topics and read_focal_px(recording.first(beside)) is not None:
         return []
@@ -152,10 +145,7 @@ def _drafted_focal(recording: Holding, depth: str) -> list[str]:
 
 
 def next_steps(recording: Holding, listed: list[Listed]) -> list[str]:
-    """Return what the user must say that no draft can: in which field the tag's UID stands, or of which topic.
-
-    Topics of unknown meaning are named as long as none is of tags for certain.
-    """
+    """Return what the user must still specify, such as the UID's field."""
     told, is_found = [], False
     for item in [item for item in listed if "tags" in item.could_be and item.figures.type != STRING_TYPE]:
         if _guess_epc(recording, item.figures.type, sure=True):
@@ -182,7 +172,6 @@ def _unexplained_step(recording: Holding, figures: TopicFigures) -> str:
 
 
 def _drafted_guess(recording: Holding, figures: TopicFigures) -> list[str]:
-    """Return a table of tags for a topic of which it is not known what it holds; to be put behind marks."""
     if not recording.types_of(figures.type).knows(figures.type):
         table = ["[[tags]]", f'topic = "{figures.name}"', f'type = "{figures.type}"', 'epc = ""']
         return [*textwrap.wrap(recording.explain_unknown(figures.name), DRAFT_LINE_CHARS), *table]
@@ -197,10 +186,6 @@ def _drafted_guess(recording: Holding, figures: TopicFigures) -> list[str]:
 
 
 def _guess_epc(recording: Holding, type_name: str, *, sure: bool = False) -> str:
-    """Return the field that is called as UIDs are; if there is none and it need not be `sure`, the first of text.
-
-    Fields of the list that holds the readings come first: beside it stands what is the same for all of them.
-    """
     paths = _of_one_list(_own_paths(recording, type_name))
     named = next((path for word in _FIELD_WORDS["epc"] for path in paths if _last(path) == word), "")
     if named or sure:
@@ -209,11 +194,7 @@ def _guess_epc(recording: Holding, type_name: str, *, sure: bool = False) -> str
 
 
 def _of_one_list(paths: list[str]) -> list[str]:
-    """Return the paths through the list that has most fields of known names, and then those through no list.
-
-    Lists side by side (`ids[]`, `dbs[]`) count as one. A map cannot go through two lists, and what was measured tells
-    which one holds the readings.
-    """
+    """Return paths through the likeliest list, then unlisted ones. Parallel lists (`ids[]`, `dbs[]`) count as one."""
     counts: Counter[str] = Counter()
     for setting, words in _FIELD_WORDS.items():
         for path in paths:
@@ -226,7 +207,6 @@ def _of_one_list(paths: list[str]) -> list[str]:
 
 
 def _list_of(path: str) -> str:
-    """Return the list that a path goes through."""
     return "[]" if path.endswith("[]") else path.partition("[]")[0]
 
 
@@ -239,7 +219,7 @@ def _shown(recording: Holding, type_name: str) -> str:
 
 
 def _known_json_paths(recording: Holding, figures: TopicFigures) -> list[str]:
-    """Return the fields of a String topic's JSON text whose names are known ones: any other name may be a UID itself."""
+    """Return JSON fields with known names only: other names may be UIDs."""
     if figures.type != STRING_TYPE:
         return []
     paths = json_paths(recording.first(figures.name), "data")

@@ -1,7 +1,4 @@
-"""`blockrobot wallet guardians list|split`: who holds shares of this wallet's words, and handing them out.
-
-Words go to the terminal, one guardian at a time, or onto sheets.
-"""
+"""`blockrobot wallet guardians list|split`: handing out shares of the wallet's mnemonic."""
 
 from __future__ import annotations
 
@@ -45,7 +42,6 @@ from pages.moments import show_moment
 
 
 def _read(ctx: click.Context) -> WalletContent:
-    """Return what the wallet's file holds, beside another program that has it too. No network is needed."""
     path: Path = ctx.obj[0]
     require_wallet(path)
     passphrase = read_passphrase()
@@ -55,7 +51,7 @@ def _read(ctx: click.Context) -> WalletContent:
 
 @contextlib.contextmanager
 def _opened(ctx: click.Context) -> Iterator[Keystore]:
-    """Open the wallet's file by a passphrase that is not the keyring's, and nothing else: no network is needed."""
+    """Open the wallet file offline, without the keyring."""
     path: Path = ctx.obj[0]
     require_wallet(path)
     passphrase = read_passphrase(from_keyring=False)
@@ -96,7 +92,6 @@ def list_(ctx: click.Context, as_json: bool) -> None:
 
 
 def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:
-    """Return how many guardians are to be needed: more than half unless said. Raises UsageError."""
     if not GUARDIANS_MIN_COUNT <= len(names) <= GUARDIANS_MAX_COUNT:
         raise WrongUsage("guardians_count", least=GUARDIANS_MIN_COUNT, most=GUARDIANS_MAX_COUNT)
     require_names(names)
@@ -109,7 +104,7 @@ def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:
 
 
 def _choose_words(content: WalletContent, former: int | None) -> tuple[str, int]:
-    """Return the words to split and their place among the wallet's, from 0. Raises UsageError, WALLET_ROTATION_OPEN."""
+    """Return the mnemonic to split and its index. Raises UsageError, WALLET_ROTATION_OPEN."""
     if former is not None:
         if former > len(content.former):
             raise WrongUsage("former_words", count=len(content.former), given=former)
@@ -188,7 +183,7 @@ def split(
 
 
 def _write(store: Keystore, one: GuardianSet, shares: list[str], out: Path) -> list[Path]:
-    """Write the sheets and note whose they are; a power cut between leaves a set that is noted and not whole."""
+    """Write sheets, then note each owner; after a crash the set may be incomplete."""
     store.save()
     try:
         sheets = write_sheets(out, one, shares)
@@ -202,7 +197,7 @@ def _write(store: Keystore, one: GuardianSet, shares: list[str], out: Path) -> l
 
 
 def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool) -> list[Path]:
-    """Show the words one guardian at a time. Noted before anybody sees any."""
+    """Show shares one guardian at a time, each noted beforehand."""
     count, identifier = len(shares), show_identifier(one.identifier)
     was_shown = False
     try:

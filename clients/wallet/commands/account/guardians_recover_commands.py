@@ -1,7 +1,4 @@
-"""`blockrobot wallet guardians recover|check`: guardians' words, typed or from files, and the wallet made from them.
-
-A wrong word is told at once.
-"""
+"""`blockrobot wallet guardians recover|check`: rebuild a wallet from guardians' shares."""
 
 from __future__ import annotations
 
@@ -68,7 +65,6 @@ def _tell_unknown(number: int, word: str) -> None:
 
 
 def _type_words() -> list[str]:
-    """Ask for a share's words, line by line; each is looked up as soon as its line is there."""
     words: list[str] = []
     while len(words) < SHARE_WORDS_COUNT:
         typed = take_words(ask_for(text("guardians.word", number=len(words) + 1)))
@@ -80,7 +76,7 @@ def _type_words() -> list[str]:
 
 
 def type_share() -> Share:
-    """Ask for a share at the terminal until it is whole; single words can be put right. Raises Abort at a Ctrl-C."""
+    """Read a complete share, allowing corrections. Raises Abort at Ctrl-C."""
     words = _type_words()
     while True:
         share = None
@@ -109,7 +105,6 @@ def type_share() -> Share:
 
 
 def _read_file(path: Path, *, as_json: bool) -> Share:
-    """Return the share in a file, or on standard input. On a terminal a wrong word is shown with what it may be."""
     try:
         written = take_written(sys.stdin.read(SHEET_MAX_BYTES)) if path == _STDIN else read_written(path)
         share = read_share(written)
@@ -172,7 +167,7 @@ def _tell_progress(gathering: Gathering) -> None:
 
 
 def _gather_typed(gathering: Gathering) -> None:
-    """Ask for one share; what does not go with the others is told, and kept: those others may be the wrong ones."""
+    """Read one share; inconsistent ones are kept, since others may be wrong."""
     is_first = gathering.last is None
     console.print(text("guardians.type", words=SHARE_WORDS_COUNT) if is_first else text("guardians.type_next"))
     try:
@@ -201,7 +196,6 @@ def _sheets(shares: Sequence[Share]) -> str:
 
 
 def _tell_joined(gathering: Gathering, *, may_ask: bool) -> None:
-    """Say that they lead to one wallet; if some do not fit, which, and ask whether she goes on without them."""
     console.print(text("guardians.enough"))
     left_out = gathering.misfits()
     if left_out:
@@ -213,10 +207,7 @@ def _tell_joined(gathering: Gathering, *, may_ask: bool) -> None:
 
 
 def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
-    """Take shares in from files, then from the terminal, until they lead to 24 words; return both.
-
-    Raises SHARES_TOO_FEW and what else is wrong with files, where nobody can be asked for more.
-    """
+    """Collect shares until they yield 24 words. Raises SHARES_TOO_FEW and file errors."""
     may_ask = is_at_terminal() and not as_json
     gathering = Gathering()
     for file in files:
@@ -244,7 +235,6 @@ def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
 
 
 def _ask_network(path: Path, passphrase: str, genesis_path: Path, gathering: Gathering) -> str:
-    """Note in the wallet what set it came from; return what the network says of its words, if it answers in time."""
     store = Keystore.open(path, passphrase)
     share = gathering.joined[0]
     made = GuardianSet(0, share.member_threshold, [], share.identifier, len(store.content.former))
@@ -267,7 +257,6 @@ def _ask_network(path: Path, passphrase: str, genesis_path: Path, gathering: Gat
 def _require_possible(
     files: tuple[Path, ...], words_file: Path | None, *, only: bool, show: bool, as_json: bool
 ) -> None:
-    """Raise UsageError for what cannot be done: asking, or showing words, where nobody sits."""
     at_terminal = is_at_terminal()
     if not files and (as_json or not at_terminal):
         raise WrongUsage("no_terminal_shares")
@@ -283,10 +272,7 @@ def _require_possible(
 
 @contextlib.contextmanager
 def _place(ctx: click.Context, path: Path, words_file: Path | None) -> Iterator[None]:
-    """Hold the place of the wallet that is made inside; if it ends before its end, say what it left behind.
-
-    Words that are in their file by then stay there: the guardians may have gone home.
-    """
+    """Reserve the new wallet's place; on failure report leftovers. A written words file stays."""
     with claim_place(path):
         try:
             yield

@@ -1,6 +1,5 @@
-"""`blockrobot wallet keyring`: a passphrase in the system's keyring, for who wants that.
-
-Whoever can use the person's session on this machine can then open the wallet: that is why nothing goes there by itself.
+"""`blockrobot wallet keyring`: passphrase in the system's keyring, opt-in, since any program of the session can then
+open the wallet.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`blockrobot wallet new|restore`: a wallet and its words."""
+"""`blockrobot wallet new|restore`: a wallet and its mnemonic."""
 
 from __future__ import annotations
 
@@ -26,10 +26,7 @@ WORDS_TRIES_MAX_COUNT = 5
 
 @contextlib.contextmanager
 def _place(ctx: click.Context, path: Path, words_file: Path | None = None) -> Iterator[None]:
-    """Hold the place of a wallet that is made inside. A Ctrl-C ends the command with a word on what it left behind.
-
-    `words_file` is one that is written inside: without the wallet it goes again, since its words are nobody's.
-    """
+    """Reserve the new wallet's place; on failure `words_file` is removed."""
     was_there = words_file is not None and words_file.exists()
 
     def say() -> str:
@@ -49,12 +46,11 @@ def _place(ctx: click.Context, path: Path, words_file: Path | None = None) -> It
 
 
 def guess_cost(fast: bool) -> PassphraseCost | None:
-    """Return what a guess of the passphrase is to cost: the usual (None), or as little as possible for tests."""
+    """Return the passphrase cost: default (None), or minimal for tests."""
     return PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN) if fast else None
 
 
 def _hand_over(words: str, words_file: Path | None, *, check: bool) -> None:
-    """Let the 24 words be written down: in a file, or from the terminal. Raises what `show_and_check` raises."""
     if words_file is not None:
         write_words(words_file, words)
     elif check:
@@ -142,7 +138,7 @@ def restore(
 
 
 def _ask_for_words() -> str:
-    """Ask at the terminal until the words are right, telling each time what is not. Raises WORDS_INVALID in the end."""
+    """Raises WORDS_INVALID."""
     for left in reversed(range(WORDS_TRIES_MAX_COUNT)):
         words: str = click.prompt(text("restore.words"), hide_input=True)
         try:

@@ -1,4 +1,4 @@
-"""`blockrobot wallet rotate|transfer|leave`: after a theft, and when one goes."""
+"""`blockrobot wallet rotate|transfer|leave`: key rotation, visit transfer and leaving."""
 
 from __future__ import annotations
 
@@ -45,7 +45,6 @@ def _spread(command: Any) -> Any:
 
 
 def _hand_over(words: str, words_file: Path | None) -> None:
-    """Hand the words over, and go on only once they are in a file or were written down."""
     if words_file is not None:
         write_words(words_file, words)
     else:
@@ -87,7 +86,7 @@ def _tell_transferred(done: Transferred) -> None:
 
 
 def print_taken(count: int) -> None:
-    """Say, if so, that visits obey somebody else's key."""
+    """Warn of visits controlled by somebody else's key."""
     for line in _taken_lines(count):
         console.print(f"[red]{line}[/red]")
 
@@ -97,7 +96,7 @@ def _taken_lines(count: int, language: str | None = None) -> list[str]:
 
 
 def print_stuck(count: int) -> None:
-    """Say, if so, that visits can be given no other key any more."""
+    """Warn of visits whose key cannot be replaced any more."""
     for line in _stuck_lines(count):
         console.print(f"[red]{line}[/red]")
 
@@ -107,12 +106,11 @@ def _stuck_lines(count: int, language: str | None = None) -> list[str]:
 
 
 def unreadable_words(report: VisitReport) -> str:
-    """Say what to do about records of a visit that do not open."""
     return text("former.needed" if report.needs_former_words else "former.unreadable", count=len(report.unreadable_ids))
 
 
 def words_json(content: WalletContent) -> dict[str, Any]:
-    """Return what is to be known of visits that the present words do not decide of, for a program."""
+    """Return visits not controlled by the present mnemonic, as JSON."""
     return {
         "taken_visits": [visit.owner.hex() for visit in content.visits if visit.taken],
         "exposed_visits": [visit.owner.hex() for visit in exposed(content)],
@@ -121,19 +119,18 @@ def words_json(content: WalletContent) -> dict[str, Any]:
 
 
 def exposed(content: WalletContent) -> list[Any]:
-    """Return the visits of which a key from former words still decides, and can be replaced, as far as is known."""
+    """Return visits that former mnemonics control and that can be replaced."""
     present = len(content.former)
     return [visit for visit in content.visits if visit.era != present and not visit.taken and not visit.stuck]
 
 
 def print_words(content: WalletContent) -> None:
-    """Say what is to be known of visits that the present words do not decide of."""
     for line in words_lines(content):
         console.print(f"[red]{line}[/red]")
 
 
 def words_lines(content: WalletContent, language: str | None = None) -> list[str]:
-    """Return the same in sentences, in a language (None: the one in use)."""
+    """Return sentences on visits not controlled by the present mnemonic."""
     count = len(exposed(content))
     told = [text("former.exposed", language=language, count=count)] if count else []
     told += _taken_lines(sum(visit.taken for visit in content.visits), language)
@@ -141,7 +138,7 @@ def words_lines(content: WalletContent, language: str | None = None) -> list[str
 
 
 class _Before:
-    """What the wallet held when a change of words began, or went on: by that is told how far it came."""
+    """Wallet state before a rotation, to report progress."""
 
     def __init__(self) -> None:
         self._content: WalletContent | None = None
@@ -149,12 +146,10 @@ class _Before:
         self._was_moving = False
 
     def note(self, content: WalletContent) -> None:
-        """Remember a wallet as it is now."""
         self._content = content
         self._former_count, self._was_moving = len(content.former), content.transfers_due
 
     def say_how_far(self) -> str:
-        """Return what was done since and what not, and the next step, in sentences."""
         content = self._content
         if content is None:  # a change that was cut off before may be in force already, and nobody has looked
             return text("rotate.stopped_unopened")
@@ -168,10 +163,7 @@ class _Before:
 
 
 async def _fetch_receipts(opened: Wallet) -> int:
-    """Fetch the receipts of consent that are still due, for some seconds; return how many are not to be had.
-
-    Theft is no time to wait: custodians that do not answer cost the receipts, not the visits.
-    """
+    """Fetch pending receipts briefly; return how many are missing. Not waiting longer protects visits after theft."""
     content = opened.store.content
     try:
         async with asyncio.timeout(RECEIPTS_WAIT_S):

@@ -1,4 +1,4 @@
-"""Opening records in the page: asked for on the chain, fetched, checked, opened."""
+"""Routes that request, fetch, check and open records."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ WIDTH_HEADER, HEIGHT_HEADER = "X-BlockRobot-Width", "X-BlockRobot-Height"
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
-    """Return the routes of this part."""
     frame = "/api/clips/{clip}/frames/{number}"
     return [
         route(session, "POST", "/api/clips", _open),
@@ -79,10 +78,7 @@ async def open_records(
     access: Mapping[bytes, bytes],
     language: str,
 ) -> dict[str, Any]:
-    """Fetch, check and open records of one visit, by the access ids of `access`.
-
-    Large ones are not all opened at once: `records` says of how many, from the first on, the clip is.
-    """
+    """Open a visit's records by access ids; `records` says how many fitted."""
     views: list[RecordView] = []
     rooms: dict[bytes, bytes] = {}
     held_bytes = 0
@@ -102,7 +98,7 @@ async def open_records(
 
 
 async def _judge(session: PageSession, request: web.Request) -> web.Response:
-    """Write down what was found of an open clip. Nothing is asked for or fetched again for that."""
+    """Write an open clip's verdict without refetching."""
     clip, language = _clip_of(session, request), language_of(request)
 
     async def work(job: Job) -> dict[str, Any]:
@@ -118,7 +114,6 @@ async def _judge(session: PageSession, request: web.Request) -> web.Response:
 
 
 async def _add_rooms(viewing: Viewing, view: RecordView, rooms: dict[bytes, bytes]) -> None:
-    """Fetch the empty rooms on which a record's depth pictures stand, those that there are."""
     for frame in view.frames:
         room = frame.rendition
         if room is None or room.encoding != ENCODING_PNG16 or not room.pixels or room.background_id in rooms:
@@ -129,7 +124,7 @@ async def _add_rooms(viewing: Viewing, view: RecordView, rooms: dict[bytes, byte
 
 
 async def _as_of_now(session: PageSession, entries: list[RecordEntry]) -> dict[bytes, RecordEntry]:
-    """Return all records of these records' visit as the newest block has them. Raises NOT_FOUND if one is gone since."""
+    """Return the visit's current records. Raises NOT_FOUND."""
     visit = entries[0].visit
     part = session.snapshot.part_of(visit.owner)
     report = part.report

@@ -1,4 +1,4 @@
-"""A person's say, in the page: read, give, refuse, take back."""
+"""Routes for consent: read, give, refuse, withdraw."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from pages.local_page import LocalRoute
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
-    """Return the routes of this part."""
     return [
         route(session, "GET", "/api/consents", _consents),
         route(session, "POST", "/api/consents/give", _give),
@@ -69,7 +68,6 @@ async def _notice(session: PageSession, request: web.Request) -> web.Response:
 
 
 async def _shown(session: PageSession, request: web.Request) -> web.Response:
-    """Note that a notice was on the screen: the one in force, and no other."""
     asked = await body_of(request)
     version = asked.number("version")
     asked.end()
@@ -141,7 +139,6 @@ async def _withdraw(session: PageSession, request: web.Request) -> web.Response:
 
 
 async def _said(session: PageSession, job: Job, word: Word, status: str) -> dict[str, Any]:
-    """Fetch the receipt of a word that is final; without one it counts all the same."""
     job.tell("fetching the receipt")
     receipted = await take_receipt(session.wallet, word.txid)
     return {

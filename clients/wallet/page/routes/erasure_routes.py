@@ -1,4 +1,4 @@
-"""Erasing in the page: what will be gone and what remains, the question, and receipts as they come in."""
+"""Routes for erasure: preview, confirmation, receipts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ _POLL_S = 0.5
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
-    """Return the routes of this part."""
     return [
         route(session, "POST", "/api/erasures/plan", _plan),
         route(session, "POST", "/api/erasures", _erase),
@@ -35,10 +34,7 @@ def routes(session: PageSession) -> list[LocalRoute]:
 
 
 def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[list[RecordEntry], list[int]]:
-    """Return the records and pictures that are meant and are not being erased already.
-
-    Raises NOT_FOUND if nothing is left, REQUEST_INVALID for pictures that no record has.
-    """
+    """Return records and pictures not yet being erased. Raises NOT_FOUND, REQUEST_INVALID."""
     entries = [session.snapshot.entry(record_id) for record_id in ids]
     active = [entry for entry in entries if entry.state.status == "active"]
     left = frames
@@ -58,7 +54,6 @@ def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[l
 
 
 def _wanted(session: PageSession, asked: Asked) -> list[bytes]:
-    """Return the ids of what is to be erased: named, of a day, or everything but visits that she denied."""
     everything, day = asked.flag("all", default=False), asked.text("day", "", max_chars=10)
     zone, ids = asked.text("zone", ""), asked.ids("records")
     if everything or day:

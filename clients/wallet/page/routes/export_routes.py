@@ -1,4 +1,4 @@
-"""Taking along, in the page: the warning, the work, the file."""
+"""Routes for export: warning, progress, file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ from pages.moments import show_day
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
-    """Return the routes of this part."""
     return [
         route(session, "POST", "/api/exports/plan", _plan),
         route(session, "POST", "/api/exports", _export),
@@ -79,7 +78,6 @@ class _StoppedError(Exception):
 
 
 async def _write(session: PageSession, job: Job, wanted: Wanted, language: str, *, at_once: bool) -> dict[str, Any]:
-    """Collect a bundle and write it into the wallet's own folder, for the page to fetch."""
     loop = asyncio.get_running_loop()
 
     def heard(what: str, done: int, of: int) -> None:
@@ -109,7 +107,7 @@ async def _write(session: PageSession, job: Job, wanted: Wanted, language: str, 
 
 
 async def _write_until_stopped(path: Path, contents: Contents, heard: Heard) -> Verdict:
-    """Write a bundle in a thread. If that is cancelled the thread is stopped and waited for, and no file stays."""
+    """Write in a thread; cancellation awaits it and leaves no file."""
     stopped = threading.Event()
 
     def heard_unless_stopped(what: str, done: int, of: int) -> None:
@@ -128,20 +126,18 @@ async def _write_until_stopped(path: Path, contents: Contents, heard: Heard) -> 
 
 
 def _leave_out(path: Path, writing: asyncio.Future[Verdict]) -> None:
-    """Delete what was written for nobody; why it was not written to its end is known."""
     path.unlink(missing_ok=True)
     writing.exception()
 
 
 class _KeptFileResponse(web.FileResponse):
-    """A kept file on its way to the page. It counts as fetched once all of it was sent, and not before."""
+    """A kept file, marked fetched only when completely sent."""
 
     def __init__(self, kept: KeptFile) -> None:
         super().__init__(kept.path, headers={"Content-Type": "application/zip"})
         self._kept = kept
 
     async def prepare(self, request: web.BaseRequest) -> AbstractStreamWriter | None:
-        """Send the file. Raises OSError if the page goes away meanwhile."""
         writer = await super().prepare(request)
         if self.status == HTTPStatus.OK:
             self._kept.was_fetched = True

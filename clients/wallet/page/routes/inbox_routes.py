@@ -1,4 +1,4 @@
-"""What a person is to know: who looked, what is missing or changed, what was shared with her."""
+"""Routes for accesses, alarms and received shares."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from pages.local_page import LocalRoute
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
-    """Return the routes of this part."""
     return [route(session, "GET", "/api/inbox", _inbox)]
 
 
@@ -52,7 +51,6 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
 
 
 def _alarm(part: VisitPart) -> dict[str, Any]:
-    """Return what is wrong with a visit."""
     report, corrupted = part.report, [record_id.hex() for record_id in part.corrupted_ids]
     told = []
     if report.missing_count:

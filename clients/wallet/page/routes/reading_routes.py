@@ -1,4 +1,4 @@
-"""What the page shows without asking the network: from what the wallet knows and has proven."""
+"""Routes answered from the snapshot, without network."""
 
 from __future__ import annotations
 
@@ -48,7 +48,6 @@ _DAY_MINUTES = 24 * 60
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
-    """Return the routes of this part."""
     return [
         route(session, "GET", "/api/overview", _overview),
         route(session, "GET", "/api/texts", _texts),
@@ -202,7 +201,6 @@ async def _cancel(session: PageSession, request: web.Request) -> web.Response:
 
 
 def read_wanted(asked: Asked) -> tuple[Wanted, str]:
-    """Return which records a query wants, and its time zone's name."""
     zone = asked.text("zone", "")
     wanted = Wanted(
         day=asked.text("day", "", max_chars=10),
@@ -266,17 +264,12 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
 
 
 def _only_of(record_id: bytes, event: AuditEntry) -> AuditEntry:
-    """Return of a verdict on several records what it says of this one; any other event as it is."""
     own = [list(finding) for finding in findings_of(event) if finding[0] == record_id]
     return replace(event, record_id=record_id, data={"verdict": own[0][1], "findings": own}) if own else event
 
 
 def _is_about(part: VisitPart, entry: RecordEntry, event: AuditEntry) -> bool:
-    """Tell whether an event is about a record: alone, among others that it names, or with all of its visit.
-
-    Of a look by a grant the trail has only how many records it was at. So one at several is told of each record of the
-    grant, with their number, though it may have been at others of them only.
-    """
+    """Return whether an event concerns a record; grant looks name only a number of records, so apply to each."""
     record_id, named = entry.record_id, records_of(event)
     if named:
         return record_id in named
@@ -290,7 +283,6 @@ def _is_about(part: VisitPart, entry: RecordEntry, event: AuditEntry) -> bool:
 
 
 def plain_hex(value: bytes | None) -> str | None:
-    """Return bytes in hexadecimal digits."""
     return None if value is None else value.hex()
 
 
@@ -332,7 +324,6 @@ async def _story(session: PageSession, request: web.Request) -> web.Response:
 
 
 def told_share(share: Share, now_ms: int, language: str) -> dict[str, Any]:
-    """Return one grant for the page."""
     grant = share.grant
     more = {"who": share.name_in(language), "purpose_sentence": PURPOSES.get(grant.row.purpose, grant.row.purpose)}
     return share_json(share, now_ms) | more | {"lines": share_lines(share, now_ms)}
@@ -350,7 +341,6 @@ async def _shares(session: PageSession, request: web.Request) -> web.Response:
 
 
 def told_erasure(erasure: ErasureProgress) -> dict[str, Any]:
-    """Return one erasure for the page."""
     return erasure_json(erasure) | {"lines": erasure_lines(erasure)}
 
 

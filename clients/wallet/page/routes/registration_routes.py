@@ -1,7 +1,4 @@
-"""Registering in the page with the code on one's card.
-
-Who registers consents to nothing by it: what she agrees to, she says afterwards, purpose by purpose.
-"""
+"""Routes for registration by card code; it gives no consent."""
 
 from __future__ import annotations
 
@@ -29,7 +26,6 @@ HASH_MAX_CHARS = 64
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
-    """Return the routes of this part."""
     return [
         route(session, "POST", "/api/registration/plan", _plan),
         route(session, "POST", "/api/registration/picture", _picture),
@@ -38,7 +34,6 @@ def routes(session: PageSession) -> list[LocalRoute]:
 
 
 async def _picture(_session: PageSession, request: web.Request) -> web.Response:
-    """Read the code in a photograph of a card. The picture is looked at here and kept nowhere."""
     asked = await body_of(request)
     picture = asked.text("picture", max_chars=PICTURE_MAX_CHARS)
     asked.end()
@@ -52,7 +47,6 @@ async def _picture(_session: PageSession, request: web.Request) -> web.Response:
 
 
 async def _plan(session: PageSession, request: web.Request) -> web.Response:
-    """Tell what the organisation that issued a card tells people, before anything is signed."""
     asked = await body_of(request)
     code = asked.text("code", max_chars=CODE_MAX_CHARS).strip()
     asked.end()
@@ -63,7 +57,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
 
 
 def _what_is(told: Told) -> tuple[str, int, str]:
-    """Return the organisation, version and hash of a notice; no hash where nothing is published."""
+    """Return a notice's organisation, version and hash (empty if unpublished)."""
     return told.organisation, told.version, "" if told.published is None else told.published.row.digest.hex()
 
 

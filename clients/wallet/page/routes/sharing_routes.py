@@ -1,4 +1,4 @@
-"""Sharing and its end, in the page."""
+"""Routes for sharing and revoking."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ from pages.local_page import LocalRoute
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
-    """Return the routes of this part."""
     return [
         route(session, "POST", "/api/shares/plan", _plan),
         route(session, "POST", "/api/shares", _share),
@@ -37,7 +36,7 @@ def routes(session: PageSession) -> list[LocalRoute]:
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What is to be shared with whom, as the page says it."""
+    """A sharing request from the page."""
 
     records: list[str]
     visits: list[str]
@@ -47,7 +46,7 @@ class Wish:
     until_ms: int
 
     async def find(self, wallet: Wallet, snapshot: Snapshot) -> tuple[Sharing, Grantee, list[RecordEntry]]:
-        """Return with whom and what, as far as the chain would allow it. Raises as the command does."""
+        """Resolve grantee and records. Raises as the command."""
         require_purpose_to_share(self.purpose, wallet.genesis.purposes)
         sharing = Sharing(wallet)
         grantee = await sharing.find_grantee(self.wanted, self.label)

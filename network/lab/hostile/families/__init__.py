@@ -1,1 +1,1 @@
-"""The corpus, a module for each kind of attack."""
+"""The corpus, one module per kind of attack."""

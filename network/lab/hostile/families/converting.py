@@ -1,4 +1,4 @@
-"""Conversions without end, between all types that the language turns into each other."""
+"""Endless conversions between all types that the language converts."""
 
 from __future__ import annotations
 

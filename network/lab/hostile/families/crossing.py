@@ -1,4 +1,4 @@
-"""One contract against another: re-entrance, borrowed rights, calls into views."""
+"""Attacks between contracts: re-entrance, borrowed rights, calls into views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Floods: of keys, values, events, calls, scans, hashes, signatures."""
+"""Floods of keys, values, events, calls, scans, hashes, signatures."""
 
 from __future__ import annotations
 

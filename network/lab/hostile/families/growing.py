@@ -1,4 +1,4 @@
-"""Programs that would fill the memory: every operation that grows a value, and every conversion."""
+"""Memory exhaustion by every growing operation and conversion."""
 
 from __future__ import annotations
 

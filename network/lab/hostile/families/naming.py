@@ -1,4 +1,4 @@
-"""Tricks with names and letters: shadowing, look-alikes, what parsers read differently."""
+"""Names and letters: shadowing, look-alikes, parser differences."""
 
 from __future__ import annotations
 

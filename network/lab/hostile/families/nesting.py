@@ -1,4 +1,4 @@
-"""Deep values and deep sources."""
+"""Deeply nested values and sources."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Programs that reach for Python: attributes, imports, exceptions, closures."""
+"""Sandbox escapes to Python: attributes, imports, exceptions, closures."""
 
 from __future__ import annotations
 

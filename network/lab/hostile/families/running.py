@@ -1,4 +1,4 @@
-"""Programs that would run for ever, or deeper than any stack."""
+"""Endless loops and unbounded recursion."""
 
 from __future__ import annotations
 

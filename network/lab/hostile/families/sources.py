@@ -1,4 +1,4 @@
-"""Sources, constants, defaults and arguments that are attacks themselves."""
+"""Malicious sources, constants, defaults and arguments."""
 
 from __future__ import annotations
 

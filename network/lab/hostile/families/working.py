@@ -1,4 +1,4 @@
-"""Few steps that mean much work: comparing, sorting, searching, large numbers."""
+"""Few steps with much work: comparing, sorting, searching, large numbers."""
 
 from __future__ import annotations
 

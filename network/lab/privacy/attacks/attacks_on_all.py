@@ -1,8 +1,4 @@
-"""The attacks that every scheme has to stand: dictionary, linking, membership.
-
-Time, robot and size are the same in all schemes: what differs is the mark of the owner. So these three are run once, on
-the real chain, and count for each scheme.
-"""
+"""Attacks on every scheme: dictionary, linking, membership."""
 
 from __future__ import annotations
 
@@ -28,7 +24,6 @@ Progress = Callable[[str], None]
 
 
 def attack_all_schemes(evidence: Evidence, progress: Progress) -> tuple[Rates, dict[str, Any]]:
-    """Run everything; return the rates by attack and scheme, and figures of the searches."""
     schemes = make_schemes()
     rates: Rates = {}
     progress("trying all UIDs")
@@ -70,7 +65,6 @@ def _shared_attacks(evidence: Evidence) -> dict[str, Features]:
 
 
 def _key_attacks(evidence: Evidence, schemes: dict[str, Scheme]) -> dict[str, Features]:
-    """Return one and the same attack for ours and for each scheme whose marks need no dictionary: it sees the mark too."""
     attacks = {OURS: linking.by_key(evidence.visits)}
     for name, scheme in schemes.items():
         if name != SALTED:
@@ -84,7 +78,6 @@ def _learned(evidence: Evidence, features: Features) -> Rate:
 
 
 def _attack_dictionary(evidence: Evidence, schemes: dict[str, Scheme]) -> tuple[dict[str, Rate], dict[str, Any]]:
-    """Find the UID behind the mark of each enrolled person; salted ones take a pass each, so only some are tried."""
     bits = evidence.played.population.serial_bits
     uids = [holder.person.uid for holder in evidence.played.holders.values()]
     guess = 2.0**-bits
@@ -109,7 +102,6 @@ def _rate_of(search: Search, uids: list[str], guess: float) -> Rate:
 
 
 def _link_salted(evidence: Evidence, scheme: Scheme) -> Rate:
-    """Link by salted marks, which are found out by dictionary."""
     marks = [scheme.mark(evidence.uid_of(place)) for place in range(len(evidence.visits))]
     bits = evidence.played.population.serial_bits
     step = max(1, len(evidence.matched) // SALTED_TRIALS_COUNT)
@@ -134,7 +126,6 @@ def _judge(evidence: Evidence, trials: tuple[Trial, ...], score: Callable[[int, 
 
 
 def _attack_names(evidence: Evidence, schemes: dict[str, Scheme], dictionary: dict[str, Rate]) -> dict[str, Rate]:
-    """Name whose visits are: in the paper's schemes the dictionary over again; in ours guessed secrets."""
     holders = list(evidence.played.holders.values())
     people: list[PublicKeys] = []
     for holder in holders:

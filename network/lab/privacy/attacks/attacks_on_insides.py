@@ -1,8 +1,4 @@
-"""What a curious custodian, a stolen backup and a stolen robot open or name of what our design says they cannot.
-
-What they can do by design is in `table`. The prototype keeps plain pictures under the tag's hash: whoever reads its
-database has them.
-"""
+"""Insider attacks beyond the design's limits: curious custodian, stolen backup, stolen robot."""
 
 from __future__ import annotations
 
@@ -41,7 +37,6 @@ Rates = dict[str, dict[str, Rate]]
 def attack_insides(
     evidence: Evidence, custody: CustodyStory, folder: Path, progress: Callable[[str], None]
 ) -> tuple[Rates, dict[str, Any]]:
-    """Make every attempt; return the rates and what else was counted."""
     progress("opening what a custodian, a backup and a stolen robot hold")
     played = evidence.played
     own = [played.chain.custodian.secret]
@@ -76,12 +71,10 @@ def attack_insides(
 
 
 def _rates(ours: Opened, plain: Rate) -> dict[str, Rate]:
-    """Ours as attempted; the paper's schemes name owners otherwise, and keep pictures in the clear all the same."""
     return dict.fromkeys(PAPER_SCHEMES, plain) | {OURS: count_rate(ours.pictures, ours.frames, 0.0)}
 
 
 def _open_plain(evidence: Evidence, frames: list[StoredFrame], keys: dict[int, bytes], folder: Path) -> Rate:
-    """Keep the same pictures as the prototype keeps them, steal the file, and look."""
     scheme, pictures = make_schemes()[PROTOTYPE], []
     people = {record.record_id: visit.owner for visit in evidence.visits for record in visit.records}
     for frame in frames:
@@ -96,14 +89,12 @@ def _open_plain(evidence: Evidence, frames: list[StoredFrame], keys: dict[int, b
 
 
 def _owners(evidence: Evidence, frames: list[StoredFrame]) -> list[Any]:
-    """Return whose records these frames are, each person once."""
     people = {record.record_id: visit.owner for visit in evidence.visits for record in visit.records}
     numbers = {evidence.played.person_of(people[frame.record_id]) for frame in frames}
     return [evidence.played.holders[number] for number in sorted(numbers)]
 
 
 def _attack_grants(evidence: Evidence, custody: CustodyStory) -> Rate:
-    """Name from the chain alone with whom things were shared; a grant that is joined with another counts as named."""
     played = evidence.played
     numbers = sorted(played.holders)
     keys = [played.holders[number].keys for number in numbers]
@@ -117,7 +108,6 @@ def _attack_grants(evidence: Evidence, custody: CustodyStory) -> Rate:
 
 
 def _attack_robot(evidence: Evidence) -> Rates:
-    """Stolen robots: pictures that wait in their spools, and the past visits that their keys might name."""
     played = evidence.played
     handles = {holder.handle: number for number, holder in played.holders.items()}
     frames = opened = visits = right = 0

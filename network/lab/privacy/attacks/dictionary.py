@@ -1,8 +1,4 @@
-"""Trying every UID that a tag could have, against what each scheme makes public.
-
-A UID has 96 bits, but all cards of a delivery share most of them, and whoever holds one card knows which: what is left is
-a serial number. That is enumerated here, really; what longer unknown parts would cost is computed from the rate.
-"""
+"""Dictionary search over every possible UID against each scheme's public data."""
 
 from __future__ import annotations
 
@@ -27,7 +23,7 @@ _WEAK_NAMES = ("blockrobot/handle", "blockrobot/tag", "blockrobot/owner", "block
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What a search found (UID by the place of its target), how many hashes it took, and in how many seconds of CPU."""
+    """UIDs found by target index, hashes made, and CPU seconds."""
 
     found: dict[int, str]
     hashes: int
@@ -35,19 +31,16 @@ class Search:
 
     @property
     def rate(self) -> float:
-        """Hashes a second on this core."""
         return self.hashes / self.seconds if self.seconds else 0.0
 
 
 def enumerate_uids(serial_bits: int) -> Iterator[list[bytes]]:
-    """Yield all UIDs of a delivery, in portions."""
     for start in range(0, 1 << serial_bits, _CHUNK_COUNT):
         stop = min(start + _CHUNK_COUNT, 1 << serial_bits)
         yield [b"%s%010X" % (UID_PREFIX.encode(), serial) for serial in range(start, stop)]
 
 
 def search_marks(marks: Sequence[OwnerMark], pepper: bytes, serial_bits: int) -> Search:
-    """Find the UIDs behind marks. Those without a salt are all found in one pass, salted ones take a pass each."""
     targets: dict[bytes, dict[bytes, list[int]]] = {}
     for place, mark in enumerate(marks):
         targets.setdefault(mark.salt, {}).setdefault(mark.digest, []).append(place)
@@ -68,7 +61,6 @@ def search_marks(marks: Sequence[OwnerMark], pepper: bytes, serial_bits: int) ->
 
 
 def weak_functions(chain_id: bytes) -> list[Callable[[bytes], bytes]]:
-    """Return functions of a UID that a careless design of ours could have put on the chain."""
     functions: list[Callable[[bytes], bytes]] = [
         lambda uid: hashlib.sha256(uid).digest(),
         lambda uid: hashlib.sha256(chain_id + uid).digest(),
@@ -81,7 +73,6 @@ def weak_functions(chain_id: bytes) -> list[Callable[[bytes], bytes]]:
 
 
 def search_chain(marks: Collection[bytes], chain_id: bytes, serial_bits: int) -> Search:
-    """Look for any weak function of any UID among all that stands on the chain, whole or its first 16 bytes."""
     wanted = set(marks) | {mark[1:] for mark in marks if len(mark) == 33}
     found: dict[int, str] = {}
     hashes, started = 0, time.process_time()
@@ -96,10 +87,7 @@ def search_chain(marks: Collection[bytes], chain_id: bytes, serial_bits: int) ->
 
 
 def computed_costs(hashes_a_second: float) -> dict[str, Any]:
-    """Return what a whole search of so many unknown bits would take, computed from a measured rate, in core hours.
-
-    Beside it the same on one graphics card.
-    """
+    """Return core hours per number of unknown bits, and those of a graphics card."""
     figures: dict[str, Any] = {}
     for bits in COMPUTED_BITS:
         hours = 2.0**bits / max(hashes_a_second, 1.0) / 3600

@@ -1,4 +1,4 @@
-"""What attackers are given, and beside it the truth by which they are judged."""
+"""Attackers' input, and the truth that judges them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from network.lab.privacy.hospital.attacked_days import Played
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """The chain as read, its visits in order, sizes of what custodians hold of each; and, for judging, the trials."""
+    """Chain, ordered visits, custodians' sizes; for judging, the trials."""
 
     played: Played
     view: LedgerView
@@ -25,12 +25,10 @@ class Evidence:
     boosting: bool
 
     def uid_of(self, visit: int) -> str:
-        """Return whose tag it was: for the schemes that write something of it."""
         return self.played.holders[self.labels[visit].person].person.uid
 
 
 def gather(played: Played, *, seed: int, boosting: bool) -> Evidence:
-    """Read the chain, and draw the trials."""
     view = read_ledger(played.chain.blocks)
     visits = tuple(visit for visit in view.visits.values() if visit.records)
     sizes = tuple(

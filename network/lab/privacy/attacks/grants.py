@@ -1,7 +1,6 @@
-"""Naming with whom something was shared, from the chain alone: guesses at careless wallets and at unsalted hashes. Pure.
+"""Names grantees from the chain alone by guessing weak secrets and unsalted hashes. Pure.
 
-The grantee's key G is made as owner keys are, so whatever names visits is tried on grants; her handle's hash is tried with
-every salt that is public.
+Grantee key G is built like owner keys, so visit-naming guesses apply; handle hashes are tried with all public salts.
 """
 
 from __future__ import annotations
@@ -19,14 +18,13 @@ from network.lab.privacy.attacks.naming import PublicKeys, name_visits
 
 @dataclass(frozen=True, slots=True)
 class GrantSeen:
-    """A grant as every reader of the chain's state has it."""
+    """A grant as any reader of the state sees it."""
 
     grant_id: bytes
     entry: GrantRow
 
 
 def read_grants(state: Mapping[bytes, bytes]) -> list[GrantSeen]:
-    """Return the grants among flat rows of a state, by id."""
     keys = sorted(filter(GRANT.owns, state))
     return [GrantSeen(GRANT.split(key)[0], GRANT.decode(state[key])) for key in keys]
 
@@ -34,7 +32,6 @@ def read_grants(state: Mapping[bytes, bytes]) -> list[GrantSeen]:
 def name_grantees(
     grants: Sequence[GrantSeen], people: Sequence[PublicKeys], handles: Sequence[bytes], chain_id: bytes
 ) -> dict[bytes, int]:
-    """Return with whom each grant is (place in `people` and `handles`, by grant id), of those that a guess names."""
     named: dict[bytes, int] = {}
     seen = {grant.entry.grantee: grant.grant_id for grant in grants}
     visits = [_as_visit(grant.entry) for grant in grants]
@@ -48,7 +45,6 @@ def name_grantees(
 
 
 def link_grants(grants: Sequence[GrantSeen]) -> set[frozenset[bytes]]:
-    """Return the pairs of grants that have a value in common by which one grantee could be followed."""
     linked: set[frozenset[bytes]] = set()
     for field in ("grantee", "ephemeral", "member_hash"):
         by_value: dict[bytes, list[bytes]] = {}
@@ -60,7 +56,6 @@ def link_grants(grants: Sequence[GrantSeen]) -> set[frozenset[bytes]]:
 
 
 def _as_visit(entry: GrantRow) -> VisitSeen:
-    """A grant seen as a visit: the visit's owner key stands where a visit has its robot's."""
     return VisitSeen(
         owner=entry.grantee,
         ephemeral=entry.ephemeral,
@@ -74,7 +69,6 @@ def _as_visit(entry: GrantRow) -> VisitSeen:
 
 
 def _salts(grant: GrantSeen) -> Iterator[bytes]:
-    """Yield what a careless wallet might have taken for salt: nothing, and hashes of what stands beside it."""
     entry = grant.entry
     yield bytes(32)
     yield grant.grant_id

@@ -1,7 +1,4 @@
-"""What insiders and thieves open: custodian, stolen backup, stolen robot.
-
-Each attempt takes what such an attacker has, and tries all of it on all that there is; it counts what opened.
-"""
+"""What insiders and thieves can open: custodian, stolen backup, stolen robot."""
 
 from __future__ import annotations
 
@@ -42,7 +39,7 @@ class StoredFrame:
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """Of so many frames, how many gave their sealed data key, and how many their picture."""
+    """Number of frames, with opened data keys and opened pictures."""
 
     frames: int
     sealed_keys: int
@@ -50,21 +47,19 @@ class Opened:
 
 
 def read_database(folder: Path) -> list[StoredFrame]:
-    """Read all frames of a stolen copy, with SQLite and nothing of ours."""
     with closing(sqlite3.connect(folder / DATABASE_FILE_NAME)) as database:
         rows = database.execute("SELECT record_id, place, slot, wrapped_key, ciphertext FROM frames").fetchall()
     return [StoredFrame(*row) for row in rows]
 
 
 def read_erase_keys(folder: Path) -> dict[int, bytes]:
-    """Read all keys of a stolen file, slot by slot."""
     with EraseKeys(folder) as keys:
         found = ((slot, keys.read(slot)) for slot in range(keys.held_count + 4096))
         return {slot: key for slot, key in found if key is not None}
 
 
 def find_bytes(folder: Path, needles: Iterable[bytes]) -> int:
-    """Return how many of some byte strings stand anywhere in the files of a folder: free pages, logs, all of it."""
+    """Return how many byte strings occur in a folder's files, free pages and logs included."""
     content = b"".join(path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file())
     return sum(needle in content for needle in needles)
 
@@ -72,7 +67,6 @@ def find_bytes(folder: Path, needles: Iterable[bytes]) -> int:
 def open_frames(
     frames: Sequence[StoredFrame], erase_keys: dict[int, bytes], sealing_secrets: Sequence[bytes] = ()
 ) -> Opened:
-    """Try to open frames with stolen erase keys and sealing secrets, and with keys that fools use."""
     sealed_keys = pictures = 0
     for frame in frames:
         keys = [erase_keys[frame.slot]] if frame.slot in erase_keys else []
@@ -95,7 +89,6 @@ def _first(
     index: int,
     sealed: bytes,
 ) -> bytes | None:
-    """Return what the first key that fits opens, or None."""
     for key in keys:
         try:
             return opens(key, record_id, index, sealed)
@@ -105,7 +98,6 @@ def _first(
 
 
 def open_all_metadata(visits: Iterable[VisitSeen], sealing_secrets: Sequence[bytes]) -> int:
-    """Return how many records on the chain give their sealed metadata to some secrets."""
     opened = 0
     for visit in visits:
         for record in visit.records:
@@ -120,13 +112,11 @@ def open_all_metadata(visits: Iterable[VisitSeen], sealing_secrets: Sequence[byt
 
 
 def open_stolen_roster(unit: Unit) -> Roster:
-    """Open the roster of a stolen robot with the key file beside it."""
     signed = decode(open_sealed(unit.identity.sealing, (unit.folder / "roster").read_bytes()), SignedRoster)
     return decode(signed.roster, Roster)
 
 
 def search_roster(roster: Roster, serial_bits: int) -> dict[bytes, str]:
-    """Find the UIDs behind a roster's rows: its key is in it. Returns UID by handle."""
     rows = {row.tag: row.handle for row in roster.rows}
     found: dict[bytes, str] = {}
     for uids in enumerate_uids(serial_bits):
@@ -140,19 +130,16 @@ def search_roster(roster: Roster, serial_bits: int) -> dict[bytes, str]:
 
 
 def open_stolen_spool(unit: Unit) -> list[SpooledClip]:
-    """Open the clips that wait in a stolen robot's spool, with its own key."""
     paths = sorted((unit.folder / "spool").glob("*.clip"))
     return [decode(read_sealed(path, unit.identity.spool), SpooledClip) for path in paths]
 
 
 def name_waiting(clips: Sequence[SpooledClip], unit: Unit, roster: Roster) -> dict[bytes, bytes]:
-    """Name whose the waiting clips are, by the mark that the robot itself needs. Returns handle by record id."""
     handles = {compute_person_tag(unit.identity.spool, row.handle): row.handle for row in roster.rows}
     return {clip.upload.record_id: handles[clip.person] for clip in clips if clip.person in handles}
 
 
 def open_waiting(clips: Sequence[SpooledClip], unit: Unit) -> int:
-    """Return how many frames of waiting clips a thief opens with all keys of the robot."""
     identity = unit.identity
     secrets = [identity.sealing, identity.spool, *(key.secret for key in _scalars(unit))]
     opened = 0
@@ -172,7 +159,6 @@ def open_waiting(clips: Sequence[SpooledClip], unit: Unit) -> int:
 def name_visits_by_robot_keys(
     visits: Sequence[VisitSeen], rows: Sequence[RosterRow], unit: Unit, chain_id: bytes
 ) -> dict[bytes, bytes]:
-    """Name past visits on the chain with a stolen robot's keys: was r one of them, or made of one? Handle by owner key."""
     announced = {visit.owner for visit in visits}
     named: dict[bytes, bytes] = {}
     for row in rows:

@@ -1,8 +1,4 @@
-"""The attacker who learns to tell whether two visits are one person's, from pairs of people whom she knows.
-
-Gradient boosting where scikit-learn is installed (extra `attack`), logistic regression otherwise, and every single
-feature by itself; which of them attacks is chosen on people known to her.
-"""
+"""Learned linking of two visits, trained on pairs of known people."""
 
 from __future__ import annotations
 
@@ -24,15 +20,14 @@ _CHOOSING_SHARE = 4  # every fourth known person chooses the scorer and is not l
 
 
 def has_boosting() -> bool:
-    """Tell whether scikit-learn is there."""
     return importlib.util.find_spec("sklearn") is not None
 
 
 def learn(same: Floats, other: Floats, people: npt.NDArray[np.int64], *, seed: int, boosting: bool) -> Scorer:
-    """Return what scores a pair's features, larger for one person.
+    """Return a scorer of pairs, larger for the same person.
 
-    `same` and `other` are (trials, features) of true and false pairs, `people` whose trial each is. A single feature
-    learns nothing, so all known people choose it; at equal rates it goes before what was learned.
+    `same`, `other`: (trials, features) of true and false pairs; `people`: each trial's person. Ties prefer single
+    features.
     """
     known = np.unique(people)
     choosing = np.isin(people, known[::_CHOOSING_SHARE])
@@ -76,7 +71,6 @@ def _boost(table: Floats, labels: Floats, seed: int) -> Scorer:
 
 
 def _one_thread() -> AbstractContextManager[Any]:
-    """Keep the learner to one core: on small tables threads that wait for each other cost more than they do."""
     limits: AbstractContextManager[Any] = _threads().limit(limits=1)
     return limits
 

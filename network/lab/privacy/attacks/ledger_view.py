@@ -1,4 +1,4 @@
-"""What every member, and so every node, can read of the chain, put in order."""
+"""The chain as readable by every member and node, ordered."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MARK_MIN_BYTES = 8
 
 @dataclass(frozen=True, slots=True)
 class RecordSeen:
-    """A record's transaction: when its block was made (ms), where it stands in it, its size, and its fields."""
+    """A record's transaction: block time (ms), position, size, fields."""
 
     record_id: bytes
     at_ms: int
@@ -30,7 +30,7 @@ class RecordSeen:
 
 @dataclass(slots=True)
 class VisitSeen:
-    """A visit: what announced it, when, and its records in the order of the chain."""
+    """A visit: announcement, its time, and records in chain order."""
 
     owner: bytes
     ephemeral: bytes
@@ -46,18 +46,16 @@ class VisitSeen:
 
     @property
     def begins_ms(self) -> int:
-        """When its announcement was final."""
         return self.at_ms
 
     @property
     def ends_ms(self) -> int:
-        """When its last record was final."""
         return self.records[-1].at_ms if self.records else self.at_ms
 
 
 @dataclass(frozen=True, slots=True)
 class WordSeen:
-    """What somebody said of her consent, under her handle: `entry` is the contract's, `key` M."""
+    """A consent statement under a handle: `entry` of the contract, `key` M."""
 
     handle: bytes
     key: bytes
@@ -67,9 +65,9 @@ class WordSeen:
 
 @dataclass(frozen=True, slots=True)
 class LedgerView:
-    """Visits by owner key in the order of the chain, registrations (handle, M, time in ms), words.
+    """Visits by owner key in chain order, registrations (handle, M, ms), consent statements.
 
-    `requests` are the access requests: owner key and when the block was made (ms).
+    `requests`: access requests as (owner key, block time in ms).
     """
 
     visits: dict[bytes, VisitSeen]
@@ -79,7 +77,6 @@ class LedgerView:
 
 
 def read_ledger(blocks: Sequence[Block]) -> LedgerView:
-    """Read all blocks as a node does. A failed call says nothing."""
     visits: dict[bytes, VisitSeen] = {}
     registrations: list[tuple[bytes, bytes, int]] = []
     words: list[WordSeen] = []
@@ -112,7 +109,6 @@ def read_ledger(blocks: Sequence[Block]) -> LedgerView:
 
 
 def collect_marks(chain: Chain) -> set[bytes]:
-    """Return every byte string of 8 bytes or more that stands anywhere on the chain: keys, values, arguments, events."""
     marks: set[bytes] = set()
     for key, value in all_rows(chain.state):
         rest = key.partition(b"\x00")[2]
@@ -129,7 +125,6 @@ def collect_marks(chain: Chain) -> set[bytes]:
 
 
 def all_rows(state: MemoryState) -> Iterator[tuple[bytes, bytes]]:
-    """Yield all flat keys and values."""
     yield from state.scan(b"", _STATE_ROWS_MAX_COUNT)
 
 

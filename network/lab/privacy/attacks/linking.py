@@ -1,7 +1,4 @@
-"""Linking the visits of one person: by keys, by time, by robot, by size, by all of it.
-
-Each attack is given two visits and makes numbers of the pair; what is learned from them is in `trials` and `learner`.
-"""
+"""Features that link one person's visits: keys, time, robot, size, all."""
 
 from __future__ import annotations
 
@@ -16,10 +13,7 @@ _MINUTES_5_MS, _CLIP_MS = 300_000, 500
 
 
 def by_key(visits: Sequence[VisitSeen], extra_marks: Sequence[bytes] = ()) -> Features:
-    """Everything with which a visit is named or sealed: equal fields, bits in common, beginnings in common.
-
-    `extra_marks` is one more mark of each visit, such as a scheme's hash of the tag.
-    """
+    """Compare all naming and sealing fields: equality, common bits and prefixes."""
 
     def features(first: int, second: int) -> list[float]:
         one, two = visits[first], visits[second]
@@ -46,10 +40,7 @@ def by_key(visits: Sequence[VisitSeen], extra_marks: Sequence[bytes] = ()) -> Fe
 
 
 def by_time(visits: Sequence[VisitSeen]) -> Features:
-    """Times to the millisecond of their blocks, the order of submission, the rhythm of records, and when it was closed.
-
-    The bucket and the hour are among them: a matched trial takes their worth away, a free one does not.
-    """
+    """Compare block times (ms), submission order, record rhythm and closing."""
     shapes = [_time_shape(visit) for visit in visits]
     ranks = _ranks(visits)
 
@@ -63,8 +54,6 @@ def by_time(visits: Sequence[VisitSeen]) -> Features:
 
 
 def by_robot(visits: Sequence[VisitSeen]) -> Features:
-    """Which robot it was."""
-
     def features(first: int, second: int) -> list[float]:
         one, two = visits[first], visits[second]
         return [float(one.robot == two.robot), _bits_apart(one.robot, two.robot)]
@@ -73,7 +62,6 @@ def by_robot(visits: Sequence[VisitSeen]) -> Features:
 
 
 def by_company(visits: Sequence[VisitSeen]) -> Features:
-    """Whether somebody came at the same moment, and how many were about: people who are never alone are alike in that."""
     shapes = []
     for visit in visits:
         apart = [
@@ -89,8 +77,6 @@ def by_company(visits: Sequence[VisitSeen]) -> Features:
 
 
 def by_length(visits: Sequence[VisitSeen]) -> Features:
-    """How many records there are and how long they go on: both stand on the chain."""
-
     def features(first: int, second: int) -> list[float]:
         one, two = visits[first], visits[second]
         counts = abs(np.log1p(len(one.records)) - np.log1p(len(two.records)))
@@ -101,7 +87,6 @@ def by_length(visits: Sequence[VisitSeen]) -> Features:
 
 
 def by_size(sizes: Sequence[Sequence[int]]) -> Features:
-    """How large what is stored of each visit's frames is, in bytes: `sizes` of each visit."""
     shapes = [_size_shape(found) for found in sizes]
 
     def features(first: int, second: int) -> list[float]:
@@ -111,8 +96,6 @@ def by_size(sizes: Sequence[Sequence[int]]) -> Features:
 
 
 def joined(*parts: Features) -> Features:
-    """All of several attacks' numbers together."""
-
     def features(first: int, second: int) -> list[float]:
         return [number for part in parts for number in part(first, second)]
 
@@ -145,7 +128,6 @@ def _time_shape(visit: VisitSeen) -> np.ndarray[tuple[int], np.dtype[np.float64]
 
 
 def _ranks(visits: Sequence[VisitSeen]) -> list[float]:
-    """Return how many visits were announced at the same robot in the quarter of an hour before each."""
     ranks = []
     for visit in visits:
         since = visit.at_ms - 3 * _MINUTES_5_MS

@@ -1,8 +1,4 @@
-"""Who is enrolled, and who was here today: asked of the registry and of everything else on the chain.
-
-The attacker has a person's UID and looks for a trace of it, or has what stands for her in the registry and looks for
-what it did on a day.
-"""
+"""Attacks on membership: who is enrolled, who was present today."""
 
 from __future__ import annotations
 
@@ -39,7 +35,7 @@ _TRIALS_A_PERSON_COUNT = 8
 
 
 def attack_enrolment(played: Played, marks: Collection[bytes], scheme: Scheme | None, *, seed: int) -> Rate:
-    """Say which of two admitted people is enrolled, from their UIDs. No scheme: ours, with all `marks` of the chain."""
+    """Guess the enrolled one of two admitted people by UID; `scheme` None: ours, with all `marks`."""
     population = played.population
     enrolled = [person.uid for person in population.people if person.enrolled]
     strangers = [person.uid for person in population.people if not person.enrolled]
@@ -66,11 +62,10 @@ def attack_enrolment(played: Played, marks: Collection[bytes], scheme: Scheme | 
 def attack_presence(
     played: Played, view: LedgerView, scheme: Scheme | None, *, seed: int, speaking: bool = False
 ) -> Rate:
-    """Say which of two enrolled people was recorded on a day, from what stands for them in the registry.
+    """Guess which of two enrolled people was recorded on a day, by registry entry.
 
-    In the paper's schemes that is a hash, to be found again on records (salted: by her UID); in ours (no scheme) a handle
-    and M. `speaking`: whether whoever said something of her consent on that day is among them, or left out. Left out is
-    nobody for anything else that stands under her handle or M.
+    Paper's schemes: a hash on records (salted: by UID); ours (None): handle and M. `speaking`: include people with a
+    consent statement that day; people with other activity count either way.
     """
     came, acts = _presence(played), _acts_by_day(view)
     marks = {number: (holder.handle, holder.keys.identity.public_key) for number, holder in played.holders.items()}
@@ -94,7 +89,6 @@ def attack_presence(
 
 
 def _traces(played: Played, came: set[tuple[int, int]], scheme: Scheme) -> dict[int, list[OwnerMark]]:
-    """Return what a scheme would have written on the records of each day."""
     traces: dict[int, list[OwnerMark]] = {day: [] for day in range(played.population.days)}
     for day, number in sorted(came):
         traces[day].append(scheme.mark(played.holders[number].person.uid))
@@ -102,7 +96,6 @@ def _traces(played: Played, came: set[tuple[int, int]], scheme: Scheme) -> dict[
 
 
 def _is_traced(played: Played, number: int, scheme: Scheme, traces: list[OwnerMark]) -> bool:
-    """Tell whether a person's mark of the registry, or her UID, leads to a record among these."""
     uid = played.holders[number].person.uid
     registered = scheme.mark(uid)
     if any((mark.salt, mark.digest) == (registered.salt, registered.digest) for mark in traces):
@@ -112,13 +105,11 @@ def _is_traced(played: Played, number: int, scheme: Scheme, traces: list[OwnerMa
 
 
 def _presence(played: Played) -> set[tuple[int, int]]:
-    """Return (day, person) of everybody of whom there are records."""
     stays = [played.population.stays[number] for number in played.truth.stay_of_owner.values()]
     return {(stay.day, stay.person) for stay in stays}
 
 
 def _acts_by_day(view: LedgerView) -> dict[bytes, set[int]]:
-    """Return on which days each handle and each M did anything on the chain."""
     found: dict[bytes, set[int]] = defaultdict(set)
     for word in view.words:
         for mark in (word.handle, word.key):
@@ -130,7 +121,7 @@ def _acts_by_day(view: LedgerView) -> dict[bytes, set[int]]:
 
 
 class _Ledger:
-    """The chain's state as a node's sessions look at it."""
+    """The chain's state as node sessions read it."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -152,10 +143,7 @@ class _Ledger:
 
 
 def probe_standing(played: Played, *, seed: int) -> Rate:
-    """An outsider without a key asks a node about keys: does it answer otherwise for a member's than for a stranger's?
-
-    Asked are a session with a wrong answer to the challenge, and a transaction with a wrong signature.
-    """
+    """Test whether a node's rejections tell members' keys from strangers'."""
     chain = played.chain
     table = SessionTable(chain.chain_id, "node-1", chain, _Ledger(chain))  # type: ignore[arg-type]
     pool = Mempool(
@@ -179,7 +167,6 @@ def _has_standing(chain: Chain, key: bytes) -> bool:
 
 
 def _answers(table: SessionTable, pool: Mempool, chain: Chain, key: bytes) -> tuple[str, str]:
-    """Return the codes with which a node refuses both questions."""
     try:
         challenge, _ = table.challenge(key)
         table.open(key, challenge, bytes(65))
@@ -196,7 +183,6 @@ def _answers(table: SessionTable, pool: Mempool, chain: Chain, key: bytes) -> tu
 
 
 def _with_sender(wire: bytes, sender: bytes) -> bytes:
-    """Return a transaction's bytes with another sender's key in it, under the old signature."""
     signed = decode(wire, TransactionWire)
     body = msgspec.structs.replace(decode(signed.body, TransactionBody), sender=sender)
     return encode(TransactionWire(body=encode(body), signature=signed.signature))

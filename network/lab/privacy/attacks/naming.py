@@ -1,7 +1,6 @@
-"""Naming whose a visit is from keys alone: guesses at how a careless robot would have drawn its secrets. Pure.
+"""Names visits' owners by guessing a careless robot's secrets. Pure.
 
-O = S + H('owner', s)G, with S of everyone on the chain: who guesses s, or the r behind it, names the visit. Tried are
-secrets made of what is public.
+O = S + H('owner', s)G with public S: guessing s, or its r, names the visit. Secrets made from public data are tried.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ PublicKeys = tuple[bytes, bytes, bytes]
 
 
 def name_visits(visits: Sequence[VisitSeen], people: Sequence[PublicKeys], chain_id: bytes) -> dict[bytes, int]:
-    """Return whose each visit is (place in `people`, by owner key), of those that a guess names."""
     named: dict[bytes, int] = {}
     for visit in visits:
         secrets = _found_secrets(visit, people)
@@ -37,14 +35,12 @@ def name_visits(visits: Sequence[VisitSeen], people: Sequence[PublicKeys], chain
 
 
 def _found_secrets(visit: VisitSeen, people: Sequence[PublicKeys]) -> list[bytes]:
-    """Return the guesses at r that are right: R = rG is on the chain, so each can be checked by itself."""
     guesses = [sha256(visit.robot + u64(visit.bucket_ms)), sha256(u64(visit.bucket_ms))]
     guesses += [sha256(member + u64(visit.bucket_ms)) for member, _, _ in people]
     return [guess for guess in guesses if point_of(guess) == visit.ephemeral]
 
 
 def _shared_guesses(visit: VisitSeen, chain_id: bytes) -> Iterator[bytes]:
-    """Yield s as it would be if the shared point were a public one."""
     for point in (visit.ephemeral, visit.robot):
         yield tagged_hash(_SHARED_TAG, chain_id, visit.robot, point)
 

@@ -1,8 +1,4 @@
-"""What our ledger does give away, measured: the accepted limits.
-
-Each attack here is on what the design leaves open: the times of blocks, who stands at which robot together, words of
-consent under a handle. They win, and the figures say how often.
-"""
+"""Measures the accepted limits: block times, copresence at robots, consent statements by handle."""
 
 from __future__ import annotations
 
@@ -29,10 +25,7 @@ _TRIALS_MAX_COUNT = 3_000
 
 
 def attack_copresence(played: Played, visits: Sequence[VisitSeen], *, seed: int) -> Rate:
-    """Of two visits that might be of people who came together, say which did: the one whose records lie beside.
-
-    True pairs are of companions; the other candidate is of somebody else on the same round.
-    """
+    """Guess which of two visits is a companion's, by adjacent records."""
     rng = np.random.default_rng([seed, 0xC09])
     groups: dict[tuple[int, int, int], list[tuple[int, VisitSeen]]] = defaultdict(list)
     for visit in visits:
@@ -55,11 +48,7 @@ def _apart(first: VisitSeen, second: VisitSeen) -> float:
 
 
 def attack_rolled_visits(played: Played, visits: Sequence[VisitSeen]) -> Rate:
-    """Name the visit that goes on in a later one: who stays longer than nine minutes gets a second owner key.
-
-    The attacker takes, of all visits at the robot that began nine minutes or more before, the one whose last record is
-    nearest. Guessing is one of them.
-    """
+    """Link visits longer than nine minutes with their continuation (second owner key)."""
     owners = {visit.owner: visit for visit in visits}
     hits = trials = 0
     guesses: list[float] = []
@@ -81,10 +70,7 @@ def attack_rolled_visits(played: Played, visits: Sequence[VisitSeen]) -> Rate:
 
 
 def attack_consent_words(played: Played, view: LedgerView, *, by_closing_alone: bool = False) -> Rate:
-    """Name the visit during which somebody said no: of all near it one that is closed early because of the word.
-
-    If there is none: the one whose records stop with the word, or, `by_closing_alone`, the one closed soonest after it.
-    """
+    """Name the visit of a withdrawn consent: a nearby one closed early."""
     handles = {holder.handle: number for number, holder in played.holders.items()}
     visits = list(view.visits.values())
     hits = trials = 0
@@ -117,13 +103,11 @@ def _closed_after(word_ms: int, visit: VisitSeen) -> tuple[float, float]:
 
 
 def attack_addresses(played: Played, *, seed: int) -> Rate:
-    """A curious node: name the visits whose sessions come from an address from which a member's session came too."""
     members = {session.address: session.key for session in played.sessions if _is_member(played, session)}
     return _judge_sessions(played, lambda session: members.get(session.address), seed=seed)
 
 
 def attack_session_times(played: Played, *, seed: int) -> Rate:
-    """The same without addresses (all wallets behind one): the member's session that was opened last before."""
     opened = sorted((s.at_ms, s.key) for s in played.sessions if _is_member(played, s))
 
     def last_before(session: SessionSeen) -> bytes | None:
@@ -149,10 +133,7 @@ def _judge_sessions(played: Played, name: Callable[[SessionSeen], bytes | None],
 
 
 def attack_request_bursts(played: Played, view: LedgerView, manner: str, *, seed: int) -> Rate:
-    """Say which of two visits belongs to the owner of a third: the one that was asked for next to it.
-
-    All three were asked for on one evening, by wallets that do so in one manner (`attacked_days.MANNERS`).
-    """
+    """Guess which of two visits shares a third's owner, by adjacent requests."""
     rng = np.random.default_rng([seed, 0xB0257])
     times = dict(view.requests)
     evenings: dict[int, dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
@@ -172,15 +153,11 @@ def attack_request_bursts(played: Played, view: LedgerView, manner: str, *, seed
 
 
 def _nearest(requests: Sequence[tuple[bytes, int]], owner: bytes, at_ms: int) -> float:
-    """Return when the block of an owner's request was made that was sent at a time."""
     return float(min((seen for key, seen in requests if key == owner), key=lambda seen: abs(seen - at_ms)))
 
 
 def attack_registration_times(played: Played, view: LedgerView, *, seed: int) -> Rate:
-    """Say which of two people admitted to the hospital is enrolled: the one with more registrations in her two hours.
-
-    Who sees the hospital's list of admissions knows the times; the chain shows those of registrations.
-    """
+    """Guess which of two admitted people is enrolled, by registrations within two hours."""
     rng = np.random.default_rng([seed, 0x2E6])
     times = np.array([at_ms for _, _, at_ms in view.registrations], dtype=np.float64)
     start = played.chain.genesis.created_at_ms + 1000
@@ -197,20 +174,14 @@ def attack_registration_times(played: Played, view: LedgerView, *, seed: int) ->
 
 
 def measure_time_error_s(played: Played, visits: Sequence[VisitSeen]) -> float:
-    """Return how far, in the median, a record's block is from when its clip was sealed, in seconds.
-
-    The five-minute bucket in the record hides nothing from who reads the times of blocks.
-    """
+    """Return the median seconds between a clip's sealing and its record's block."""
     sealed = played.truth.sealed_at_ms
     errors = [record.at_ms - sealed[record.record_id] for visit in visits for record in visit.records]
     return round(statistics.median(errors) / 1000, 3) if errors else 0.0
 
 
 def attack_one_frame(played: Played, visits: Sequence[VisitSeen]) -> Rate:
-    """Of two people who came together: which record of hers shows the moment of this record of his? The nearest in time.
-
-    The delay before each submission is there to blur this; guessing is any of her records.
-    """
+    """Match one companion's record with the other's same moment, by nearest time."""
     owners = {visit.owner: visit for visit in visits}
     places = {(s.robot, s.day, s.round, s.person): s.number for s in played.population.stays if not s.is_long}
     sealed = played.truth.sealed_at_ms
@@ -235,11 +206,7 @@ def attack_one_frame(played: Played, visits: Sequence[VisitSeen]) -> Rate:
 
 
 def attack_robot_memory(played: Played, visits: Sequence[VisitSeen]) -> Rate:
-    """Robots stolen while they run: name their visits of that day, which are over, by what is in their memory.
-
-    The last round's are not on the chain yet. Memory holds whose each alias is, and the owner key of the visit that it
-    has open.
-    """
+    """Name a running stolen robot's finished visits of the day by its memory."""
     stolen = {robot.unit.member for robot in played.stolen}
     last = played.population.days - 1
     over = [visit for visit in visits if visit.robot in stolen and day_of(visit.begins_ms) == last]

@@ -1,7 +1,6 @@
-"""Trials of linking: here is a visit; which of these two is the same person's?
+"""Linking trials: which of two visits is the same person's as a given one?
 
-In a `matched` trial both candidates are visits to the same robot on the same round, so that place and hour, which every
-eyewitness knows, say nothing. In a free one the other candidate is anybody's visit at all.
+`matched`: both candidates share robot and round, so place and hour reveal nothing; free: any other visit.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ TRIALS_A_PERSON_COUNT = 48
 
 @dataclass(frozen=True, slots=True)
 class Labelled:
-    """A visit by its number among those attacked, with the truth about it: whose, where, on which day and round."""
+    """A numbered visit with its truth: person, place, day, round."""
 
     number: int
     person: int
@@ -31,7 +30,7 @@ class Labelled:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The numbers of an anchor, of another visit of the same person on another day, and of a visit of another person."""
+    """Indices of an anchor, the same person's other-day visit, and another person's."""
 
     person: int
     anchor: int
@@ -44,7 +43,6 @@ Features = Callable[[int, int], Sequence[float]]
 
 
 def draw_trials(visits: Sequence[Labelled], *, matched: bool, seed: int) -> list[Trial]:
-    """Draw up to `TRIALS_A_PERSON_COUNT` trials a person."""
     rng = np.random.default_rng([seed, 0x7121A1, matched])
     own: dict[int, list[Labelled]] = defaultdict(list)
     beside: dict[tuple[int, int, int], list[Labelled]] = defaultdict(list)
@@ -65,7 +63,6 @@ def draw_trials(visits: Sequence[Labelled], *, matched: bool, seed: int) -> list
 
 
 def attack_trials(trials: Sequence[Trial], features: Features, *, seed: int, boosting: bool) -> Rate:
-    """Learn on one half of the people and attack the other, and the other way round."""
     if not trials:
         return grouped_rate({}, 0.5, seed=seed)
     same = np.array([features(trial.anchor, trial.same) for trial in trials], dtype=np.float64)

@@ -1,7 +1,4 @@
-"""The attacked chain: the shipped contracts run by the real executor, block by block.
-
-There are no node processes: blocks are what a leader would make of what is submitted, and all of it is public to members.
-"""
+"""The attacked chain: shipped contracts in the real executor, without node processes."""
 
 from __future__ import annotations
 
@@ -40,20 +37,19 @@ class Block:
 
     @property
     def block_id(self) -> bytes:
-        """What stands for its id."""
         return tagged_hash(_BLOCK_TAG, self.height.to_bytes(8, "big"))
 
 
 @dataclass(frozen=True, slots=True)
 class Final:
-    """A receipt as `clients.robot.delivery.delivery.Confirmation` wants it."""
+    """A receipt as `clients.robot.delivery.delivery.Confirmation` requires."""
 
     ok: bool
     code: str
 
 
 class Chain:
-    """A chain on a virtual clock: what is submitted becomes final with the next block, `BLOCK_MS` later at most."""
+    """A chain on a virtual clock; submissions become final within `BLOCK_MS`."""
 
     def __init__(self, loop: SimLoop) -> None:
         self._loop = loop
@@ -67,11 +63,9 @@ class Chain:
         self._waiting: list[tuple[Transaction, asyncio.Future[Final]]] = []
 
     def now_ms(self) -> int:
-        """The clock of everyone."""
         return START_MS + int(self._loop.now_ms)
 
     def sign(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> Transaction:
-        """Sign a call as clients do."""
         return sign_transaction(
             key,
             chain_id=self.chain_id,
@@ -83,7 +77,6 @@ class Chain:
         )
 
     async def submit(self, transaction: Transaction) -> Final:
-        """Submit, and wait until the block that holds it is final."""
         future: asyncio.Future[Final] = asyncio.get_running_loop().create_future()
         if not self._waiting:
             self._loop.call_later(BLOCK_MS / 1000, self._make_block)

@@ -1,8 +1,4 @@
-"""The custodian of the attacked hospital: the real one, over SQLite and a file of erase keys.
-
-It follows the last day of the chain, is copied as a backup would copy it, hears of what some people share, erases what
-some ask to be erased, and is copied again. The copies are what thieves get.
-"""
+"""The attacked hospital's custodian: the real one, on SQLite and erase-key file."""
 
 from __future__ import annotations
 
@@ -33,7 +29,7 @@ GRANTS_COUNT = 100
 
 @dataclass(frozen=True, slots=True)
 class Backup:
-    """Copies of a custodian's two folders, taken at one time."""
+    """Simultaneous copies of a custodian's two folders."""
 
     database: Path
     erase_keys: Path
@@ -41,9 +37,9 @@ class Backup:
 
 @dataclass(frozen=True, slots=True)
 class CustodyStory:
-    """Backups from before and after the erasure, which records are there, and which were erased in between.
+    """Backups around the erasure, the records, and those erased in between.
 
-    `grantees` are the numbers of the people with whom something was shared, by grant.
+    `grantees`: people's numbers by grant.
     """
 
     before: Backup
@@ -54,7 +50,6 @@ class CustodyStory:
 
 
 def keep_last_day(played: Played, folder: Path) -> CustodyStory:
-    """Let the custodian follow the last day, and erase some visits of it."""
     view = read_ledger(played.chain.blocks)
     last = played.population.days - 1
     visits = [visit for visit in view.visits.values() if day_of(visit.at_ms) == last and visit.records]
@@ -75,7 +70,6 @@ def keep_last_day(played: Played, folder: Path) -> CustodyStory:
 
 
 async def _share(played: Played, visits: Sequence[VisitSeen], grantees: dict[bytes, int]) -> None:
-    """Owners share their first records, each with somebody else in turn, as wallets do; note with whom."""
     numbers, chain_id = sorted(played.holders), played.chain.chain_id
     for turn in range(GRANTS_COUNT):
         visit, number = visits[turn % len(visits)], numbers[turn % len(numbers)]
@@ -94,7 +88,6 @@ async def _share(played: Played, visits: Sequence[VisitSeen], grantees: dict[byt
 
 
 async def _ask(played: Played, visits: Sequence[VisitSeen]) -> None:
-    """Each owner asks for the erasure of a whole visit."""
     for visit in visits:
         keys = played.holders[played.person_of(visit.owner)].keys
         key = derive_owner_key(
@@ -107,7 +100,6 @@ async def _ask(played: Played, visits: Sequence[VisitSeen]) -> None:
 
 
 async def _follow(played: Played, folder: Path, first_block: int) -> None:
-    """Bring the blocks from a place on into effect, each clip uploaded before its record's block."""
     chain, clock = played.chain, _Clock()
     database = folder / DATABASE_FOLDER
     database.mkdir(parents=True, exist_ok=True)
@@ -131,7 +123,7 @@ async def _take(custodian: Custodian, block: Block, played: Played, clock: _Cloc
 
 
 class _Clock:
-    """The time of the block that is followed."""
+    """The followed block's time."""
 
     def __init__(self) -> None:
         self.now_ms = 0
@@ -145,7 +137,6 @@ def _point(block: Block) -> Checkpoint:
 
 
 def _copy(folder: Path, name: str) -> Backup:
-    """Copy both folders, as a backup that was told to leave nothing out."""
     backup = Backup(folder / name / DATABASE_FOLDER, folder / name / KEYS_FOLDER)
     shutil.copytree(folder / DATABASE_FOLDER, backup.database)
     shutil.copytree(folder / KEYS_FOLDER, backup.erase_keys)

@@ -1,8 +1,4 @@
-"""The attacked days from beginning to end, and the truth about them.
-
-`play` returns a `Played`: the chain and what robots and wallets left, which attackers get parts of, and `truth`, by which
-their answers are judged.
-"""
+"""The attacked days from start to end, with the truth."""
 
 from __future__ import annotations
 
@@ -48,7 +44,7 @@ _PAUSE_BETWEEN_SESSIONS_MS = (15, 60)
 
 @dataclass(frozen=True, slots=True)
 class SessionSeen:
-    """What a node sees of a session: when it was opened, from which address, by which key (33 bytes)."""
+    """A session seen by a node: opening time, address, key (33 bytes)."""
 
     at_ms: int
     address: str
@@ -57,7 +53,7 @@ class SessionSeen:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """An access request that a wallet made: whose, on which day, of which visit, when, and in which of `MANNERS`."""
+    """A wallet's access request: owner, day, visit, time, manner (`MANNERS`)."""
 
     person: int
     day: int
@@ -68,7 +64,7 @@ class Asked:
 
 @dataclass(slots=True)
 class Truth:
-    """What happened, for judging attacks alone. Owner keys as 33 bytes."""
+    """What happened, for judging alone. Owner keys: 33 bytes."""
 
     stay_of_owner: dict[bytes, int] = field(default_factory=dict)
     sealed_at_ms: dict[bytes, int] = field(default_factory=dict)
@@ -78,13 +74,12 @@ class Truth:
     """(person, chain's time in ms) of each withdrawal."""
 
     def owners_of(self, stay: int) -> list[bytes]:
-        """Return the owner keys of a stay, in order."""
         return [owner for owner, known in self.stay_of_owner.items() if known == stay]
 
 
 @dataclass(slots=True)
 class Played:
-    """All that was left behind, and the truth."""
+    """All remains of the days, and the truth."""
 
     population: Population
     chain: Chain
@@ -97,11 +92,9 @@ class Played:
     truth: Truth
 
     def person_of(self, owner: bytes) -> int:
-        """Return whose visit it is."""
         return self.population.stays[self.truth.stay_of_owner[owner]].person
 
     def run(self, work: Coroutine[Any, Any, None]) -> None:
-        """Let something more happen on the virtual clock."""
         finish(self.loop, work)
 
 
@@ -119,11 +112,9 @@ class _Days:
         self.stolen: list[RobotDay] = []
 
     async def until(self, at_ms: int) -> None:
-        """Sleep until a time in ms since the start."""
         await asyncio.sleep(max(0.0, (at_ms - self.loop.now_ms) / 1000))
 
     async def all_of_it(self) -> None:
-        """Enrol everybody on the first day, then play the others."""
         for unit in self.units:
             identity = unit.identity
             handle = unit.member[1:]
@@ -173,7 +164,6 @@ class _Days:
             await says_no
 
     async def say_no(self, holder: Holder, at_ms: int) -> None:
-        """Withdraw, and consent again at night."""
         await self.until(at_ms)
         key = holder.keys.identity
         call = self.chain.sign(key, "consent", "withdraw", [holder.handle, [PURPOSE], [SENSOR]])
@@ -185,11 +175,6 @@ class _Days:
         await self.chain.submit(self.chain.sign(key, "consent", "give", arguments))
 
     async def evening(self, day: int) -> None:
-        """Some people open their wallets: all announcements in the member's session, then each visit in its own.
-
-        Then they ask for all of them: some at once, as `wallet view` does, some with pauses, as `rights` does, some over
-        hours, as no command does.
-        """
         await self.until((day + 1) * DAY_MS + EVENING_HOUR * HOUR_MS)
         chosen = [holder for holder in self.holders.values() if self.dice.random() < WALLETS_A_DAY_SHARE]
         await asyncio.gather(*(self.open_wallet(holder, day) for holder in chosen))
@@ -214,7 +199,6 @@ class _Days:
             await self.chain.submit(self.chain.sign(key, "access", "request", [[], "own-access"]))
 
     def pauses(self, manner: str, count: int) -> list[int]:
-        """Return how long a wallet waits before each of its requests (ms)."""
         if manner == PAUSING:
             return [self.dice.randrange(SPREAD_MAX_MS) for _ in range(count)]
         if manner == OVER_HOURS:
@@ -223,12 +207,11 @@ class _Days:
         return [0] * count
 
     def count(self) -> int:
-        """How many visits were announced."""
         return ANNOUNCEMENT_COUNT.read(self.chain.state) or 0
 
 
 def finish(loop: SimLoop, work: Coroutine[Any, Any, None]) -> None:
-    """Run something to its end on the virtual clock. Raises what it raises, and what it left unnoticed."""
+    """Run to the end on the virtual clock; re-raises its errors, also background ones."""
     with quiet_logs():
         task = loop.create_task(work)
         loop.run_until(task.done, loop.time() + LIMIT_S)
@@ -238,13 +221,13 @@ def finish(loop: SimLoop, work: Coroutine[Any, Any, None]) -> None:
 
 
 async def _tick() -> None:
-    """Keep something to wait for: a virtual clock with nothing left to do would jump to its limit."""
+    """Keep a timer pending: an idle virtual clock would jump to its limit."""
     while True:  # noqa: ASYNC110 - nothing is waited for
         await asyncio.sleep(TICK_S)
 
 
 def play(population: Population, folder: Path, *, seed: int, at_once: bool = False) -> Played:
-    """Play all days into `folder`. `at_once` submits without the delay, as `robot replay --now` does."""
+    """Play all days into `folder`. `at_once` submits without delay (`robot replay --now`)."""
     days = _Days(population, folder, seed, at_once=at_once)
     days.loop.create_task(_tick())
     finish(days.loop, days.all_of_it())
@@ -262,5 +245,4 @@ def play(population: Population, folder: Path, *, seed: int, at_once: bool = Fal
 
 
 def day_of(time_ms: int) -> int:
-    """Return the day (from 0) of a chain's time."""
     return (time_ms - START_MS) // DAY_MS - 1

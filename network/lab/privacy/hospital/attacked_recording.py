@@ -1,7 +1,6 @@
-"""Plays the robots' days: the product's own visits, sealing, spool and delivery, on a virtual clock, to the attacked chain.
+"""Plays robots' days with production visits, sealing, spool and delivery on a virtual clock.
 
-What is not played is the picture work before sealing. Each robot asks the chain for consent as delivery does. Must never
-let anything of the truth (who it was) into what attackers are given.
+No identities leak into the attackers' input.
 """
 
 from __future__ import annotations
@@ -41,27 +40,23 @@ _BACKGROUND = bytes(32)
 
 
 class RobotLink:
-    """A robot's way to the chain and the custodian (`clients.robot.delivery.delivery.DeliveryNetwork`)."""
+    """A robot's connection (`clients.robot.delivery.delivery.DeliveryNetwork`) to chain and custodian."""
 
     def __init__(self, chain: Chain, unit: Unit, uploads: dict[bytes, ClipUpload], dice: random.Random) -> None:
         self._chain, self._unit, self._uploads, self._dice = chain, unit, uploads, dice
         self.is_cut = False
 
     def sign(self, contract: str, entry: str, arguments: list[Any]) -> Transaction:
-        """See `DeliveryNetwork`."""
         return self._chain.sign(self._unit.identity.identity, contract, entry, arguments)
 
     async def submit_and_wait(self, transaction: Transaction) -> Final:
-        """See `DeliveryNetwork`."""
         await self._travel(_TO_NODE_MS)
         return await self._chain.submit(transaction)
 
     async def knows_visit(self, owner: bytes) -> bool:
-        """See `DeliveryNetwork`."""
         return VISIT.has(self._chain.state, owner)
 
     async def upload(self, upload: ClipUpload) -> None:
-        """See `DeliveryNetwork`."""
         await self._travel(_TO_CUSTODIAN_MS)
         self._uploads[upload.record_id] = upload
 
@@ -71,12 +66,11 @@ class RobotLink:
             raise BlockRobotError("NODE_UNREACHABLE")
 
     def now_ms(self) -> int:
-        """See `DeliveryNetwork`."""
         return self._chain.now_ms()
 
 
 class RobotDay:
-    """One run of one robot, from its start in the morning to its end. Visits are closed as in the pipeline: see there."""
+    """One robot's run of a day; visits close as in the pipeline."""
 
     def __init__(self, chain: Chain, unit: Unit, roster: RosterBook, link: RobotLink, *, at_once: bool = False) -> None:
         self.chain, self.unit, self.link = chain, unit, link
@@ -116,13 +110,12 @@ class RobotDay:
         self.open_visits.save()
 
     def consents(self, handle: bytes) -> bool:
-        """Tell whether the chain shows her consent now."""
         data = self.chain.state.get(CHOICES.key(handle))
         choices = {} if data is None else read_choices(decode_value(data))
         return find_consent(choices.get((PURPOSE, SENSOR), ()), len(self.chain.blocks)) is not None
 
     def see(self, uid: str, sizes: tuple[int, ...], sequence: int) -> SpooledClip | None:
-        """Seal one clip of a tag's bearer and start its delivery. Returns it; None without consent."""
+        """Seal a clip and start its delivery; None without consent."""
         row = self.roster.find(uid, self.chain.now_ms())
         if row is None:
             return None
@@ -149,13 +142,11 @@ class RobotDay:
         return clip
 
     async def end(self) -> None:
-        """Wait until every record is final, and close what is still open, as the pipeline does at its end."""
         await self._stop_closing()
         await self.delivery.drain()
         await self.delivery.close_visits(self.open_visits)
 
     async def stop(self) -> None:
-        """End as a thief ends it: nothing more is sent."""
         await self._stop_closing()
         await self.delivery.stop()
 
@@ -165,7 +156,6 @@ def _heard(_: Delivered) -> None:
 
 
 def _rendition(size: int, now_ms: int, sequence: int) -> Rendition:
-    """Return a rendition with so many bytes of pixels; compressed pixels look like noise, and here they are noise."""
     return Rendition(
         version=RENDITION_VERSION,
         captured_at_ms=now_ms,
@@ -183,5 +173,4 @@ def _rendition(size: int, now_ms: int, sequence: int) -> Rendition:
 
 
 def frames_before(stay: Stay, clip: int) -> int:
-    """Return how many frames of a stay come before one of its clips."""
     return sum(len(sizes) for sizes in stay.frame_bytes[:clip])

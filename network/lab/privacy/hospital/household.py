@@ -1,7 +1,4 @@
-"""The keys of the people and robots in an attacked hospital, and their enrolment.
-
-Keys are drawn anew in each run by the product's own code: only who comes when follows the seed.
-"""
+"""Keys and enrolment of people and robots in the attacked hospital."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ _CARD_LIFETIME_MS = 14 * 24 * 3_600_000
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """A person with her wallet's keys and the handle on her card."""
+    """A person with wallet keys and card handle."""
 
     person: Person
     keys: WalletKeys
@@ -42,7 +39,7 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A robot: its folder, its keys, its member key."""
+    """A robot: folder, keys, member key."""
 
     number: int
     folder: Path
@@ -50,24 +47,20 @@ class Unit:
 
     @property
     def member(self) -> bytes:
-        """M, 33 bytes."""
         return self.identity.identity.public_key
 
 
 def make_holder(person: Person) -> Holder:
-    """Draw a wallet and a handle for a person."""
     return Holder(person, derive_keys(draw_words()), secrets.token_bytes(32))
 
 
 def make_unit(number: int, folder: Path) -> Unit:
-    """Draw a robot's keys into a folder of its own."""
     return Unit(number, folder, create_identity(folder))
 
 
 async def register(
     chain: Chain, handle: bytes, role: str, identity: PrivateKey, publics: tuple[bytes, bytes, bytes]
 ) -> None:
-    """Issue a card and register its bearer with S, V and X; people consent to the depth camera for `PURPOSE`."""
     card = issue_card(
         chain.registrar,
         chain_id=chain.chain_id,
@@ -88,12 +81,10 @@ async def register(
 
 
 def publics_of(keys: WalletKeys | RobotIdentity) -> tuple[bytes, bytes, bytes]:
-    """Return S, V and X."""
     return keys.spend.public_key, keys.view.public_key, keys.sealing_public
 
 
 def make_roster(chain: Chain, unit: Unit, holders: list[Holder]) -> RosterBook:
-    """Seal the roster of the day to a robot, write it where the robot looks, and open it there."""
     key, now_ms = secrets.token_bytes(ROSTER_KEY_BYTES), chain.now_ms()
     rows = []
     for holder in holders:

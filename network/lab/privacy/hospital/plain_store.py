@@ -1,7 +1,4 @@
-"""The prototype's store, for comparison: pictures in the clear under their owner's mark.
-
-Peppering or salting the mark changes nothing of the pictures, so one store stands for all the paper's schemes.
-"""
+"""The prototype's store: plain pictures under owners' marks, for all paper schemes."""
 
 from __future__ import annotations
 
@@ -17,7 +14,6 @@ FILE_NAME = "pictures.sqlite3"
 
 
 def write_plain_store(folder: Path, pictures: Iterable[tuple[bytes, bytes]]) -> None:
-    """Write (mark, picture) rows."""
     folder.mkdir(parents=True, exist_ok=True)
     with closing(sqlite3.connect(folder / FILE_NAME)) as database, database:
         database.execute("CREATE TABLE images (mark BLOB NOT NULL, image BLOB NOT NULL)")
@@ -25,7 +21,6 @@ def write_plain_store(folder: Path, pictures: Iterable[tuple[bytes, bytes]]) -> 
 
 
 def open_plain_store(folder: Path) -> tuple[int, int]:
-    """Return how many rows a thief finds, and how many of them show a picture."""
     with closing(sqlite3.connect(folder / FILE_NAME)) as database:
         images = [row[0] for row in database.execute("SELECT image FROM images")]
     return len(images), sum(map(_shows, images))

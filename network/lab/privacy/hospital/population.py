@@ -1,8 +1,4 @@
-"""The people whom the attacked robots meet: who they are, when they pass which robot, how large they look. Pure.
-
-Drawn from a seed. People have habits, since habits are what links: a ward, a way of staying longer or shorter, a build, a
-companion, a day on which they say no.
-"""
+"""The attacked population: people, robots they pass, picture sizes. Pure, seeded."""
 
 from __future__ import annotations
 
@@ -36,10 +32,9 @@ SERIAL_BITS_MAX = 40
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Somebody admitted to the hospital. `uid` is her tag's; only who `enrolled` has a handle. Times in ms from the start.
+    """An admitted person. `uid`: tag; only `enrolled` ones have handles. Times: ms from start.
 
-    `build` scales the size of her pictures, `staying` the number of her records; `favourite` is the round on which she is
-    mostly about.
+    `build` scales picture size, `staying` number of records; `favourite`: usual round.
     """
 
     number: int
@@ -55,9 +50,9 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """One time that a person passes a robot: when each clip is sealed (ms), and the bytes of each frame's pixels.
+    """One pass at a robot: clips' sealing times (ms), frames' pixel bytes.
 
-    `says_no_at_ms` is when she withdraws her consent meanwhile, if she does.
+    `says_no_at_ms`: time of consent withdrawal, if any.
     """
 
     number: int
@@ -71,13 +66,12 @@ class Stay:
 
     @property
     def is_long(self) -> bool:
-        """Whether it lasts longer than a visit may."""
         return self.clips_at_ms[-1] - self.clips_at_ms[0] > 9 * 60_000
 
 
 @dataclass(frozen=True, slots=True)
 class Population:
-    """Everybody and every stay, in the order of time. `serial_bits`: how many bits of a UID an outsider does not know."""
+    """All people and stays by time. `serial_bits`: UID bits unknown to outsiders."""
 
     people: tuple[Person, ...]
     stays: tuple[Stay, ...]
@@ -88,19 +82,17 @@ class Population:
 
     @property
     def enrolled(self) -> tuple[Person, ...]:
-        """Whom robots may record."""
         return tuple(person for person in self.people if person.enrolled)
 
 
 def make_uid(serial: int, serial_bits: int) -> str:
-    """Return a UID as 24 hexadecimal digits, as EPC tags have: what all cards of a delivery share, then the serial."""
+    """Return a UID of 24 hex digits (EPC): delivery prefix, then serial."""
     if not 0 <= serial < 1 << serial_bits:
         raise ValueError("a serial number has no more bits than there are")
     return f"{UID_PREFIX}{serial:010X}"
 
 
 def draw_population(seed: int, *, people: int, days: int, serial_bits: int) -> Population:
-    """Draw `people` who enrol and as many who do not, and what happens in so many days."""
     rng = np.random.default_rng([seed, 0xA77AC])
     persons = tuple(_draw_people(rng, people, serial_bits))
     robots = max(1, round(people / PERSONS_A_WARD_COUNT))
@@ -115,7 +107,6 @@ def draw_population(seed: int, *, people: int, days: int, serial_bits: int) -> P
 
 
 def _draw_people(rng: np.random.Generator, people: int, serial_bits: int) -> list[Person]:
-    """Draw twice as many admitted people as enrol; each who enrols does so within the two hours after admission."""
     serials = rng.choice(1 << min(serial_bits, 30), size=2 * people, replace=False)
     enrols = rng.permutation(np.arange(2 * people) % 2 == 0)
     wards = iter(np.arange(people) % max(1, round(people / PERSONS_A_WARD_COUNT)))
@@ -140,7 +131,6 @@ def _draw_people(rng: np.random.Generator, people: int, serial_bits: int) -> lis
 
 
 def _draw_companions(rng: np.random.Generator, persons: tuple[Person, ...]) -> dict[int, int]:
-    """Pair some people of each ward who always come together."""
     pairs: dict[int, int] = {}
     wards = {person.ward for person in persons if person.enrolled}
     for ward in sorted(wards):
@@ -158,7 +148,6 @@ def _draw_round(
     place: tuple[int, int, int, int],
     first_number: int,
 ) -> list[Stay]:
-    """Draw who comes while a robot makes its round in its ward. `place`: robot, day, number of the round, its begin."""
     robot, _, number, begins_ms = place
     starts: dict[int, int] = {}
     for person in persons:

@@ -1,7 +1,7 @@
-"""The ways of naming an owner that are compared: the paper's prototype, its proposals, and ours.
+"""Owner-naming schemes compared: the paper's prototype, its proposals, and ours.
 
-The prototype writes SHA-256 of the tag's UID on each record and in its list of users. Salted: a salt for each record,
-public beside it. Peppered: one secret in every hash, not on the chain. Ours puts no function of a UID anywhere.
+Prototype: SHA-256 of UID on records and user list. Salted: a public salt per record. Peppered: one off-chain secret.
+Ours: no function of a UID.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PEPPER_BYTES = 32
 
 @dataclass(frozen=True, slots=True)
 class OwnerMark:
-    """What a scheme writes of an owner: the hash, and the public salt that goes with it (or none)."""
+    """A scheme's owner mark: hash and public salt, if any."""
 
     salt: bytes
     digest: bytes
@@ -32,33 +32,29 @@ class OwnerMark:
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """One scheme with its secret. `known_pepper` is what an attacker has of it."""
+    """A scheme with its secret. `known_pepper`: the attacker's knowledge of it."""
 
     name: str
     pepper: bytes = b""
     known_pepper: bytes | None = b""
 
     def mark(self, uid: str) -> OwnerMark:
-        """Return what is written on one record, or for one user, of a tag's bearer."""
         salt = secrets.token_bytes(_SALT_BYTES) if self.name == SALTED else b""
         return OwnerMark(salt, hash_uid(self.pepper, salt, uid.encode()))
 
     def mark_of(self, uid: bytes, salt: bytes) -> bytes:
-        """Return what is written of a UID under a salt."""
         return hash_uid(self.pepper, salt, uid)
 
     def marks(self, uids: Sequence[str]) -> list[OwnerMark]:
-        """Return a mark for each UID."""
         return [self.mark(uid) for uid in uids]
 
 
 def hash_uid(pepper: bytes, salt: bytes, uid: bytes) -> bytes:
-    """Return SHA-256 of pepper, salt and UID; without both it is the prototype's."""
+    """Return SHA-256 of pepper, salt, UID; the prototype's if both are empty."""
     return hashlib.sha256(pepper + salt + uid).digest()
 
 
 def make_schemes() -> dict[str, Scheme]:
-    """Return the four of the paper; the pepper of two of them is the same, once unknown and once stolen."""
     pepper = secrets.token_bytes(_PEPPER_BYTES)
     return {
         PROTOTYPE: Scheme(PROTOTYPE),

@@ -1,4 +1,4 @@
-"""Receipts of consent for whoever gave, refused or took it back."""
+"""Receipts of consent given, refused or withdrawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shares: an owner brings custodians parts of keys, a grantee fetches what was shared."""
+"""Shares: owners upload parts of keys, grantees fetch shared clips."""
 
 from __future__ import annotations
 
