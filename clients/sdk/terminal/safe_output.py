@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from typing import IO, Any, TextIO, cast
 
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.markup import escape
 from rich.segment import Segment
 from rich.text import Text
 
@@ -20,7 +19,11 @@ from consensus.visible_text import escape_controls
 
 MARKUP_TAGS = frozenset({"bold", "red", "green", "yellow"})
 """The tags that our own sentences use; whatever else stands in brackets is text."""
-_TAG = re.compile(r"(\\*)\[(/?)([^\[\]]*)\]")
+# Neither starts within a run of backslashes: rich's own expression does, and takes a time that is quadratic in its length.
+_TAG = re.compile(r"(?<!\\)(\\*)\[(/?)([^\[\]]*)\]")
+_MARKUP = re.compile(r"(?<!\\)(\\*)(\[[a-z#/@][^\[]*?])")
+_BACKSLASHES_SHOWN_MAX_COUNT = 256
+_LONG_RUN = re.compile(rf"\\{{{_BACKSLASHES_SHOWN_MAX_COUNT + 1},}}")
 _ALLOWED = "\n\t"
 
 
@@ -78,9 +81,17 @@ class SafeConsole(Console):
             yield segment if safe == segment.text else Segment(safe, segment.style)
 
 
+def escape(text: str) -> str:
+    """Return text as markup that shows it, as `rich.markup.escape` does; a longer run of backslashes is shown by number."""
+    text = _LONG_RUN.sub(lambda run: f"({len(run[0])} backslashes)", text)
+    text = _MARKUP.sub(lambda found: f"{found[1] * 2}\\{found[2]}", text)
+    return text + "\\" if text.endswith("\\") and not text.endswith("\\\\") else text
+
+
 def keep_own_tags(text: str) -> str:
     """Return markup with only our own, balanced tags active."""
     opened: list[str] = []
+    text = _LONG_RUN.sub(lambda run: f"({len(run[0])} backslashes)", text)
 
     def keep(found: re.Match[str]) -> str:
         backslashes, closes, tag = found.groups()

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from rich.console import Group
 from rich.live import Live
-from rich.markup import escape
+from rich.markup import escape as rich_escape
 from rich.panel import Panel
 from rich.status import Status
 from rich.syntax import Syntax
@@ -26,7 +26,7 @@ from rich.text import Text
 
 from clients.sdk.terminal import terminal
 from clients.sdk.terminal.safe_logging import escape_values
-from clients.sdk.terminal.safe_output import SafeConsole, SafeStream, keep_own_tags, overwrite_line, safe_streams
+from clients.sdk.terminal.safe_output import SafeConsole, SafeStream, escape, keep_own_tags, overwrite_line, safe_streams
 from consensus.errors import BlockRobotError
 from consensus.visible_text import escape_controls, is_control
 from network.cli.root_group import RootGroup
@@ -120,6 +120,18 @@ def test_our_own_tags_have_their_meaning():
     written = on_a_terminal(lambda console: console.print("[red]a[/red] [bold]b[/bold] \\[red]c"))
     assert written == "\x1b[31ma\x1b[0m \x1b[1mb\x1b[0m [red]c\n"
     assert keep_own_tags("[red]a[/red]") == "[red]a[/red]"
+
+
+@given(text=MARKUP)
+@example(text="\\\\[a]\\")
+def test_text_is_escaped_as_rich_does(text):
+    assert escape(text) == rich_escape(text)
+
+
+def test_a_line_of_backslashes_is_shown_by_their_number_since_markup_of_it_takes_quadratic_time():
+    run = "\\" * 60_000
+    assert escape(f"a{run}b") == "a(60000 backslashes)b"
+    assert SafeConsole(file=io.StringIO()).render_str(f"a{run}b").plain == "a(60000 backslashes)b"
 
 
 @given(ANY_TEXT)
