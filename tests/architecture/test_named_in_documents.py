@@ -92,7 +92,7 @@ def test_the_checks_find_what_is_not_there() -> None:
         "privacy/test_nothing::test_it",
         "architecture/test_tidy::test_nobody",
     ]
-    text = "tests/no.py, [a](../README.md#tests), [b](../README.md#b), [c](https://example.org), [d](d.md#e)"
+    text = "tests/no.py, [a](../README.md#figures), [b](../README.md#b), [c](https://example.org), [d](d.md#e)"
     assert missing_files("docs/x.md", text) == [
         "docs/x.md: tests/no.py",
         "docs/x.md: d.md#e",

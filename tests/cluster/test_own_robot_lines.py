@@ -1,4 +1,4 @@
-"""The README's lines for an own recording, typed as they stand, with a recording that no code of ours knows."""
+"""The lines for an own recording, typed as they stand, with a recording that no code of ours knows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ PLACEHOLDERS = {
     "MEMBER_KEY": r"blockrobot roster make --robot ([0-9a-f]{66})",
     "ROBOT_FOLDER": r" --out (\S+)/roster\.sealed",
 }
-HEADING = "## Bring your own robot or recording"
+PAGE, HEADING = "docs/how-to/your-robot.md", "## Every line"
+README_HEADING = "## Bring your own robot or recording"
 
 
 @pytest.fixture
@@ -28,11 +29,22 @@ def reader(tmp_path: Path) -> Iterator[Reader]:
     reader.close()
 
 
-def readme_lines() -> list[str]:
-    section = (CLONE / "README.md").read_text(encoding="utf-8").partition(HEADING)[2]
+def lines_under(page: str, heading: str) -> list[str]:
+    section = (CLONE / page).read_text(encoding="utf-8").partition(f"{heading}\n")[2]
     found = re.search(r"```sh\n(.*?)```", section, re.DOTALL)
     assert found
     return found[1].splitlines()
+
+
+def command_in(line: str) -> str:
+    return line.partition("  #")[0].rstrip()
+
+
+@pytest.mark.smoke
+def test_what_the_readme_shows_of_them_are_lines_of_the_page_in_its_order() -> None:
+    typed = [command_in(line) for line in lines_under(PAGE, HEADING)]
+    shown = [command_in(line) for line in lines_under("README.md", README_HEADING)]
+    assert [line for line in typed if line in shown] == shown
 
 
 @pytest.mark.docs
@@ -43,8 +55,8 @@ def test_the_lines_for_an_own_recording_work_as_typed(reader: Reader) -> None:
     storage_file(write_own_recording(ward)).rename(ward / "my-recording.mcap")
     reader.type('export PATH="$PWD/.venv/bin:$PATH" BLOCKROBOT_HOME="$HOME/playground"; cd "$HOME/ward"')
     shown = {}
-    for line in readme_lines():
-        shown[line.partition("  #")[0].rstrip()] = reader.type(line)
+    for line in lines_under(PAGE, HEADING):
+        shown[command_in(line)] = reader.type(line)
         if "--draft" in line:
             check_the_draft(ward / "topics.toml")
     replayed = next(text for line, text in shown.items() if "robot replay" in line)
