@@ -132,7 +132,7 @@ KINDS: dict[str, FindingKind] = _table(
         "CONTRACT_SANDBOX_INCOMPLETE",
         "warning",
         "The wall around the processes that run contracts lacks something, or is switched off.",
-        "Give the node what is named (docs/explanation/second-wall.md), or set wall in [contracts] of node.toml.",
+        "Give the node what is named (docs/explanation/sandbox.md), or set wall in [contracts] of node.toml.",
     ),
     FindingKind(
         "FAULT_ON_PURPOSE",

@@ -1,4 +1,4 @@
-"""Somebody is out of the contract language and runs Python in the worker: what the second wall still keeps from him."""
+"""Somebody is out of the contract language and runs Python in the worker: what the sandbox still keeps from them."""
 
 from __future__ import annotations
 
