@@ -5,7 +5,8 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from clients.sdk.terminal.terminal import handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import handle_errors, json_option, print_answer
+from network.cli.tool_answers import CompletionAnswer
 
 _PROGRAM, _VARIABLE = "blockrobot", "_BLOCKROBOT_COMPLETE"
 _SHELLS = ("bash", "fish", "zsh")
@@ -28,6 +29,6 @@ def completion(shell: str, as_json: bool) -> None:
     script = found(click.Group(_PROGRAM), {}, _PROGRAM, _VARIABLE)
     text = script.source_template % script.source_vars()
     if as_json:
-        print_json({"ok": True, "shell": shell, "script": text})
+        print_answer(CompletionAnswer(shell=shell, script=text))
     else:
         click.echo(text)

@@ -16,14 +16,21 @@ from clients.wallet.present.json_fields import ANSWERS as WALLET
 from clients.wallet.present.mandate_json_fields import OFFICER_ANSWERS as OFFICER_MANDATES
 from clients.wallet.present.mandate_json_fields import WALLET_ANSWERS as WALLET_MANDATES
 from clients.wallet.present.sharing_json_fields import ANSWERS as SHARING
+from network.cli.cluster.cluster_answers import ANSWERS as DOCTOR
 from network.cli.cluster.cluster_json_fields import ANSWERS as NETWORK
 from network.cli.cluster.cluster_json_fields import WATCHED
-from network.cli.governance.governance_json_fields import ANSWERS as GOVERNING
+from network.cli.governance.governance_answers import ANSWERS as GOVERNING
+from network.cli.node.node_answers import ANSWERS as NODES
+from network.cli.tool_answers import ANSWERS as TOOLS
 
 PAGE = "json-output.md"
 SCHEMA = "json-output.schema.json"
 
-TYPED: Mapping[str, AnswersByCommand] = {"Data protection officers": OFFICER, "The registrar": REGISTRAR}
+TYPED: Mapping[str, AnswersByCommand] = {
+    "Data protection officers": OFFICER,
+    "The registrar": REGISTRAR,
+    "Governing and keeping a network": {**GOVERNING, **NODES, **DOCTOR, **TOOLS},
+}
 """The answers of commands, under the headings of the page."""
 
 SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
@@ -32,7 +39,6 @@ SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
     "Data protection officers": OFFICER_MANDATES,
     "Checking a bundle": BUNDLE,
     "The robot": ROBOT,
-    "Governing and keeping a network": GOVERNING,
 }
 """What is listed, under the headings of the page."""
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
+from network.cli.tool_answers import ReferenceAnswer
 
 
 @click.command()
@@ -36,7 +37,8 @@ def reference(out: Path, check: bool, as_json: bool) -> None:
         for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8")
     if as_json:
-        print_json({"ok": not (check and stale), "folder": str(out), "changed": stale, "written": not check})
+        answer = ReferenceAnswer(folder=str(out), changed=stale, written=not check)
+        print_answer(answer, ok=not (check and stale))
     elif check:
         console.print(f"Not current: {', '.join(stale)}." if stale else "Every page is current.")
     else:

@@ -7,7 +7,7 @@ yet.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 Severity = Literal["problem", "warning"]
 
@@ -285,15 +285,6 @@ class Finding:
     @property
     def next_step(self) -> str:
         return self.kind.next_step.replace("NODE", self.node) if self.node else self.kind.next_step
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "code": self.code,
-            "severity": self.kind.severity,
-            "node": self.node,
-            "detail": self.detail,
-            "next_step": self.next_step,
-        }
 
 
 def in_order(findings: list[Finding]) -> list[Finding]:

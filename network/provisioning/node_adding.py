@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from clients.sdk.chain.governance import (
@@ -34,9 +34,6 @@ class Step:
     who: str
     what: str
     height: int | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
 
     def sentence(self) -> str:
         speaker = f"{self.who}: " if self.who else ""

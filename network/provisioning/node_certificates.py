@@ -11,7 +11,7 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
@@ -36,6 +36,7 @@ CERTIFICATE_FILE = "tls.crt.pem"
 KEY_FILE = "tls.key.pem"
 SERIAL_SIZE_BYTES = 20
 DAY_MS = 24 * 3600 * 1000
+CertificateState = Literal["valid", "expiring", "expired", "revoked", "unusable"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +47,7 @@ class CertificateReport:
     facts: CertificateFacts | None
     trouble: str
 
-    def state(self, now_ms: int, revoked: frozenset[tuple[str, int]] = frozenset()) -> str:
-        """Return `valid`, `expiring`, `expired`, `revoked` or `unusable`."""
+    def state(self, now_ms: int, revoked: frozenset[tuple[str, int]] = frozenset()) -> CertificateState:
         if self.facts is None or self.trouble:
             return "unusable"
         if (self.facts.organisation, self.facts.serial) in revoked:
@@ -59,18 +59,6 @@ class CertificateReport:
     def days_left(self, now_ms: int) -> int:
         """Return whole days of validity left; negative if expired."""
         return -1 if self.facts is None else (self.facts.not_after_ms - now_ms) // DAY_MS
-
-    def to_json(self, now_ms: int, revoked: frozenset[tuple[str, int]]) -> dict[str, Any]:
-        facts = self.facts
-        return {
-            "node": self.node,
-            "state": self.state(now_ms, revoked),
-            "organisation": "" if facts is None else facts.organisation,
-            "serial": "" if facts is None else facts.serial_hex,
-            "expires": "" if facts is None else facts.expires,
-            "days_left": self.days_left(now_ms),
-            "trouble": self.trouble,
-        }
 
 
 def now_ms() -> int:

@@ -8,10 +8,12 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
+from network.cli.cluster.cluster_answers import DoctorAnswer, DoctorFinding
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import plain_table
 from network.doctor.examination import Examination, examine_network, examine_node
+from network.doctor.findings import Finding
 
 
 @click.command()
@@ -28,13 +30,26 @@ def doctor(data_dir: Path | None, folder: Path | None, as_json: bool) -> None:
     """
     examination = examine_node(data_dir) if data_dir is not None else examine_network(network_folder(folder))
     if as_json:
-        findings = [finding.to_json() for finding in examination.findings]
-        kept = list(examination.blocks_kept)
-        print_json({"ok": examination.ok, "nodes": list(examination.nodes), "findings": findings, "blocks_kept": kept})
+        answer = DoctorAnswer(
+            nodes=list(examination.nodes),
+            findings=[_finding_answer(finding) for finding in examination.findings],
+            blocks_kept=list(examination.blocks_kept),
+        )
+        print_answer(answer, ok=examination.ok)
     else:
         _print(examination)
     if not examination.ok:
         sys.exit(EXIT_FAILED)
+
+
+def _finding_answer(finding: Finding) -> DoctorFinding:
+    return DoctorFinding(
+        code=finding.code,
+        severity=finding.kind.severity,
+        node=finding.node,
+        detail=finding.detail,
+        next_step=finding.next_step,
+    )
 
 
 def _print(examination: Examination) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 
 from clients.sdk.chain.governance import Decision, Governor, MembershipView
@@ -22,7 +23,7 @@ from network.cli.governance.governance_signer import (
     Told,
     decide_on_proposal,
     governing_options,
-    proposal_json,
+    proposal_answer,
     propose_once,
     report_decision,
     resolve_signer,
@@ -114,7 +115,9 @@ def _told_json(told: Told, arrival: Arrival | None) -> dict[str, Any]:
         "due_height": decision.due_height,
         "state": None if arrival is None else arrival.state,
         "version": None if arrival is None else arrival.version,
-        "proposal": None if told.proposal is None else proposal_json(told.proposal, told.membership.majority),
+        "proposal": None
+        if told.proposal is None
+        else msgspec.to_builtins(proposal_answer(told.proposal, told.membership.majority)),
     }
 
 

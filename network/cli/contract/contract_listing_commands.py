@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 from rich.syntax import Syntax
 
@@ -23,7 +24,7 @@ from network.cli.governance.governance_signer import (
     governing_options,
     plain_table,
     print_proposals,
-    proposal_json,
+    proposal_answer,
     read_as_any,
     shown_id,
     summary_of,
@@ -115,7 +116,9 @@ def list_contracts(folder: Path | None, organisation: str | None, key_file: Path
                 ],
                 "due": [_due_json(change) for change in view.due],
                 "failed": [_failed_json(row) for row in view.failed],
-                "proposals": [proposal_json(row, view.membership.majority) for row in view.proposals],
+                "proposals": [
+                    msgspec.to_builtins(proposal_answer(row, view.membership.majority)) for row in view.proposals
+                ],
             }
         )
         return
@@ -202,7 +205,9 @@ def show(
                 **({} if edition.row is None else _row_json(edition.row)),
                 "due": [_due_json(change) for change in due],
                 "failed": next((_failed_json(row) for row in view.failed if row.name == name), None),
-                "proposal": None if edition.proposal is None else proposal_json(edition.proposal, needed),
+                "proposal": None
+                if edition.proposal is None
+                else msgspec.to_builtins(proposal_answer(edition.proposal, needed)),
                 "abi": [_entry_json(entry) for entry in edition.abi],
                 "source": edition.source,
             }

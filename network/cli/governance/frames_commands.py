@@ -14,11 +14,12 @@ from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import write_new_file
 from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.state.records import EmptyFrameRow
+from network.cli.governance.governance_answers import ApprovedFrame, FramesDecisionAnswer, FramesListAnswer
 from network.cli.governance.governance_signer import (
     governing_options,
     plain_table,
@@ -94,7 +95,7 @@ def _require_shown(place: Path, preview: bytes) -> None:
 def _report(receipt: FinalReceipt | None, what: str, digests: list[bytes], *, as_json: bool) -> None:
     if as_json:
         height = None if receipt is None else receipt.height
-        print_json({"ok": True, "height": height, "frames": [digest.hex() for digest in digests]})
+        print_answer(FramesDecisionAnswer(height=height, frames=[digest.hex() for digest in digests]))
     elif receipt is None:
         console.print("They are approved already: nothing was left to do.")
     else:
@@ -155,8 +156,10 @@ def list_frames(
 
     rows = read_as_any(folder, organisation, key_file, read)
     if as_json:
-        told = [{"sha256": row.digest.hex(), "approver": row.approver.hex(), "approved_ms": row.time} for row in rows]
-        print_json({"ok": True, "frames": told})
+        told = [
+            ApprovedFrame(sha256=row.digest.hex(), approver=row.approver.hex(), approved_ms=row.time) for row in rows
+        ]
+        print_answer(FramesListAnswer(frames=told))
         return
     if not rows:
         console.print("None is approved. The robot names those that it needs when it starts.")

@@ -26,12 +26,13 @@ from clients.sdk.chain.governance import (
     read_membership,
 )
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, load_genesis, print_json
+from clients.sdk.terminal.terminal import console, load_genesis, print_answer
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from network.cli.cluster.cluster_options import folder_option, network_folder
+from network.cli.governance.governance_answers import DecisionAnswer, OpenProposal
 from pages.moments import show_day, show_moment
 
 ADMIN_KEY_FILE = "admin.key"
@@ -271,17 +272,17 @@ def to_json(value: Any) -> Any:
     return [to_json(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def proposal_json(row: ProposalRow, needed: int) -> dict[str, Any]:
-    return {
-        "id": row.id.hex(),
-        "kind": row.kind,
-        "arguments": to_json(dict(row.arguments)),
-        "organisation": row.organisation,
-        "approvals": list(row.approvals),
-        "needed": needed,
-        "height": row.height,
-        "expires_ms": row.expires_ms,
-    }
+def proposal_answer(row: ProposalRow, needed: int) -> OpenProposal:
+    return OpenProposal(
+        id=row.id.hex(),
+        kind=row.kind,
+        arguments=to_json(dict(row.arguments)),
+        organisation=row.organisation,
+        approvals=list(row.approvals),
+        needed=needed,
+        height=row.height,
+        expires_ms=row.expires_ms,
+    )
 
 
 def summary_of(row: ProposalRow) -> str:
@@ -315,15 +316,14 @@ def plain_table(title: str, columns: list[str]) -> Table:
 def report_decision(told: Told, what: str, group: str, *, as_json: bool, needs_others: bool = True) -> None:
     decision, proposal, needed = told.decision, told.proposal, told.membership.majority
     if as_json:
-        print_json(
-            {
-                "ok": True,
-                "height": decision.height,
-                "txid": decision.txid.hex(),
-                "executed": decision.executed,
-                "epoch": decision.epoch,
-                "proposal": None if proposal is None else proposal_json(proposal, needed),
-            }
+        print_answer(
+            DecisionAnswer(
+                height=decision.height,
+                txid=decision.txid.hex(),
+                executed=decision.executed,
+                epoch=decision.epoch,
+                proposal=None if proposal is None else proposal_answer(proposal, needed),
+            )
         )
         return
     if proposal is not None:

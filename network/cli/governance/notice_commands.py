@@ -12,11 +12,13 @@ from clients.sdk.chain.governance import read_membership
 from clients.sdk.chain.notices import read_notice, read_version
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import read_given_file, write_new_file
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer, print_json
 from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 from consensus.rights.notices import (
     Notice,
+    NoticeRow,
     PublishedNotice,
     encode_notice,
     notice_digest,
@@ -27,6 +29,13 @@ from consensus.rights.notices import (
 from consensus.state import identity
 from consensus.visible_text import split_lines
 from network.cli.cluster.cluster_options import folder_option
+from network.cli.governance.governance_answers import (
+    NoticeCheckAnswer,
+    NoticeNewAnswer,
+    NoticePublishAnswer,
+    NoticeShowAnswer,
+    NoticeVersion,
+)
 from network.cli.governance.governance_signer import (
     GovernanceSigner,
     governing_options,
@@ -83,7 +92,7 @@ def new(file: Path, as_json: bool) -> None:
     """
     write_new_file(file, demo_notice_text(), private=False)
     if as_json:
-        print_json({"ok": True, "file": str(file)})
+        print_answer(NoticeNewAnswer(file=str(file)))
         return
     console.print(
         f"The demonstration's notice is in {escape(str(file))}. Change every line of it; have your data protection "
@@ -103,7 +112,7 @@ def check(file: Path, as_json: bool) -> None:
     found = read_notice_file(file)
     document = encode_notice(found)
     if as_json:
-        print_json({"ok": True, "hash": notice_digest(document).hex(), "bytes": len(document)})
+        print_answer(NoticeCheckAnswer(hash=notice_digest(document).hex(), bytes=len(document)))
         return
     for line in tell_notice(found):
         console.print(escape(line))
@@ -111,6 +120,10 @@ def check(file: Path, as_json: bool) -> None:
         f"\nIt is complete ({len(document)} bytes). Whether it is true, and lawful, no program can tell.\n"
         f"Next step: blockrobot notice publish {escape(str(file))} --as ORG"
     )
+
+
+def _version_answer(row: NoticeRow) -> NoticeVersion:
+    return NoticeVersion(organisation=row.organisation, version=row.version, hash=row.digest.hex(), height=row.height)
 
 
 async def _own_organisation(client: NetworkClient, seat: GovernanceSigner) -> str:
@@ -161,8 +174,7 @@ def publish(
     published, is_new = with_client(seat, work)
     row = published.row
     if as_json:
-        told = {"organisation": row.organisation, "version": row.version, "hash": row.digest.hex()}
-        print_json({"ok": True, **told, "height": row.height, "is_new": is_new})
+        print_answer(extend(NoticePublishAnswer, _version_answer(row), is_new=is_new))
         return
     state = "is published" if is_new else "was in force already"
     console.print(
@@ -195,10 +207,8 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
         raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} has published none.")
     row = found.row
     if as_json:
-        told = {"organisation": row.organisation, "version": row.version, "hash": row.digest.hex()}
-        print_json(
-            {"ok": True, **told, "height": row.height, "time_ms": row.time_ms, "lines": tell_notice(found.notice)}
-        )
+        told = _version_answer(row)
+        print_answer(extend(NoticeShowAnswer, told, time_ms=row.time_ms, lines=tell_notice(found.notice)))
         return
     console.print(f"Version {row.version}, of {show_moment(row.time_ms)}, block {row.height}:")
     for line in tell_notice(found.notice):

@@ -10,18 +10,20 @@ from rich.markup import escape
 
 from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.json_answers import convert_row
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.chain.proof_of_possession import prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import is_public_key
 from consensus.state.membership import NodeRow, OrganisationRow
 from network.cli.cluster.cluster_options import folder_option, network_folder
+from network.cli.governance.governance_answers import MemberNode, MemberOrganisation, OrgListAnswer, OrgNewAnswer
 from network.cli.governance.governance_signer import (
     decide_on_proposal,
     governing_options,
     plain_table,
     print_proposals,
-    proposal_json,
+    proposal_answer,
     propose_once,
     read_as_any,
     read_private_key,
@@ -52,22 +54,9 @@ def org() -> None:
     """
 
 
-def _organisation_json(row: OrganisationRow, nodes: tuple[NodeRow, ...]) -> dict[str, Any]:
+def _organisation_answer(row: OrganisationRow, nodes: tuple[NodeRow, ...]) -> MemberOrganisation:
     own = [node.name for node in nodes if node.organisation == row.name]
-    return {"name": row.name, "status": row.status, "since_height": row.since_height, "nodes": own}
-
-
-def _node_json(row: NodeRow) -> dict[str, Any]:
-    return {
-        "name": row.name,
-        "organisation": row.organisation,
-        "host": row.host,
-        "p2p_port": row.p2p_port,
-        "api_url": row.api_url,
-        "producer_key": row.producer_key.hex(),
-        "custodian_key": row.custodian_key.hex(),
-        "since_height": row.since_height,
-    }
+    return MemberOrganisation(name=row.name, status=row.status, since_height=row.since_height, nodes=own)
 
 
 @org.command("list")
@@ -82,15 +71,14 @@ def list_organisations(folder: Path | None, organisation: str | None, key_file: 
     view = read_as_any(folder, organisation, key_file, read_membership)
     proposals = [row for row in view.proposals if row.contract == "membership"]
     if as_json:
-        document = {
-            "ok": True,
-            "height": view.height,
-            "majority": view.majority,
-            "organisations": [_organisation_json(row, view.nodes) for row in view.organisations],
-            "nodes": [_node_json(row) for row in view.nodes],
-            "proposals": [proposal_json(row, view.majority) for row in proposals],
-        }
-        print_json(document)
+        answer = OrgListAnswer(
+            height=view.height,
+            majority=view.majority,
+            organisations=[_organisation_answer(row, view.nodes) for row in view.organisations],
+            nodes=[convert_row(row, MemberNode) for row in view.nodes],
+            proposals=[proposal_answer(row, view.majority) for row in proposals],
+        )
+        print_answer(answer)
         return
     title = f"Organisations, as of height {view.height}; {view.majority} make a majority"
     table = plain_table(title, ["organisation", "since height", "nodes"])
@@ -125,7 +113,7 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
     public = path / ORGANISATION_ENTRY_FILE
     if as_json:
         admins = [key.hex() for key in entry.admins]
-        print_json({"ok": True, "folder": str(path), "entry": str(public), "admins": admins})
+        print_answer(OrgNewAnswer(folder=str(path), entry=str(public), admins=admins))
         return
     console.print(
         f"The organisation {escape(name)} has its keys in {escape(str(path))}. Keep its folder secret and safe."

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 
 from clients.sdk.chain.governance import (
@@ -19,9 +19,15 @@ from clients.sdk.chain.governance import (
     read_producers,
 )
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES, PrivateKey
+from network.cli.governance.governance_answers import (
+    Equivocation,
+    ProducerCandidate,
+    ProducerListAnswer,
+    ProducerVoteAnswer,
+)
 from network.cli.governance.governance_signer import (
     GovernanceSigner,
     governing_options,
@@ -47,21 +53,21 @@ async def _read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, 
     return await read_producers(client, key), await read_membership(client, key)
 
 
-def _row_json(row: CandidateRow) -> dict[str, Any]:
-    return {
-        "key": row.key.hex(),
-        "node": row.name,
-        "organisation": row.organisation,
-        "status": row.status,
-        "turn": row.turn,
-        "leads": row.leads,
-        "votes": list(row.votes),
-        "removals": list(row.removals),
-        "ready_height": row.ready_height,
-        "ready_ms": row.ready_ms,
-        "suspended_height": row.suspended_height,
-        "evidence": to_json(dict(row.evidence)) or None,
-    }
+def _candidate_answer(row: CandidateRow) -> ProducerCandidate:
+    return ProducerCandidate(
+        key=row.key.hex(),
+        node=row.name,
+        organisation=row.organisation,
+        status=row.status,
+        turn=row.turn,
+        leads=row.leads,
+        votes=list(row.votes),
+        removals=list(row.removals),
+        ready_height=row.ready_height,
+        ready_ms=row.ready_ms,
+        suspended_height=row.suspended_height,
+        evidence=msgspec.convert(to_json(dict(row.evidence)), Equivocation) if row.evidence else None,
+    )
 
 
 def _ready(row: CandidateRow, view: ProducersView) -> str:
@@ -101,16 +107,15 @@ def list_producers(folder: Path | None, organisation: str | None, key_file: Path
     view, membership = read_as_any(folder, organisation, key_file, _read)
     needed = membership.majority
     if as_json:
-        document = {
-            "ok": True,
-            "height": view.height,
-            "epoch": view.epoch.number,
-            "since_height": view.since_height,
-            "max_producers": view.max_producers,
-            "votes_needed": needed,
-            "producers": [_row_json(row) for row in view.candidates],
-        }
-        print_json(document)
+        answer = ProducerListAnswer(
+            height=view.height,
+            epoch=view.epoch.number,
+            since_height=view.since_height,
+            max_producers=view.max_producers,
+            votes_needed=needed,
+            producers=[_candidate_answer(row) for row in view.candidates],
+        )
+        print_answer(answer)
         return
     seats = f"{view.max_producers} seats at most, {needed} votes to enter"
     title = f"Producers of epoch {view.epoch.number}, as of height {view.height}; {seats}"
@@ -178,15 +183,14 @@ def _vote(
     decision, view, membership, key = with_client(seat, run)
     row = next((row for row in view.candidates if row.key == key), None)
     if as_json:
-        document = {
-            "ok": True,
-            "height": decision.height,
-            "txid": decision.txid.hex(),
-            "epoch": decision.epoch,
-            "producer": None if row is None else _row_json(row),
-            "votes_needed": membership.majority,
-        }
-        print_json(document)
+        answer = ProducerVoteAnswer(
+            height=decision.height,
+            txid=decision.txid.hex(),
+            epoch=decision.epoch,
+            producer=None if row is None else _candidate_answer(row),
+            votes_needed=membership.majority,
+        )
+        print_answer(answer)
         return
     console.print(f"{what} {escape(node)}: final at height {decision.height}.")
     if decision.epoch is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
@@ -18,14 +17,15 @@ from clients.sdk.chain.governance import (
     settings_in_force,
 )
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.primitives.keys import PrivateKey
+from network.cli.governance.governance_answers import SettingsListAnswer
 from network.cli.governance.governance_signer import (
     decide_on_proposal,
     governing_options,
     plain_table,
     print_proposals,
-    proposal_json,
+    proposal_answer,
     propose_once,
     read_as_any,
     report_decision,
@@ -78,15 +78,14 @@ def list_settings(folder: Path | None, organisation: str | None, key_file: Path 
     values = settings_in_force(producers)
     proposals = [row for row in membership.proposals if row.contract == "settings"]
     if as_json:
-        document: dict[str, Any] = {
-            "ok": True,
-            "height": producers.height,
-            "epoch": producers.epoch.number,
-            "since_height": producers.since_height,
-            "settings": values,
-            "proposals": [proposal_json(row, membership.majority) for row in proposals],
-        }
-        print_json(document)
+        answer = SettingsListAnswer(
+            height=producers.height,
+            epoch=producers.epoch.number,
+            since_height=producers.since_height,
+            settings=values,
+            proposals=[proposal_answer(row, membership.majority) for row in proposals],
+        )
+        print_answer(answer)
         return
     title = f"Settings of epoch {producers.epoch.number}, as of height {producers.height}"
     table = plain_table(title, ["setting", "value", "may be", "meaning"])

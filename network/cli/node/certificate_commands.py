@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
@@ -20,11 +20,18 @@ from network.cli.governance.governance_signer import (
     report_decision,
     resolve_signer,
 )
+from network.cli.node.node_answers import (
+    CertificateEntry,
+    CertificateIssueAnswer,
+    CertificateListAnswer,
+    CertificateRenewAnswer,
+)
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS
 from network.provisioning.exchange_files import read_certificate
 from network.provisioning.node_certificates import (
+    CertificateReport,
     find_authority,
     issue_into,
     now_ms,
@@ -55,6 +62,21 @@ def certificate() -> None:
     """
 
 
+def _certificate_answer(
+    report: CertificateReport, time_ms: int, revoked: frozenset[tuple[str, int]]
+) -> CertificateEntry:
+    facts = report.facts
+    return CertificateEntry(
+        node=report.node,
+        state=report.state(time_ms, revoked),
+        organisation="" if facts is None else facts.organisation,
+        serial="" if facts is None else facts.serial_hex,
+        expires="" if facts is None else facts.expires,
+        days_left=report.days_left(time_ms),
+        trouble=report.trouble,
+    )
+
+
 @certificate.command("list")
 @folder_option
 @json_option
@@ -67,14 +89,16 @@ def list_certificates(folder: Path | None, as_json: bool) -> None:
     cluster = Cluster(network_folder(folder))
     directory = newest_directory(cluster.genesis, cluster.configs.values())
     time_ms = now_ms()
-    rows = [read_report(config).to_json(time_ms, directory.revoked) for config in cluster.configs.values()]
+    reports = [read_report(config) for config in cluster.configs.values()]
+    rows = [_certificate_answer(report, time_ms, directory.revoked) for report in reports]
     if as_json:
-        print_json({"ok": all(row["state"] in {"valid", "expiring"} for row in rows), "certificates": rows})
+        is_well = all(row.state in {"valid", "expiring"} for row in rows)
+        print_answer(CertificateListAnswer(certificates=rows), ok=is_well)
         return
     table = plain_table(f"Certificates as of height {directory.height}", ["node", "of", "state", "expires", "serial"])
     for row in rows:
-        state = f"{row['state']}: {row['trouble']}" if row["trouble"] else row["state"]
-        table.add_row(row["node"], row["organisation"], escape(state), row["expires"], row["serial"])
+        state = f"{row.state}: {row.trouble}" if row.trouble else row.state
+        table.add_row(row.node, row.organisation, escape(state), row.expires, row.serial)
     console.print(table)
 
 
@@ -110,7 +134,7 @@ def issue(
     except FileExistsError:
         raise BlockRobotError("NODE_EXISTS", f"There is a certificate or a key in {out} already; renew it.") from None
     if as_json:
-        print_json({"ok": True, "node": name, "serial": f"{serial:x}", "folder": str(out)})
+        print_answer(CertificateIssueAnswer(node=name, serial=f"{serial:x}", folder=str(out)))
     else:
         console.print(f"Issued {serial:x} for {escape(name)}: the certificate and its key are in {escape(str(out))}.")
 
@@ -136,7 +160,7 @@ def renew_certificate(
     report = read_report(config)
     expires = "" if report.facts is None else report.facts.expires
     if as_json:
-        print_json({"ok": True, "node": config.name, "serial": f"{serial:x}", "expires": expires})
+        print_answer(CertificateRenewAnswer(node=config.name, serial=f"{serial:x}", expires=expires))
     else:
         console.print(f"{config.name} has certificate {serial:x} now; it counts until {expires}.")
 

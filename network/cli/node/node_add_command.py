@@ -7,19 +7,19 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
 
 from clients.sdk.chain.governance import MembershipView
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import NodeEntry
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import admin_keys, read_private_key
+from network.cli.node.node_answers import NodeAddAnswer, NodeAddStep
 from network.cluster import Cluster
 from network.provisioning.node_adding import Growth, Step
 from network.provisioning.node_certificates import find_authority
@@ -69,9 +69,11 @@ def add(
     wanted = _Wanted(name, organisation, is_producer, is_custodian, base_port)
     added, growth = asyncio.run(_add(cluster, voices, wanted, tell))
     if as_json:
-        document: dict[str, Any] = {"ok": True, "node": added.name, "organisation": added.organisation}
-        document |= {"steps": [step.to_json() for step in steps], "waiting_for": growth.waiting_for}
-        print_json(document)
+        done = [NodeAddStep(who=step.who, what=step.what, height=step.height) for step in steps]
+        answer = NodeAddAnswer(
+            node=added.name, organisation=added.organisation, steps=done, waiting_for=growth.waiting_for
+        )
+        print_answer(answer)
         return
     for command in growth.waiting_for:
         console.print(f"Next step: {escape(command)}", soft_wrap=True)

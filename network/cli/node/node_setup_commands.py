@@ -9,11 +9,12 @@ import click
 from rich.markup import escape
 
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer, print_json
 from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
+from network.cli.node.node_answers import NodeInitAnswer
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster
 from network.provisioning.node_certificates import find_authority
@@ -109,9 +110,15 @@ def init(
     speaker = _speaker(organisation, None if is_elsewhere else network, authority)
     steps = next_steps(name, speaker, place, None if data_dir is not None else network, folder)
     if as_json:
-        keys = {"producer_key": entry.producer_key.hex(), "custodian_key": entry.custodian_key.hex()}
-        files = {"data_dir": str(place), "entry": str(place / ENTRY_FILE)}
-        print_json({"ok": True, "node": name, **files, **keys, "next_steps": steps})
+        answer = NodeInitAnswer(
+            node=name,
+            data_dir=str(place),
+            entry=str(place / ENTRY_FILE),
+            producer_key=entry.producer_key.hex(),
+            custodian_key=entry.custodian_key.hex(),
+            next_steps=steps,
+        )
+        print_answer(answer)
         return
     console.print(f"The node {escape(name)} of {escape(organisation)} is in {escape(str(place))}. What is next:")
     for number, step in enumerate(steps, 1):
