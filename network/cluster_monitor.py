@@ -6,7 +6,7 @@ Time without finality counts only while a transaction waits and no final height 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 STUCK_AFTER_S = 2.0
@@ -51,13 +51,6 @@ class Picture:
     finality_age_s: float
     stuck_s: float
     longest_stuck_s: float
-
-    def to_json(self) -> dict[str, Any]:
-        document = asdict(self)
-        for field in ("at_s", "finality_age_s", "stuck_s", "longest_stuck_s"):
-            document[field] = round(document[field], 3)
-        document["nodes"] = document.pop("rows")
-        return document
 
 
 def state_of(look: NodeLook) -> str:

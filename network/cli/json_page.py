@@ -16,9 +16,8 @@ from clients.wallet.present.json_fields import ANSWERS as WALLET
 from clients.wallet.present.mandate_json_fields import OFFICER_ANSWERS as OFFICER_MANDATES
 from clients.wallet.present.mandate_json_fields import WALLET_ANSWERS as WALLET_MANDATES
 from clients.wallet.present.sharing_json_fields import ANSWERS as SHARING
-from network.cli.cluster.cluster_answers import ANSWERS as DOCTOR
-from network.cli.cluster.cluster_json_fields import ANSWERS as NETWORK
-from network.cli.cluster.cluster_json_fields import WATCHED
+from network.cli.cluster.cluster_answers import ANSWERS as NETWORK
+from network.cli.cluster.status_answers import ANSWERS as STATUS
 from network.cli.governance.governance_answers import ANSWERS as GOVERNING
 from network.cli.node.node_answers import ANSWERS as NODES
 from network.cli.tool_answers import ANSWERS as TOOLS
@@ -27,14 +26,14 @@ PAGE = "json-output.md"
 SCHEMA = "json-output.schema.json"
 
 TYPED: Mapping[str, AnswersByCommand] = {
+    "A network on this machine": {**STATUS, **NETWORK},
     "Data protection officers": OFFICER,
     "The registrar": REGISTRAR,
-    "Governing and keeping a network": {**GOVERNING, **NODES, **DOCTOR, **TOOLS},
+    "Governing and keeping a network": {**GOVERNING, **NODES, **TOOLS},
 }
 """The answers of commands, under the headings of the page."""
 
 SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
-    "A network on this machine": (*NETWORK, WATCHED),
     "The wallet": (*WALLET, *SHARING, *WALLET_MANDATES),
     "Data protection officers": OFFICER_MANDATES,
     "Checking a bundle": BUNDLE,

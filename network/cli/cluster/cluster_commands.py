@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from network.blocks_kept import kept_lines
+from network.cli.cluster.cluster_answers import DownAnswer, LogLine, LogsAnswer
 from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
+from network.cli.cluster.status_answers import NodeStatus, StatusAnswer
 from network.cluster import Cluster, NodeStatusReport
 from network.cluster_monitor import accusers_of
 from network.notices.notice_publishing import publish_demo_notice
@@ -138,7 +141,7 @@ def down(folder: Path | None, as_json: bool) -> None:
     """
     stopped = Cluster(network_folder(folder)).stop_all()
     if as_json:
-        print_json({"ok": True, "stopped": stopped})
+        print_answer(DownAnswer(stopped=stopped))
     else:
         console.print(f"Stopped: {', '.join(stopped)}." if stopped else "Nothing was running.")
 
@@ -199,7 +202,7 @@ def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> No
     for name in [node] if node else cluster.names:
         rows.extend((name, line) for line in cluster.last_lines(name, lines))
     if as_json:
-        print_json({"ok": True, "lines": [{"node": name, "line": line} for name, line in rows]})
+        print_answer(LogsAnswer(lines=[LogLine(node=name, line=line) for name, line in rows]))
         return
     for name, line in rows:
         click.echo(f"{name} {line}")
@@ -223,10 +226,21 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
     return suspended or lies or ("accused" if accused_by else "ready")
 
 
+def _status_answer(row: NodeStatusReport) -> NodeStatus:
+    """Return what is known of a node, without what one of another version says in another form."""
+    told = {"name": row.name, "running": row.running, **(row.status or {})}
+    known = {}
+    for field in msgspec.structs.fields(NodeStatus):
+        if field.name in told:
+            with contextlib.suppress(msgspec.ValidationError):
+                known[field.name] = msgspec.convert(told[field.name], field.type)
+    return NodeStatus(**known)
+
+
 def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:
     if as_json:
-        nodes = [{"name": row.name, "running": row.running, **(row.status or {})} for row in reports]
-        print_json({"ok": all(row.status for row in reports), "directory": str(folder), "nodes": nodes})
+        answer = StatusAnswer(directory=str(folder), nodes=[_status_answer(row) for row in reports])
+        print_answer(answer, ok=all(row.status for row in reports))
         return
     table = Table(
         title=f"Network in {escape(str(folder))}", title_justify="left", pad_edge=False, collapse_padding=True

@@ -9,7 +9,8 @@ import click
 from rich.markup import escape
 
 from clients.sdk.terminal.terminal import console as terminal
-from clients.sdk.terminal.terminal import handle_errors, home_folder, json_option, print_json
+from clients.sdk.terminal.terminal import handle_errors, home_folder, json_option, print_answer
+from network.cli.cluster.cluster_answers import ConsoleAnswer
 from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
 from network.cluster import Cluster
 from pages.local_page import Opened
@@ -40,7 +41,7 @@ def show_console(cluster: Cluster, *, no_browser: bool, as_json: bool) -> None:
     def opened(page: Opened) -> None:
         is_shown = not no_browser and not as_json and open_in_browser(page.redirect_file)
         if as_json:
-            print_json({"ok": True, "url": page.url, "open": str(page.redirect_file)})
+            print_answer(ConsoleAnswer(url=page.url, open=str(page.redirect_file)))
             return
         terminal.print("The console is open in your browser." if is_shown else "Open this file in your browser:")
         if not is_shown:

@@ -19,10 +19,11 @@ from rich.markup import escape
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.node_answers import ChallengeAnswer, read_answer, read_hex
-from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, print_json, status_line
+from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, print_answer, status_line
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
+from network.cli.cluster.cluster_answers import ExploreAnswer
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.contract.contract_signers import Signer, find_signers
 from pages.local_page import write_redirect
@@ -79,8 +80,10 @@ def explore(
     file = keep_link(home_folder() / LINKS_FOLDER, entrance.target)
     opened = not no_browser and not as_json and open_in_browser(file)
     if as_json:
-        told = {"node": entrance.node.name, "as": entrance.signer.name, "redirect_file": str(file)}
-        print_json({"ok": True, **told, "valid_s": LINK_LIFETIME_S})
+        answer = ExploreAnswer(
+            node=entrance.node.name, as_=entrance.signer.name, redirect_file=str(file), valid_s=LINK_LIFETIME_S
+        )
+        print_answer(answer)
         return
     name, who = escape(entrance.node.name), escape(entrance.signer.name)
     console.print(f"The explorer of {name}, as {who}: what you see is what this one node says.")

@@ -8,14 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 from rich.table import Table
 
 from clients.sdk.new_files import read_given_file
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
 from consensus.bounded_text import TOML_MAX_BYTES
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
+from network.cli.cluster.cluster_answers import (
+    FaultAnswer,
+    FaultError,
+    FaultListAnswer,
+    FaultRunAnswer,
+    FaultStep,
+    FaultyNode,
+    SwitchedFaults,
+)
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cluster import Cluster
 from network.faults.actions import Action, Heal, Kill, Pause, Restart, Resume, check_seed, make_link_fault
@@ -36,7 +46,7 @@ def _control(folder: Path | None, seed: int = 0) -> FaultControl:
 def _do(control: FaultControl, action: Action, *, as_json: bool) -> None:
     started = asyncio.run(carry_out_requested(control, action))
     if as_json:
-        print_json({"ok": True, "done": action.describe()})
+        print_answer(FaultAnswer(done=action.describe()))
         return
     console.print(f"Done: {escape(action.describe())}.")
     if started and isinstance(action, Heal):
@@ -214,17 +224,17 @@ def list_faults(folder: Path | None, as_json: bool) -> None:
     rows = asyncio.run(FaultControl(Cluster(network_folder(folder))).state())
     if as_json:
         nodes = [
-            {
-                "name": row.name,
-                "running": row.running,
-                "paused": row.paused,
-                "behaviour": row.behaviour,
-                "switched": row.switched,
-                "faults": row.describe(),
-            }
+            FaultyNode(
+                name=row.name,
+                running=row.running,
+                paused=row.paused,
+                behaviour=row.behaviour,
+                switched=None if row.switched is None else msgspec.convert(row.switched, SwitchedFaults),
+                faults=row.describe(),
+            )
             for row in rows
         ]
-        print_json({"ok": True, "nodes": nodes})
+        print_answer(FaultListAnswer(nodes=nodes))
         return
     table = Table(title="Faults that are on", title_justify="left")
     for column in ("node", "faults"):
@@ -266,15 +276,15 @@ def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
     is_ok = all(done.error is None for done in results) and not is_stopped
     if as_json:
         steps = [
-            {
-                "at_ms": done.at_ms,
-                "line": done.step.line,
-                "do": done.step.action.describe(),
-                "error": None if done.error is None else {"code": done.error.code, "detail": done.error.detail},
-            }
+            FaultStep(
+                at_ms=done.at_ms,
+                line=done.step.line,
+                do=done.step.action.describe(),
+                error=None if done.error is None else FaultError(code=done.error.code, detail=done.error.detail),
+            )
             for done in results
         ]
-        print_json({"ok": is_ok, "seed": read.seed, "steps": steps})
+        print_answer(FaultRunAnswer(seed=read.seed, steps=steps), ok=is_ok)
     elif is_stopped:
         raise BlockRobotError("FAULT_TARGET_ABSENT", "No node is running: the network was stopped meanwhile.")
     if not is_ok:
@@ -288,8 +298,8 @@ def _is_stopped(cluster: Cluster, results: list[StepDone]) -> bool:
 
 def _show_plan(plan: FaultPlan, *, as_json: bool) -> None:
     if as_json:
-        steps = [{"at_ms": step.at_ms, "line": step.line, "do": step.action.describe()} for step in plan.steps]
-        print_json({"ok": True, "seed": plan.seed, "steps": steps})
+        steps = [FaultStep(at_ms=step.at_ms, line=step.line, do=step.action.describe()) for step in plan.steps]
+        print_answer(FaultRunAnswer(seed=plan.seed, steps=steps))
         return
     console.print(f"Seed {plan.seed}, {len(plan.steps)} steps; nothing is done.")
     for step in plan.steps:

@@ -11,6 +11,7 @@ import time
 from collections.abc import AsyncIterator, Iterator
 
 import click
+import msgspec
 from rich.console import Group
 from rich.live import Live
 from rich.markup import escape
@@ -18,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from clients.sdk.terminal.terminal import console
+from network.cli.cluster.status_answers import WatchedAnswer, WatchedNode
 from network.cluster import Cluster
 from network.cluster_monitor import STUCK_AFTER_S, NodeLook, NodeRow, Observer, Picture, changes
 from network.faults.control import FaultControl
@@ -61,13 +63,27 @@ async def _look(cluster: Cluster, control: FaultControl) -> list[NodeLook]:
     ]
 
 
+def picture_answer(picture: Picture, lines: list[str]) -> WatchedAnswer:
+    """Return a picture for programs, with what changed; times are rounded to milliseconds."""
+    return WatchedAnswer(
+        at_s=round(picture.at_s, 3),
+        finalized_height=picture.finalized_height,
+        finality_age_s=round(picture.finality_age_s, 3),
+        stuck_s=round(picture.stuck_s, 3),
+        longest_stuck_s=round(picture.longest_stuck_s, 3),
+        nodes=[msgspec.convert(row, WatchedNode, from_attributes=True) for row in picture.rows],
+        changes=lines,
+    )
+
+
 async def _tell_changes(cluster: Cluster, *, as_json: bool, seconds: float | None) -> None:
     before: Picture | None = None
     async for picture in _pictures(cluster, seconds):
         lines = changes(before, picture)
         if as_json:
             if lines or before is None or picture.finalized_height != before.finalized_height:
-                click.echo(json.dumps(picture.to_json() | {"changes": lines}, ensure_ascii=False))
+                line = msgspec.to_builtins(picture_answer(picture, lines))
+                click.echo(json.dumps(line, ensure_ascii=False))
         else:
             for line in lines:
                 click.echo(f"{picture.at_s:8.1f} s  {line}")

@@ -7,10 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from clients.sdk.terminal import terminal
 from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind, write_section
+from network.cli.cluster.status_watch import picture_answer
 from network.cli.json_page import NOT_LISTED, PAGE, SCHEMA, SECTIONS, typed_answers, write_json_page, write_json_schema
 from network.cluster_monitor import NodeLook, Observer, changes
 from tests.json_answers import (
@@ -123,7 +125,7 @@ def test_a_line_of_the_watcher_is_as_documented_whether_a_node_answers_or_not() 
         NodeLook("node-2", running=False, paused=False, status=None, faults=("journal disk full",)),
     ]
     picture = Observer(0.0).take(looks, 1.5)
-    assert differences("status --watch", picture.to_json() | {"changes": changes(None, picture)}) == []
+    assert differences("status --watch", msgspec.to_builtins(picture_answer(picture, changes(None, picture)))) == []
 
 
 def test_a_section_tells_of_objects_in_objects_by_their_path() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from network.cli.cluster.status_watch import render
+from network.cli.cluster.status_watch import picture_answer, render
 from network.cluster_monitor import STUCK_AFTER_S, NodeLook, Observer, changes, state_of
 
 
@@ -119,7 +119,6 @@ def test_the_table_shows_faults_and_the_time_without_finality() -> None:
 
 
 def test_a_picture_is_ready_for_json() -> None:
-    document = Observer(1.0).take([look()], 2.0004).to_json()
-    assert document["at_s"] == 1.0
-    assert document["nodes"][0]["name"] == "node-1"
-    assert document["nodes"][0]["peers"] == 2
+    answer = picture_answer(Observer(1.0).take([look()], 2.0004), [])
+    assert answer.at_s == 1.0
+    assert [(node.name, node.peers) for node in answer.nodes] == [("node-1", 2)]

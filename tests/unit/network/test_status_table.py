@@ -10,7 +10,11 @@ import pytest
 
 from network.cli.cluster.cluster_commands import report
 from network.cluster import NodeStatusReport
+from network.provisioning.network_layout import create_network
+from node.config import load_config
+from node.service import Node
 from pages.moments import show_moment
+from tests.cluster.network_under_test import find_base_port
 
 
 def said(capsys: pytest.CaptureFixture[str], *, as_json: bool = False, **status: Any) -> str:
@@ -61,6 +65,26 @@ def test_a_suspended_producer_is_told_with_the_way_back(capsys: pytest.CaptureFi
 def test_a_node_of_an_earlier_version_says_less_and_is_shown_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     report([NodeStatusReport("node-1", running=True, status={"ready": True})], Path("network"), as_json=False)
     assert "ready" in capsys.readouterr().out
+
+
+async def test_all_that_a_node_says_is_told_to_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    create_network(tmp_path, nodes=1, organisations=1, base_port=find_base_port(3))
+    config = load_config(tmp_path / "nodes" / "node-1")
+    async with Node(config) as node:
+        status = json.loads(json.dumps(node.describe()))
+    capsys.readouterr()  # the node's log
+    report([NodeStatusReport("node-1", running=True, status=status)], tmp_path, as_json=True)
+    assert json.loads(capsys.readouterr().out)["nodes"] == [{"running": True, **status}]
+    assert len(status) > 30
+
+
+def test_what_a_node_of_another_version_says_in_another_form_is_left_out_for_programs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    answer = json.loads(said(capsys, as_json=True, height="nine", finality={"age": 3}, mood="good"))
+    node = answer["nodes"][0]
+    assert (answer["ok"], node["name"], node["finalized_height"]) == (True, "node-1", 8)
+    assert not {"height", "finality", "mood"} & node.keys()
 
 
 def test_how_far_back_nodes_keep_blocks_is_told_of_those_that_keep_the_same_at_once(
