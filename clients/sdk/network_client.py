@@ -13,7 +13,6 @@ import msgspec
 
 from clients.sdk.chain.announcements import AnnouncementPage, read_announcements
 from clients.sdk.chain.custody_client import CustodyClient
-from clients.sdk.chain.proved_rows import PROOF_KEYS_MAX_COUNT
 from clients.sdk.chain.receipts import FinalReceipt, not_final_in_time
 from clients.sdk.chain.transactions import Clock, SystemClock, TransactionBuilder
 from clients.sdk.connections import (
@@ -24,20 +23,22 @@ from clients.sdk.connections import (
 )
 from clients.sdk.failover import BY_ITS_CLOCK, NOT_TAKING_PART, failure_of, may_ask_another
 from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeDirectory, read_known_nodes
-from clients.sdk.node_answers import (
-    EpochsAnswer,
-    FinalityAnswer,
-    ProofsAnswer,
-    QueryAnswer,
-    SubmitAnswer,
-    TransactionAnswer,
-    error_of,
-    read_answer,
-    read_hex,
-)
+from clients.sdk.node_answers import error_of, read_answer, read_hex
 from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.sdk.sessions import Sessions
 from clients.sdk.trust_pin import open_pin, write_pin
+from consensus.api_documents import (
+    ANNOUNCEMENTS_PAGE_MAX_COUNT,
+    PROOF_KEYS_MAX_COUNT,
+    EpochsAnswer,
+    FinalityAnswer,
+    ProofsAnswer,
+    ProofsRequest,
+    QueryAnswer,
+    QueryRequest,
+    SubmitAnswer,
+    TransactionState,
+)
 from consensus.chain.block import Header
 from consensus.chain.genesis import Genesis
 from consensus.chain.schedule import Schedule
@@ -50,7 +51,6 @@ WAIT_SLICE_MS = 5_000
 FROZEN_AFTER_MS = 4_000
 """A node that keeps a transaction, or the question for it, waiting for longer is passed over: asking twice is harmless."""
 WAIT_DEFAULT_MS = 30_000
-ANNOUNCEMENTS_PAGE_MAX_COUNT = 200
 PASS_PAUSE_MS = 100
 CATCH_UP_TIMEOUT_MS = 3_000
 PASSES_MAX_COUNT = 20
@@ -313,7 +313,7 @@ class NetworkClient:
             query={"wait_ms": wait_ms, "evidence": 1},
             timeout_ms=wait_ms + FROZEN_AFTER_MS,
         )
-        answer = read_answer(content, TransactionAnswer)
+        answer = read_answer(content, TransactionState)
         if answer.status == "expired":
             raise BlockRobotError("TRANSACTION_EXPIRED", txid=txid.hex())
         if answer.status != "finalized" or answer.evidence is None or answer.index is None:
@@ -412,7 +412,7 @@ class NetworkClient:
         return await self._read_values(keys, key)
 
     async def _read_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
-        body = msgspec.json.encode({"keys": [flat.hex() for flat in keys]})
+        body = msgspec.json.encode(ProofsRequest([flat.hex() for flat in keys]))
 
         async def ask(node: NodeAddress) -> ProvedState:
             content = await self.ask_node(node, "POST", "/v1/state-proofs", key=key, body=body)
@@ -436,8 +436,7 @@ class NetworkClient:
 
     async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:
         """Return one node's unproved view result. Raises CALL_REFUSED etc."""
-        document = {"contract": contract, "view": view, "args": encode_value(arguments).hex()}
-        body = msgspec.json.encode(document)
+        body = msgspec.json.encode(QueryRequest(contract, view, encode_value(arguments).hex()))
         content = await self.with_any_node(lambda node: self.ask_node(node, "POST", "/v1/queries", key=key, body=body))
         return decode_value(read_hex(read_answer(content, QueryAnswer).result))
 

@@ -8,14 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from clients.sdk.chain.receipts import FinalReceipt, final_receipt
-from clients.sdk.node_answers import (
-    EpochsAnswer,
-    EvidenceDocument,
-    FinalityDocument,
-    ProofsAnswer,
-    read_finality,
-    read_hex,
-)
+from clients.sdk.node_answers import read_finality, read_hex
+from consensus.api_documents import EpochsAnswer, Finality, ProofsAnswer, TransactionEvidence
 from consensus.chain.block import EpochProof, FinalityProof, Header, Receipt
 from consensus.chain.genesis import Genesis
 from consensus.chain.light_client import LightClient, verify_finality
@@ -73,7 +67,7 @@ class ProofVerifier:
             schedule, first_id = Schedule.of(step.epoch), sha256(step.finality.header_bytes)
         return verify_finality(proof, schedule, self._chain_id, first_id)
 
-    def finality(self, document: FinalityDocument | None) -> Header:
+    def finality(self, document: Finality | None) -> Header:
         """Check a finality proof (None: genesis), pin its header. Raises CERTIFICATE_INVALID, PROOF_INVALID,
         ENCODING_*, PROOF_STALE (older than pin).
         """
@@ -97,7 +91,7 @@ class ProofVerifier:
             values[key] = None if value is None else decode_value(value)
         return ProvedState(header.height, header.timestamp_ms, values, answer)
 
-    def receipt(self, evidence: EvidenceDocument, txid: bytes, index: int) -> FinalReceipt:
+    def receipt(self, evidence: TransactionEvidence, txid: bytes, index: int) -> FinalReceipt:
         """Check a transaction's receipt in a final block. Raises PROOF_INVALID etc."""
         header, block_id = self._follow(evidence)
         receipt = decode(read_hex(evidence.receipt), Receipt)
@@ -118,7 +112,7 @@ class ProofVerifier:
             evidence=evidence,
         )
 
-    def _follow(self, evidence: EvidenceDocument) -> tuple[Header, bytes]:
+    def _follow(self, evidence: TransactionEvidence) -> tuple[Header, bytes]:
         """Follow headers to a final one; proofs older than the pin are valid."""
         chain = [read_hex(header) for header in evidence.headers]
         if not 1 <= len(chain) <= HEADERS_MAX_COUNT:

@@ -9,7 +9,8 @@ import msgspec
 
 from clients.sdk.chain.transactions import Clock
 from clients.sdk.connections import REQUEST_TIMEOUT_MS, Connections, NodeAddress
-from clients.sdk.node_answers import ChallengeAnswer, SessionAnswer, read_answer, read_hex
+from clients.sdk.node_answers import read_answer, read_hex
+from consensus.api_documents import ChallengeAnswer, ChallengeRequest, Request, SessionAnswer, SessionRequest
 from consensus.chain.session_message import CHALLENGE_SIZE_BYTES, sign_session
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -77,23 +78,20 @@ class Sessions:
             del self._tokens[place]
 
     async def _open(self, node: NodeAddress, key: PrivateKey, timeout_ms: int) -> _Token:
-        document = {"public_key": key.public_key.hex()}
-        content = await self._post(node, key, "/v1/session-challenges", document, timeout_ms)
+        request = ChallengeRequest(key.public_key.hex())
+        content = await self._post(node, key, "/v1/session-challenges", request, timeout_ms)
         challenge = read_hex(read_answer(content, ChallengeAnswer).challenge)
         if len(challenge) != CHALLENGE_SIZE_BYTES:
             raise BlockRobotError("INTERNAL", f"Node {node.name} sent a challenge of a wrong size.")
-        document = {
-            "public_key": key.public_key.hex(),
-            "challenge": challenge.hex(),
-            "signature": sign_session(key, self._chain_id, node.name, challenge).hex(),
-        }
-        if isinstance(key, GrantKey):
-            document["grant"] = key.grant_id.hex()
-        answer = read_answer(await self._post(node, key, "/v1/sessions", document, timeout_ms), SessionAnswer)
+        signed = SessionRequest(
+            public_key=key.public_key.hex(),
+            challenge=challenge.hex(),
+            signature=sign_session(key, self._chain_id, node.name, challenge).hex(),
+            grant=key.grant_id.hex() if isinstance(key, GrantKey) else None,
+        )
+        answer = read_answer(await self._post(node, key, "/v1/sessions", signed, timeout_ms), SessionAnswer)
         return _Token(text=answer.token, kind=answer.kind, expires_at_ms=answer.expires_at_ms)
 
-    async def _post(
-        self, node: NodeAddress, key: PrivateKey, path: str, document: dict[str, str], timeout_ms: int
-    ) -> bytes:
-        body, lane = msgspec.json.encode(document), key.public_key
+    async def _post(self, node: NodeAddress, key: PrivateKey, path: str, request: Request, timeout_ms: int) -> bytes:
+        body, lane = msgspec.json.encode(request), key.public_key
         return await self._connections.request(node, "POST", path, lane=lane, body=body, timeout_ms=timeout_ms)

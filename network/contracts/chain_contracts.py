@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
-from clients.sdk.chain.proved_rows import PROOF_KEYS_MAX_COUNT
 from clients.sdk.network_client import NetworkClient
+from consensus.api_documents import PROOF_KEYS_MAX_COUNT
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.state.lifecycle import (

@@ -13,7 +13,8 @@ from typing import Self
 
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.node_answers import Answer, read_answer, read_hex
+from clients.sdk.node_answers import read_answer, read_hex
+from consensus.api_documents import BlockAnswer
 from consensus.chain.block import Block
 from consensus.chain.genesis import Genesis, genesis_to_json
 from consensus.chain.transaction import Transaction, decode_transaction
@@ -31,12 +32,6 @@ FIND_TIMEOUT_MS = 5_000
 Progress = Callable[[int, int], None]
 
 
-class BlockDocument(Answer, frozen=True):
-    """A finalized block, in hexadecimal."""
-
-    block: str
-
-
 @dataclass(frozen=True, slots=True)
 class TracedTransaction:
     """A final transaction with its proved receipt and trace."""
@@ -49,7 +44,7 @@ class TracedTransaction:
 async def _fetch_blocks(client: NetworkClient, key: PrivateKey, first: int, last: int) -> list[bytes]:
     async def fetch(height: int) -> bytes:
         content = await client.with_any_node(lambda node: client.ask_node(node, "GET", f"/v1/blocks/{height}", key=key))
-        return read_hex(read_answer(content, BlockDocument).block)
+        return read_hex(read_answer(content, BlockAnswer).block)
 
     return list(await asyncio.gather(*[fetch(height) for height in range(first, last + 1)]))
 

@@ -5,6 +5,7 @@ A certificate is in the child's header, a finality proof, or the next epoch's pr
 
 from __future__ import annotations
 
+from consensus.api_documents import describe
 from consensus.chain.block import EpochProof, Header, QuorumCertificate, TimeoutCertificate, certificate_of
 from consensus.chain.genesis import Genesis
 from consensus.chain.schedule import Schedule
@@ -66,23 +67,12 @@ class HeaderReader:
         own = self._own_certificate(header, block_id)
         missed = self._missed_rounds(header)
         schedule = self.schedule(header.epoch)
-        return HeaderDocument(
-            height=height,
+        return describe(
+            HeaderDocument,
+            header,
             block_id=block_id.hex(),
-            version=header.version,
-            epoch=header.epoch,
-            round=header.round,
-            parent_id=header.parent_id.hex(),
-            producer=header.producer,
-            timestamp_ms=header.timestamp_ms,
-            transactions_root=header.transactions_root.hex(),
-            receipts_root=header.receipts_root.hex(),
-            state_root=header.state_root.hex(),
             transaction_count=head.transactions_count,
-            gas_used=header.gas_used,
             finality_lag_ms=None if self._watch is None else self._watch.finality_lag_ms(height),
-            is_boundary=header.is_boundary,
-            is_closing=header.is_closing,
             certificate=None if own is None else _certificate(own),
             parent_certificate=_certificate(header.qc),
             timeout=None if header.tc is None else _timeout(header.tc),
@@ -170,17 +160,7 @@ def _producer(key: bytes, row: CandidateRow, seat: int | None) -> ProducerDocume
             first_id=told["first_id"].hex(),
             second_id=told["second_id"].hex(),
         )
-    return ProducerDocument(
-        key=key.hex(),
-        name=row.name,
-        organisation=row.organisation,
-        status=row.status,
-        seat=seat,
-        votes=row.votes,
-        removals=row.removals,
-        suspended_height=row.suspended_height,
-        evidence=evidence,
-    )
+    return describe(ProducerDocument, row, key=key.hex(), seat=seat, evidence=evidence)
 
 
 def count_all(snapshot: LedgerSnapshot) -> CountsDocument:

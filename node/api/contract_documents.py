@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from node.api.documents import Document, Hex32, HexBytes
+from consensus.api_documents import Document, Hex32, HexBytes
 
 
 class ContractSummary(Document, frozen=True):

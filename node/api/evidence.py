@@ -6,6 +6,7 @@ boundaries need stored proofs.
 
 from __future__ import annotations
 
+from consensus.api_documents import Finality, TransactionEvidence, finality_document
 from consensus.chain.block import EpochProof, FinalityProof, Header
 from consensus.errors import BlockRobotError
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
@@ -13,7 +14,6 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.merkle import merkle_proof
 from node.api.access.metering import Steps
-from node.api.documents import Finality, TransactionEvidence, finality_document
 from node.api.services import LedgerSnapshot, TransactionPlace
 
 _HEADERS_MAX_COUNT = 2 * UNFINALIZED_BLOCKS_MAX_COUNT

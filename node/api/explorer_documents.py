@@ -5,7 +5,7 @@ A node with a public explorer shows all of their fields to anybody.
 
 from __future__ import annotations
 
-from node.api.documents import Document, Hex32, PublicKey
+from consensus.api_documents import Document, Hex32, PublicKey
 
 
 class CertificateDocument(Document, frozen=True):

@@ -13,7 +13,8 @@ from consensus.chain.block import Block, ContractEvent, FinalityProof, Header, R
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
-from node.api.services import BlockHead, Clock, PoolStatus, RoundPlace, SubmitResult, TransactionPlace
+from node.api.explorer_documents import RoundDocument
+from node.api.services import BlockHead, Clock, PoolStatus, SubmitResult, TransactionPlace
 from node.budgets.token_buckets import OWN, Source
 from node.consensus.engine import Engine
 from node.execution.block_executor import ExecutedBlock
@@ -169,9 +170,9 @@ class EngineRounds:
     def finality_lag_ms(self, height: int) -> int | None:
         return self._lags_ms.get(height)
 
-    def place(self) -> RoundPlace:
+    def place(self) -> RoundDocument:
         core = self._engine.core
-        return RoundPlace(
+        return RoundDocument(
             epoch=core.epoch,
             round=core.round,
             leader=core.leader,

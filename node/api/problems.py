@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import json
 import logging
-from typing import Any
 
+import msgspec
 from aiohttp import web
 
+from consensus.api_documents import Problem
 from consensus.errors import BlockRobotError
 
 PROBLEM_TYPE = "application/problem+json"
@@ -23,21 +24,21 @@ _BY_STATUS = {
 }
 
 
-def problem_document(error: BlockRobotError) -> dict[str, Any]:
+def problem_document(error: BlockRobotError) -> Problem:
     entry = error.entry
-    return {
-        "type": f"urn:blockrobot:error:{error.code}",
-        "title": entry.meaning,
-        "status": entry.status,
-        "code": error.code,
-        "detail": error.detail,
-        "next_step": entry.next_step,
-        "retryable": entry.retryable,
-    }
+    return Problem(
+        type=f"urn:blockrobot:error:{error.code}",
+        title=entry.meaning,
+        status=entry.status,
+        code=error.code,
+        detail=error.detail,
+        next_step=entry.next_step,
+        retryable=entry.retryable,
+    )
 
 
 def problem_response(error: BlockRobotError) -> web.Response:
-    document = problem_document(error)
+    document = msgspec.structs.asdict(problem_document(error))  # a detail may hold what is no UTF-8
     headers = {"Cache-Control": "no-store"}
     if error.entry.status == 401:
         headers["WWW-Authenticate"] = "Bearer"

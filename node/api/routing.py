@@ -12,6 +12,7 @@ import msgspec
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
+from consensus.api_documents import Document
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Meter, Readings, Steps
@@ -19,7 +20,6 @@ from node.api.access.rate_limit import Tab
 from node.api.access.route_access import Access
 from node.api.access.sessions import Session, SessionTable
 from node.api.bodies import Hold
-from node.api.documents import Document
 from node.api.services import ApiServices, LedgerSnapshot
 from node.budgets.token_buckets import Source
 from pages.listening import NO_KEY, Connection, awaiting_body

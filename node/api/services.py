@@ -16,6 +16,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
+from node.api.explorer_documents import RoundDocument
 from node.budgets.token_buckets import OWN, Source
 
 PoolStatus = Literal["pending", "unknown", "expired"]
@@ -249,21 +250,10 @@ class NodeStatus(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class RoundPlace:
-    """A node's unfinalized protocol position; `leader` is a seat."""
-
-    epoch: int
-    round: int
-    leader: int
-    certified_height: int
-    timed_out_count: int
-
-
 class RoundWatch(Protocol):
     """Tells where the node is in the protocol."""
 
-    def place(self) -> RoundPlace:
+    def place(self) -> RoundDocument:
         """Return epoch, round, leader, certified height and rounds given up since start."""
         ...
 

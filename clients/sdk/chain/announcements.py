@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from clients.sdk.node_answers import ProofsAnswer
 from clients.sdk.proof_checks import ProofVerifier
+from consensus.api_documents import ProofsAnswer
 from consensus.errors import BlockRobotError
 from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 

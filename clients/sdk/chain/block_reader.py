@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.node_answers import Answer, read_answer, read_hex
+from clients.sdk.node_answers import read_answer, read_hex
+from consensus.api_documents import BlockAnswer
 from consensus.chain.block import Block
 from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
-
-
-class BlockAnswer(Answer, frozen=True):
-    """One block in canonical bytes."""
-
-    block: str
 
 
 async def read_transaction(client: NetworkClient, key: PrivateKey, height: int, txid: bytes) -> Transaction:

@@ -8,12 +8,11 @@ from typing import Any
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import FROZEN_AFTER_MS, NetworkClient
-from clients.sdk.node_answers import Answer, read_answer, read_hex
+from clients.sdk.node_answers import read_answer, read_hex
+from consensus.api_documents import PAGE_MAX_COUNT, EventsPage
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
-
-PAGE_MAX_COUNT = 100
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -25,25 +24,6 @@ class Place:
 
     def __str__(self) -> str:
         return f"{self.height}:{self.index}"
-
-
-class EventAnswer(Answer, frozen=True):
-    """One event."""
-
-    place: str
-    contract: str
-    name: str
-    data: str
-    txid: str
-
-
-class EventsAnswer(Answer, frozen=True):
-    """A page of events."""
-
-    head: int
-    earliest_height: int
-    next: str
-    events: list[EventAnswer]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +56,7 @@ def read_place(text: str) -> Place:
 
 def _read_page(content: bytes, first: Place | None) -> EventPage:
     """Raise ENCODING_INVALID if out of order, to try another node."""
-    answer = read_answer(content, EventsAnswer)
+    answer = read_answer(content, EventsPage)
     found = tuple(
         FoundEvent(
             place=read_place(event.place),

@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from clients.sdk.chain.proved_rows import PROOF_KEYS_MAX_COUNT
 from clients.sdk.network_client import FinalReceipt, NetworkClient
+from consensus.api_documents import PROOF_KEYS_MAX_COUNT
 from consensus.chain.epoch_settings import ChainSettings, Epoch
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey

@@ -9,6 +9,7 @@ import msgspec
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.proof_checks import ProvedState
+from consensus.api_documents import ProofsRequest
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import Card, recover_registrar
 from consensus.rights.notices import (
@@ -23,7 +24,7 @@ from consensus.state.identity import REGISTRAR
 
 async def public_values(client: NetworkClient, keys: Sequence[bytes]) -> ProvedState:
     """Return proved values about organisations, without a session. Raises PROOF_*, NOT_PERMITTED."""
-    body = msgspec.json.encode({"keys": [key.hex() for key in keys]})
+    body = msgspec.json.encode(ProofsRequest([key.hex() for key in keys]))
 
     async def ask(node: NodeAddress) -> bytes:
         return await client.ask_node(node, "POST", "/v1/notice-proofs", body=body)

@@ -6,11 +6,11 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Any, Protocol, TypeVar
 
 from clients.sdk.proof_checks import ProvedState
+from consensus.api_documents import PROOF_KEYS_MAX_COUNT
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.state.keys import DecodedReader, Prefix, Reader, StateKey, UnreadError
 
-PROOF_KEYS_MAX_COUNT = 128
 T = TypeVar("T")
 Read = Callable[[Sequence[bytes]], Awaitable[dict[bytes, Any]]]
 """Returns proved values of any number of flat keys, in somebody's session; None for what is absent."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from clients.sdk.node_answers import EvidenceDocument
+from consensus.api_documents import TransactionEvidence
 from consensus.chain.block import ContractEvent, Receipt
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
@@ -28,7 +28,7 @@ class FinalReceipt:
     line: int | None
     gas_used: int
     events: tuple[ContractEvent, ...]
-    evidence: EvidenceDocument | None = field(default=None, repr=False, compare=False)
+    evidence: TransactionEvidence | None = field(default=None, repr=False, compare=False)
     transaction: Transaction | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -52,7 +52,7 @@ def final_receipt(
     index: int,
     block_id: bytes,
     timestamp_ms: int,
-    evidence: EvidenceDocument | None = None,
+    evidence: TransactionEvidence | None = None,
 ) -> FinalReceipt:
     return FinalReceipt(
         txid=receipt.txid,

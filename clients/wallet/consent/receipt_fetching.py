@@ -14,10 +14,11 @@ from clients.bundle.documents import ReceiptEntry
 from clients.sdk.chain.contract_events import Place, read_events
 from clients.sdk.chain.proved_rows import proved_row
 from clients.sdk.connections import NodeAddress
-from clients.sdk.node_answers import Answer, read_answer, read_hex
+from clients.sdk.node_answers import read_answer, read_hex
 from clients.wallet.export.proof_collection import StateCollector
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.kept_proofs import receipt_proof
+from consensus.api_documents import ConsentReceiptAnswer, ConsentReceiptRequest
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
@@ -32,15 +33,6 @@ ASK_PASSES_COUNT = 12
 ASK_MAX_S = 10.0
 ASK_NODE_MAX_S = 3.0
 _MAY_COME = frozenset({"NOT_FOUND", "NODE_UNREACHABLE"})
-
-
-class SignedReceiptAnswer(Answer, frozen=True):
-    """A node's signed receipt."""
-
-    document: str
-    key: str
-    signature: str
-    transaction: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +113,7 @@ class ConsentReceipts:
             state=collector.document(),
         )
 
-    async def _ask(self, txid: bytes) -> SignedReceiptAnswer:
+    async def _ask(self, txid: bytes) -> ConsentReceiptAnswer:
         """Ask custodians in turn, three seconds each, ten in all; raises the last refusal."""
         over_at = time.monotonic() + ASK_MAX_S
         failure = BlockRobotError("CONSENT_RECEIPT_ELSEWHERE", "No custodian of the network could be asked.")
@@ -142,7 +134,7 @@ class ConsentReceipts:
             await asyncio.sleep(ASK_PAUSE_S)
         raise failure
 
-    async def _ask_node_for(self, node: NodeAddress, txid: bytes, longest_s: float) -> SignedReceiptAnswer:
+    async def _ask_node_for(self, node: NodeAddress, txid: bytes, longest_s: float) -> ConsentReceiptAnswer:
         try:
             async with asyncio.timeout(longest_s):
                 return await self._ask_node(node, txid)
@@ -150,11 +142,11 @@ class ConsentReceipts:
             detail = f"The custodian {node.name} did not answer in time."
             raise BlockRobotError("NODE_UNREACHABLE", detail) from None
 
-    async def _ask_node(self, node: NodeAddress, txid: bytes) -> SignedReceiptAnswer:
-        body = msgspec.json.encode({"txid": txid.hex()})
+    async def _ask_node(self, node: NodeAddress, txid: bytes) -> ConsentReceiptAnswer:
+        body = msgspec.json.encode(ConsentReceiptRequest(txid.hex()))
         key = self._wallet.keys.identity
         content = await self._wallet.network.ask_node(node, "POST", "/v1/consent-receipts", key=key, body=body)
-        return read_answer(content, SignedReceiptAnswer)
+        return read_answer(content, ConsentReceiptAnswer)
 
     def epochs(self) -> list[str]:
         return [encode(proof).hex() for proof in self._wallet.network.light_client.epochs]

@@ -16,11 +16,11 @@ from clients.bundle.checks.key_history import CONTRACT, REGISTERED, ROTATED, own
 from clients.bundle.checks.signed_receipts import is_registering
 from clients.sdk.chain.block_reader import read_transaction
 from clients.sdk.chain.contract_events import Place, read_events
-from clients.sdk.chain.proved_rows import PROOF_KEYS_MAX_COUNT
 from clients.sdk.node_answers import read_hex
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.kept_proofs import KeptProof, finality_bytes, kept_of, receipt_proof
 from clients.wallet.store.keystore import KnownVisit
+from consensus.api_documents import PROOF_KEYS_MAX_COUNT
 from consensus.chain.block import FinalityProof, Header
 from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.errors import BlockRobotError

@@ -14,8 +14,9 @@ import msgspec
 from clients.bundle import documents as doc
 from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.sdk.chain.receipts import FinalReceipt
-from clients.sdk.node_answers import EvidenceDocument, FinalityDocument, read_finality, read_hex
+from clients.sdk.node_answers import read_finality, read_hex
 from clients.sdk.proof_checks import ProvedState
+from consensus.api_documents import Finality, TransactionEvidence
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.block import Receipt
 from consensus.chain.transaction import Transaction, decode_transaction
@@ -56,7 +57,7 @@ class ProofHolder(Protocol):
     proofs_dropped_count: int
 
 
-def receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.ReceiptProof:
+def receipt_proof(receipt: FinalReceipt, evidence: TransactionEvidence) -> doc.ReceiptProof:
     return doc.ReceiptProof(
         headers=[read_hex(header).hex() for header in evidence.headers],
         finality=finality_bytes(evidence.finality).hex(),
@@ -68,7 +69,7 @@ def receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.Rece
     )
 
 
-def finality_bytes(document: FinalityDocument) -> bytes:
+def finality_bytes(document: Finality) -> bytes:
     return encode(read_finality(document))
 
 

@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
+from consensus.api_documents import PAGE_MAX_COUNT
 from consensus.bounded_text import read_json_text
 from network.bench.flood.flood_routes import Landmarks
 from network.bench.fresh_network import LoadRobot
-from node.api.documents import PAGE_MAX_COUNT
 
 BATCH_COUNT = 256
 RECORDS_COUNT = 4_096

@@ -18,9 +18,10 @@ from rich.markup import escape
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.node_answers import ChallengeAnswer, read_answer, read_hex
+from clients.sdk.node_answers import read_answer, read_hex
 from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, print_answer, status_line
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from consensus.api_documents import ChallengeAnswer, ChallengeRequest
 from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_answers import ExploreAnswer
@@ -139,7 +140,7 @@ async def _nodes_of(client: NetworkClient, signer: Signer, node_name: str | None
 async def _enter(client: NetworkClient, signer: Signer, node: NodeAddress) -> Entrance:
     await client.ask_node(node, "GET", "/v1/explorer/status", key=signer.key)
     key = signer.key.public_key
-    body = msgspec.json.encode({"public_key": key.hex()})
+    body = msgspec.json.encode(ChallengeRequest(key.hex()))
     content = await client.ask_node(node, "POST", "/v1/session-challenges", lane=key, body=body)
     challenge = read_hex(read_answer(content, ChallengeAnswer).challenge)
     signature = sign_session(signer.key, signer.genesis.chain_id, node.name, challenge)

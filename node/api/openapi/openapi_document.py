@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 
+from consensus.api_documents import Document, Problem
 from consensus.errors import CATALOGUE
-from node.api.documents import Document, Problem
 from node.api.problems import PROBLEM_TYPE
 from node.api.routing import Answer, Body, Parameter, Route
 
@@ -16,6 +16,7 @@ API_VERSION = "1.0.0"
 EVERY_ROUTE_ERRORS = ("REQUEST_INVALID", "RATE_LIMITED", "INTERNAL")
 SESSION_ERRORS = ("SESSION_REQUIRED", "SESSION_EXPIRED", "SESSION_REFUSED", "NOT_PERMITTED")
 BODY_ERRORS = ("REQUEST_TOO_LARGE", "REQUEST_TIMEOUT", "MEDIA_TYPE_UNSUPPORTED")
+Schema = dict[str, Any]
 _SCHEMA_PLACE = "#/components/schemas/{name}"
 
 
@@ -28,9 +29,9 @@ def errors_of(route: Route) -> tuple[str, ...]:
     return tuple(sorted(codes))
 
 
-def _parameter(parameter: Parameter) -> dict[str, Any]:
+def _parameter(parameter: Parameter) -> Schema:
     if parameter.size_bytes is not None:
-        schema: dict[str, Any] = {"type": "string", "pattern": f"^[0-9a-f]{{{2 * parameter.size_bytes}}}$"}
+        schema: Schema = {"type": "string", "pattern": f"^[0-9a-f]{{{2 * parameter.size_bytes}}}$"}
     elif parameter.pattern is not None:
         schema = {"type": "string", "pattern": parameter.pattern}
     else:
@@ -46,8 +47,8 @@ def _parameter(parameter: Parameter) -> dict[str, Any]:
     }
 
 
-def _content(part: Body | Answer) -> dict[str, Any]:
-    schema: dict[str, Any] = {}
+def _content(part: Body | Answer) -> Schema:
+    schema: Schema = {}
     if part.kind is not None:
         schema = {"$ref": _SCHEMA_PLACE.format(name=part.kind.__name__)}
     elif part.media_type == "application/json":
@@ -55,9 +56,9 @@ def _content(part: Body | Answer) -> dict[str, Any]:
     return {part.media_type: {"schema": schema}}
 
 
-def _responses(route: Route) -> dict[str, Any]:
+def _responses(route: Route) -> Schema:
     answer = route.answer
-    responses: dict[str, Any] = {str(answer.status): {"description": answer.description}}
+    responses: Schema = {str(answer.status): {"description": answer.description}}
     if answer.status != 204:
         responses[str(answer.status)]["content"] = _content(answer)
     by_status: dict[int, list[str]] = {}
@@ -71,8 +72,8 @@ def _responses(route: Route) -> dict[str, Any]:
     return responses
 
 
-def _operation(route: Route) -> dict[str, Any]:
-    operation: dict[str, Any] = {
+def _operation(route: Route) -> Schema:
+    operation: Schema = {
         "operationId": route.operation,
         "summary": route.summary,
         "description": f"For: {route.access.label}.",
@@ -99,10 +100,10 @@ def _document_kinds(routes: Iterable[Route]) -> list[type[Document]]:
     return sorted(kinds, key=lambda kind: kind.__name__)
 
 
-def build_openapi(routes: Iterable[Route]) -> dict[str, Any]:
+def build_openapi(routes: Iterable[Route]) -> Schema:
     routes = tuple(routes)
     _, schemas = msgspec.json.schema_components(_document_kinds(routes), ref_template=_SCHEMA_PLACE)
-    paths: dict[str, dict[str, Any]] = {}
+    paths: dict[str, Schema] = {}
     for route in routes:
         paths.setdefault(route.path, {})[route.method.lower()] = _operation(route)
     return {

@@ -24,6 +24,8 @@ take that on loopback only: elsewhere a TLS proxy stands before it, with a certi
 
 - **Bytes** are lower-case hexadecimal in JSON, in paths and in queries. Bodies of `application/msgpack` are the
   canonical encoding.
+- **Fields**: a request with a field that the node does not know is rejected; an answer may get more fields in a later
+  version, and a client passes over those that it does not know.
 - **Refusals** are problem documents (`application/problem+json`): `type`, `title`, `status`, `code`, `detail`,
   `next_step`, `retryable`. The codes are in the [catalogue of errors](errors.md).
 - **Sessions**: ask for a challenge, sign it, and send the token as `Authorization: Bearer TOKEN`. The signature is a

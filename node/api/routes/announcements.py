@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import (
+    ANNOUNCEMENTS_PAGE_MAX_COUNT,
+    AnnouncementItem,
+    AnnouncementsAnswer,
+    describe,
+    finality_document,
+)
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.documents import AnnouncementItem, AnnouncementsAnswer, finality_document
 from node.api.routes.proofs import prove_keys
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot
-
-ANNOUNCEMENTS_PAGE_MAX_COUNT = 200
 
 
 def _item(number: int, data: bytes) -> AnnouncementItem:
@@ -22,15 +26,7 @@ def _item(number: int, data: bytes) -> AnnouncementItem:
         row = ANNOUNCEMENT.convert(decode_value(data))
     except BlockRobotError as error:
         raise BlockRobotError("STORAGE_DAMAGED", f"Announcement {number} cannot be read: {error.detail}") from None
-    return AnnouncementItem(
-        number=number,
-        owner=row.owner.hex(),
-        ephemeral=row.ephemeral.hex(),
-        view_tag=row.view_tag,
-        bucket_ms=row.bucket_ms,
-        robot=row.robot.hex(),
-        root=row.root.hex() or None,
-    )
+    return describe(AnnouncementItem, row, number=number, root=row.root.hex() or None)
 
 
 def _read_page(snapshot: LedgerSnapshot, first: int, limit: int) -> Steps[web.Response]:

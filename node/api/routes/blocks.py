@@ -4,30 +4,22 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import PAGE_MAX_COUNT, BlockAnswer, BlocksAnswer, BlockSummary, ReceiptDocument, describe
 from consensus.chain.block import Header
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.documents import PAGE_MAX_COUNT, BlockAnswer, BlocksAnswer, BlockSummary
 from node.api.pruned import Keepers, require_kept
-from node.api.routes.transactions import receipt_document
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import BlockHead, LedgerSnapshot
 
 
 def _summary(head: BlockHead) -> BlockSummary:
     header = decode(head.header_bytes, Header)
-    return BlockSummary(
-        height=header.height,
-        block_id=sha256(head.header_bytes).hex(),
-        round=header.round,
-        producer=header.producer,
-        timestamp_ms=header.timestamp_ms,
-        transaction_count=head.transactions_count or 0,
-        gas_used=header.gas_used,
-    )
+    block_id = sha256(head.header_bytes).hex()
+    return describe(BlockSummary, header, block_id=block_id, transaction_count=head.transactions_count or 0)
 
 
 def _read_page(snapshot: LedgerSnapshot, keepers: Keepers, first: int, limit: int) -> Steps[web.Response]:
@@ -54,7 +46,7 @@ def _read_block(snapshot: LedgerSnapshot, keepers: Keepers, height: int) -> Step
         summary=_summary(head),
         block=block.hex(),
         txids=[receipt.txid.hex() for receipt in receipts],
-        receipts=[receipt_document(receipt) for receipt in receipts],
+        receipts=[describe(ReceiptDocument, receipt) for receipt in receipts],
     )
     yield
     return json_answer(answer)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import describe
 from contracts.lifecycle.describing import VersionRow, list_contracts, list_due, read_version, read_version_source
 from node.api.access.route_access import MEMBER
 from node.api.contract_documents import (
@@ -20,57 +21,16 @@ from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 async def _list_contracts(call: Call) -> web.StreamResponse:
     with call.services.ledger.snapshot() as snapshot:
         rows, due, height = list_contracts(snapshot), list_due(snapshot), snapshot.header.height
-    contracts = [
-        ContractSummary(
-            name=row.name,
-            version=row.version,
-            source_hash=row.source_hash.hex(),
-            enabled=row.enabled,
-            since_height=row.since_height,
-            versions=row.versions,
-        )
-        for row in rows
-    ]
-    changes = [
-        ContractChange(
-            kind=change.kind,
-            name=change.name,
-            version=change.version,
-            from_height=change.from_height,
-            from_ms=change.from_ms,
-        )
-        for change in due
-    ]
-    return json_answer(ContractsAnswer(height=height, contracts=contracts, due=changes))
+    contracts = [describe(ContractSummary, row) for row in rows]
+    return json_answer(ContractsAnswer(height, contracts, due=[describe(ContractChange, change) for change in due]))
 
 
 def _version_answer(height: int, row: VersionRow, source: str) -> ContractVersionAnswer:
-    return ContractVersionAnswer(
-        height=height,
-        name=row.name,
-        version=row.version,
-        status=row.status,
-        since_height=row.since_height,
-        failure=row.failure,
-        source_hash=row.source_hash.hex(),
-        size_bytes=row.size_bytes,
-        migrates=row.migrates,
-        note=row.note,
-        organisation=row.organisation,
-        proposal_id=row.proposal_id.hex(),
-        approved_height=row.approved_height,
-        abi=[
-            ContractEntry(
-                name=entry.name,
-                kind=entry.kind,
-                parameters=[ContractParameter(name=name, type=of) for name, of in entry.params],
-                required=entry.required,
-                returns=entry.returns,
-            )
-            for entry in row.abi
-        ],
-        source=source,
-    )
+    abi = [
+        describe(ContractEntry, entry, parameters=[ContractParameter(name, of) for name, of in entry.params])
+        for entry in row.abi
+    ]
+    return describe(ContractVersionAnswer, row, height=height, abi=abi, source=source)
 
 
 async def _get_contract(call: Call) -> web.StreamResponse:

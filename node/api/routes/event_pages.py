@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 from aiohttp import web
 
+from consensus.api_documents import PAGE_MAX_COUNT, EventItem, EventsPage
 from consensus.chain.block import ContractEvent
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.documents import PAGE_MAX_COUNT, EventItem, EventsPage
 from node.api.pruned import require_kept
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer

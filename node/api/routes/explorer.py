@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import PAGE_MAX_COUNT
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import ANYONE, EXPLORER
 from node.api.chain_headers import HeaderReader, count_all, describe_epoch, describe_producers
-from node.api.documents import PAGE_MAX_COUNT
 from node.api.explorer_documents import (
     EpochDocument,
     ExplorerHeadersAnswer,
@@ -16,30 +16,16 @@ from node.api.explorer_documents import (
     HeaderDocument,
     ProducersAnswer,
     RefusalAnswer,
-    RoundDocument,
 )
 from node.api.openapi.refusal_meanings import explain_refusal
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import BYTES, JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import ApiServices, LedgerSnapshot, RoundWatch
+from node.api.services import ApiServices, LedgerSnapshot
 from node.explorer.page import answer_own, answer_shared
 
 _CODE_PATTERN = "^[A-Z][A-Z0-9_]{1,63}$"
 _NAME_PATTERN = "^[A-Za-z][A-Za-z0-9_-]{0,63}\\.[a-z]{2,4}$"
 _HTML = "text/html"
-
-
-def _rounds(watch: RoundWatch | None) -> RoundDocument | None:
-    if watch is None:
-        return None
-    place = watch.place()
-    return RoundDocument(
-        epoch=place.epoch,
-        round=place.round,
-        leader=place.leader,
-        certified_height=place.certified_height,
-        timed_out_count=place.timed_out_count,
-    )
 
 
 def _status(services: ApiServices, snapshot: LedgerSnapshot) -> ExplorerStatusAnswer:
@@ -52,7 +38,7 @@ def _status(services: ApiServices, snapshot: LedgerSnapshot) -> ExplorerStatusAn
         head=snapshot.header.height,
         earliest_height=snapshot.earliest_height,
         epoch=snapshot.header.epoch,
-        rounds=_rounds(services.rounds),
+        rounds=None if services.rounds is None else services.rounds.place(),
         counts=count_all(snapshot),
     )
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from node.api.access.metering import Steps
-from node.api.access.route_access import ANYONE, READER
-from node.api.documents import (
+from consensus.api_documents import (
     EPOCHS_PAGE_MAX_COUNT,
     PAGE_MAX_COUNT,
     EpochsAnswer,
@@ -17,6 +15,8 @@ from node.api.documents import (
     HeadersAnswer,
     finality_document,
 )
+from node.api.access.metering import Steps
+from node.api.access.route_access import ANYONE, READER
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot
 

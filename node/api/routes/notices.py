@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import ProofsAnswer, ProofsRequest
 from consensus.errors import BlockRobotError
 from consensus.state.consent import NOTICE, NOTICE_TEXT
 from consensus.state.identity import CUSTODIAN, REGISTRAR
 from node.api.access.route_access import ANYONE
-from node.api.documents import ProofsAnswer, ProofsRequest
 from node.api.routes.proofs import answer_proofs
 from node.api.routing import JSON, Answer, Body, Call, Route
 

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 from aiohttp import web
 
+from consensus.api_documents import KeyProof, ProofsAnswer, ProofsRequest, finality_document
 from consensus.primitives.encoding import encode
 from node.api.access.metering import Steps
 from node.api.access.principals import require_readable
 from node.api.access.route_access import READER
-from node.api.documents import KeyProof, ProofsAnswer, ProofsRequest, finality_document
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 from node.api.services import LedgerSnapshot
 

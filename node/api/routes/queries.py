@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import QueryAnswer, QueryRequest
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from node.api.access.route_access import MEMBER_OR_OWNER
-from node.api.documents import QueryAnswer, QueryRequest
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import ChallengeAnswer, ChallengeRequest, SessionAnswer, SessionRequest
 from node.api.access.route_access import ANYONE, READER
-from node.api.documents import ChallengeAnswer, ChallengeRequest, SessionAnswer, SessionRequest
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 
 _BODY_MAX_BYTES = 1024

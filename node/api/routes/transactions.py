@@ -8,13 +8,12 @@ from __future__ import annotations
 import msgspec
 from aiohttp import web
 
-from consensus.chain.block import Receipt
+from consensus.api_documents import ReceiptDocument, SubmitAnswer, SubmitOutcome, TransactionState, describe
 from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.hashing import sha256
 from node.api.access.metering import Steps
 from node.api.access.route_access import ANYONE
-from node.api.documents import Problem, ReceiptDocument, SubmitAnswer, SubmitOutcome, TransactionState
 from node.api.evidence import build_evidence
 from node.api.problems import problem_document
 from node.api.pruned import Keepers, require_kept
@@ -27,14 +26,8 @@ WAIT_MAX_MS = 30_000
 _wires = msgspec.msgpack.Decoder(list[bytes])
 
 
-def receipt_document(receipt: Receipt) -> ReceiptDocument:
-    return ReceiptDocument(
-        ok=receipt.ok, code=receipt.code, message=receipt.message, line=receipt.line, gas_used=receipt.gas_used
-    )
-
-
 def _outcome(result: SubmitResult) -> SubmitOutcome:
-    problem = None if result.error is None else Problem(**problem_document(result.error))
+    problem = None if result.error is None else problem_document(result.error)
     status = "accepted" if problem is None else "rejected"
     return SubmitOutcome(txid=result.txid.hex() if result.txid else None, status=status, error=problem)
 
@@ -68,7 +61,7 @@ def _find(
         height=place.height,
         index=place.index,
         block_id=sha256(head.header_bytes).hex(),
-        receipt=receipt_document(receipt),
+        receipt=describe(ReceiptDocument, receipt),
         evidence=(yield from build_evidence(snapshot, place)) if with_evidence else None,
     )
 

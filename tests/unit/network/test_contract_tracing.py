@@ -33,6 +33,7 @@ from contracts.worker.wall import REQUIRED_PARTS
 from network.cli.contract.contract_commands import contract
 from network.contracts import contract_tracing
 from network.contracts.contract_tracing import WalledTracer, trace_transaction
+from tests.unit.clients.bundle.ward import answer_block
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
 NODE = NodeAddress("node-01", "http://127.0.0.1:1")
@@ -104,8 +105,7 @@ class ServedChain:
         return await work(NODE)
 
     async def ask_node(self, node: NodeAddress, method: str, path: str, *, key: Any) -> bytes:
-        height = int(path.removeprefix("/v1/blocks/"))
-        return json.dumps({"block": encode(self.blocks[height]).hex()}).encode()
+        return answer_block(self.blocks[int(path.removeprefix("/v1/blocks/"))])
 
 
 PROPOSE = ("settings", "propose")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import BackgroundAnswer
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from node.api.access.route_access import ROBOT, VIEWER
-from node.api.documents import BackgroundAnswer
 from node.api.routes.custody.clips import custody_of
 from node.api.routing import BYTES, JSON, Answer, Body, Call, Parameter, Route, bytes_answer, json_answer
 

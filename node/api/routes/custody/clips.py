@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import UploadAnswer
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, encode
 from consensus.records.clips import ClipUpload, check_clip_upload
 from consensus.state.records import RECORD, decided_root
 from node.api.access.route_access import OWNER, ROBOT
-from node.api.documents import UploadAnswer
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, bytes_answer, json_answer
 from node.api.services import CustodyService
 

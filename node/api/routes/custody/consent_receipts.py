@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import ConsentReceiptAnswer, ConsentReceiptRequest
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.documents import ConsentReceiptAnswer, ConsentReceiptRequest
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 from node.api.services import LedgerSnapshot, SignedReceipt
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from aiohttp import web
 
+from consensus.api_documents import UploadAnswer
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.records.sharing import GrantUpload, SharedRequest, check_grant_upload
 from consensus.state.records import RECORD, decided_root
 from node.api.access.route_access import GRANTEE, OWNER
-from node.api.documents import UploadAnswer
 from node.api.routes.custody.clips import custody_of
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, bytes_answer, json_answer
 

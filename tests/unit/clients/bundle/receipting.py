@@ -13,14 +13,14 @@ import msgspec
 from clients.bundle import documents as doc
 from clients.bundle.checks.consent_receipts import read_reference, state_keys
 from clients.sdk.connections import NodeAddress
-from clients.sdk.node_answers import ProofsAnswer, read_answer
+from clients.sdk.node_answers import read_answer
 from clients.sdk.proof_checks import ProvedState
 from clients.wallet.export.proof_collection import StateCollector
 from clients.wallet.store.kept_proofs import receipt_proof
+from consensus.api_documents import ConsentReceiptAnswer, ProofsAnswer
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.consent_receipts import sign_as_person
 from consensus.rights.notices import Notice, encode_notice
-from node.api.documents import ConsentReceiptAnswer
 from node.api.routes.notices import PUBLIC_PREFIXES
 from node.api.services import SignedReceipt
 from node.custody.chain.consent_receipts import ConsentReceipts

@@ -21,12 +21,12 @@ from clients.robot.recording.sealing import ClipContent, VisitChain, seal_clip
 from clients.sdk.chain.announcements import AnnouncementPage, read_announcements
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.connections import NodeAddress
-from clients.sdk.node_answers import EvidenceDocument, FinalityDocument, KeyProofDocument, ProofsAnswer
 from clients.sdk.pictures.rendition_picture import encode_depth_png
 from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import WalletKeys, draw_words
+from consensus.api_documents import BlockAnswer, BlockSummary, KeyProof, ProofsAnswer, describe, finality_document
 from consensus.chain.block import (
     Block,
     FinalityProof,
@@ -52,7 +52,6 @@ from consensus.records.renditions import Rendition
 from consensus.state.audit import ENTRY
 from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 from node.api.access.metering import Steps
-from node.api.documents import finality_document
 from node.api.evidence import build_evidence
 from node.api.services import TransactionPlace
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -201,9 +200,8 @@ class ShortWire:
         for key in keys:
             value = self.chain.state.get(key)
             proof = encode(self.chain.state.prove(key)).hex()
-            proofs.append(KeyProofDocument(key.hex(), None if value is None else value.hex(), proof))
-        finality = msgspec.convert(msgspec.to_builtins(finality_document(self.chain.finality())), FinalityDocument)
-        return ProofsAnswer(finality, proofs)
+            proofs.append(KeyProof(key.hex(), None if value is None else value.hex(), proof))
+        return ProofsAnswer(finality_document(self.chain.finality()), proofs)
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         self.asked.extend((flat, key.public_key) for flat in keys)
@@ -230,8 +228,7 @@ class ShortWire:
                 if receipt.txid == txid:
                     if height < self.pruned_below:
                         raise BlockRobotError("BLOCK_PRUNED")
-                    built = read_at_once(build_evidence(self.chain.snapshot(), TransactionPlace(height, index)))
-                    evidence = msgspec.convert(msgspec.to_builtins(built), EvidenceDocument)
+                    evidence = read_at_once(build_evidence(self.chain.snapshot(), TransactionPlace(height, index)))
                     return self.trust.receipt(evidence, txid, index)
         raise BlockRobotError("TRANSACTION_EXPIRED")
 
@@ -247,7 +244,7 @@ class ShortWire:
             height = int(path.rsplit("/", 1)[1])
             if height == self.pruned_height or height < self.pruned_below:
                 raise BlockRobotError("BLOCK_PRUNED")
-            return json.dumps({"block": encode(self.chain.blocks[height - 1]).hex()}).encode()
+            return answer_block(self.chain.blocks[height - 1])
         if path == "/v1/consent-receipts":  # a wire that signs them is in receipting.py
             raise BlockRobotError("CONSENT_WORD_MISSING")
         assert (method, path) == ("GET", "/v1/events/page")
@@ -263,6 +260,14 @@ class ShortWire:
         head = len(self.chain.receipts)
         after = {"head": head, "earliest_height": 0, "next": f"{head + 1}:0", "events": rows}
         return json.dumps(after).encode()
+
+
+def answer_block(block: Block) -> bytes:
+    """What a node answers for a block, without what is in its receipts."""
+    summary = describe(
+        BlockSummary, block.header, block_id=block.block_id.hex(), transaction_count=len(block.transactions)
+    )
+    return msgspec.json.encode(BlockAnswer(summary, encode(block).hex(), txids=[], receipts=[]))
 
 
 class Custodians:

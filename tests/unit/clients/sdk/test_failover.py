@@ -2,11 +2,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
 from clients.sdk.failover import failure_of, may_ask_another
+from consensus.api_documents import Problem
 from consensus.chain.schedule import Schedule
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.state import records
@@ -15,6 +17,7 @@ from tests.unit.node.api.small_network import SUBJECT
 
 PARTS_COUNT = 10
 """All codes at once are more requests than a node takes of one address where the machine is busy."""
+OF_TOMORROW = Problem("urn:x", "", 418, "BRAND_NEW", "Of tomorrow.", "", retryable=False)
 AWAY, LATE, FULL = "NODE_UNREACHABLE", "TRANSACTION_EXPIRED", "MEMPOOL_FULL"
 
 
@@ -141,7 +144,8 @@ async def serve(answer: web.Response) -> TestServer:
 @pytest.mark.parametrize(
     ("answer", "code", "sentence"),
     [
-        ({"text": '{"code": "BRAND_NEW", "detail": "Of tomorrow."}', "status": 418}, "INTERNAL", "BRAND_NEW: Of"),
+        ({"body": msgspec.json.encode(OF_TOMORROW), "status": 418}, "INTERNAL", "BRAND_NEW: Of"),
+        ({"text": '{"code": "NOT_FOUND"}', "status": 404}, "INTERNAL", "404 and no problem document"),
         ({"text": "<html>", "status": 502}, "INTERNAL", "502"),
         ({"text": "<html>", "status": 200}, "INTERNAL", "no SubmitAnswer"),
         ({"text": '{"results": []}', "status": 200}, "INTERNAL", "another number"),

@@ -6,11 +6,13 @@ import io
 import json
 import sys
 
+import msgspec
 import pytest
 
 from clients.sdk.node_answers import read_problem
 from clients.sdk.terminal.ascii_output import PLAIN_ENCODING, STRANGE_MAX_CHARS, is_utf8, prepare_output, to_plain
 from clients.sdk.terminal.terminal import print_json
+from consensus.api_documents import Problem
 from consensus.visible_text import escape_controls
 
 
@@ -94,7 +96,8 @@ def test_output_that_speaks_utf8_is_left_as_it_is(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("code", ["NOT_FOUND", "\x1b]0;x\x07OWNED"])
 def test_what_a_node_says_went_wrong_commands_no_terminal_and_forges_no_line(code: str) -> None:
     detail = "gone\x1b[2J\x9b31m\u202e\nNext step: paste this" + "x" * 5_000
-    error = read_problem(json.dumps({"code": code, "detail": detail}).encode(), 404)
+    problem = Problem("urn:x", "", 404, code, detail, "", retryable=False)
+    error = read_problem(msgspec.json.encode(problem), 404)
     assert error.detail.isprintable()
     assert "gone\\u001b[2J\\u009b31m\\u202e Next step" in error.detail
     assert len(error.detail) <= STRANGE_MAX_CHARS + len(escape_controls(code)) + 2

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from clients.sdk.chain.proved_rows import (
-    PROOF_KEYS_MAX_COUNT,
     in_session,
     proved_list,
     proved_row,
@@ -16,6 +15,7 @@ from clients.sdk.chain.proved_rows import (
     put_query,
 )
 from clients.sdk.proof_checks import ProvedState
+from consensus.api_documents import PROOF_KEYS_MAX_COUNT
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey

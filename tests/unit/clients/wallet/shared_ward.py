@@ -12,7 +12,6 @@ from clients.robot.recording.sealing import VisitChain
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.chain.transactions import TransactionBuilder
 from clients.sdk.connections import NodeAddress
-from clients.sdk.node_answers import ProofsAnswer
 from clients.sdk.proof_checks import ProvedState
 from clients.sdk.sessions import GrantKey
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
@@ -20,6 +19,7 @@ from clients.wallet.sharing.incoming_shares import Receiving
 from clients.wallet.sharing.outgoing_shares import Grantee, Shared, Sharing
 from clients.wallet.store.keystore import Keystore, KnownVisit
 from clients.wallet.store.member_keys import draw_words
+from consensus.api_documents import ProofsAnswer
 from consensus.chain.block import FinalityProof, Header
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from consensus.api_documents import EPOCHS_PAGE_MAX_COUNT
 from consensus.chain.block import ContractEvent, EpochProof, FinalityProof, QuorumCertificate, Receipt
 from consensus.chain.genesis import genesis_from_json
 from consensus.chain.light_client import LightClient
@@ -17,7 +18,6 @@ from consensus.primitives.encoding import decode, decode_value, encode, encode_v
 from consensus.primitives.hashing import sha256
 from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, check_clip_upload
-from node.api.documents import EPOCHS_PAGE_MAX_COUNT
 from node.budgets.token_buckets import Source, over_budget
 from tests.unit.node.api.small_network import (
     ACCESS_ID,

@@ -24,9 +24,9 @@ from consensus.state.producers import CANDIDATE, EPOCH, KEYS, CandidateRow, Epoc
 from contracts.vm.model.faults import VM_CODES
 from node.api import create_api, server
 from node.api.access import rate_limit
+from node.api.explorer_documents import RoundDocument
 from node.api.node_services import DecodedSnapshot
 from node.api.openapi.refusal_meanings import MACHINE_MEANINGS, explain_refusal
-from node.api.services import RoundPlace
 from node.budgets.token_buckets import Allowance
 from node.budgets.work_costs import ROUTE_DEFAULT_US
 from node.snapshot.making import header_of_block
@@ -41,8 +41,8 @@ EVIDENCE = {"kind": "vote", "epoch": 0, "round": 7, "height": 3, "first_id": byt
 class Rounds:
     """A node that is in round 9 and saw block 1 become final within 42 ms."""
 
-    def place(self) -> RoundPlace:
-        return RoundPlace(epoch=0, round=9, leader=1, certified_height=4, timed_out_count=3)
+    def place(self) -> RoundDocument:
+        return RoundDocument(epoch=0, round=9, leader=1, certified_height=4, timed_out_count=3)
 
     def finality_lag_ms(self, height: int) -> int | None:
         return 42 if height == 1 else None
