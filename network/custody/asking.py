@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import aiohttp
 
-from consensus.bounded_text import read_json_text
+from consensus.bounded_text import read_json_as
 from consensus.errors import CATALOGUE, BlockRobotError
 from node.config import OPERATOR_HOST, NodeConfig
+from node.custody.chain.custody_answers import (
+    CustodyAnswer,
+    CustodyProblem,
+    CustodyStatus,
+    RebuildAnswer,
+    ScrubAnswer,
+    WorkLine,
+)
 from node.faults import TOKEN_FILE_NAME
 
 STATUS_TIMEOUT_S = 10.0
 LINE_TIMEOUT_S = 120.0
 _LINE_MAX_BYTES = 16 * 1024 * 1024
+_WORK_PATHS: dict[type[CustodyAnswer], str] = {ScrubAnswer: "/custody/scrub", RebuildAnswer: "/custody/rebuild"}
+R = TypeVar("R", ScrubAnswer, RebuildAnswer)
 
 Tell = Callable[[str, str, int, int], None]
 """Told of progress: the node's name, what is being looked at, how many are done, and of how many (0: not known)."""
@@ -39,57 +49,54 @@ def _url(config: NodeConfig, path: str) -> str:
     return f"http://{OPERATOR_HOST}:{config.operator_port}{path}"
 
 
-def _refusal(problem: Any) -> BlockRobotError:
-    code, detail = str(problem.get("code")), str(problem.get("detail"))
-    return BlockRobotError(code if code in CATALOGUE else "INTERNAL", detail)
+def _refusal(problem: CustodyProblem) -> BlockRobotError:
+    return BlockRobotError(problem.code if problem.code in CATALOGUE else "INTERNAL", problem.detail)
 
 
 def _unreachable(config: NodeConfig) -> BlockRobotError:
     return BlockRobotError("NODE_UNREACHABLE", f"{config.name} does not answer on its operator's port.")
 
 
-async def ask_status(config: NodeConfig) -> dict[str, Any]:
+async def ask_status(config: NodeConfig) -> CustodyStatus:
     """Return a custodian's status. Raises NODE_UNREACHABLE, CUSTODY_ELSEWHERE, STORE_UNAVAILABLE, OPERATOR_*."""
     headers = _headers(config)
     async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=STATUS_TIMEOUT_S)) as session:
         try:
             async with session.get(_url(config, "/custody"), headers=headers) as response:
-                answer: dict[str, Any] = await response.json()
+                content = await response.read()
                 if response.status != 200:
-                    raise _refusal(answer)
-                return answer
+                    raise _refusal(read_json_as(content, CustodyProblem))
+                return read_json_as(content, CustodyStatus)
         except (aiohttp.ClientError, TimeoutError, ValueError):
             raise _unreachable(config) from None
 
 
-async def run_work(config: NodeConfig, work: str, tell: Tell) -> dict[str, Any]:
-    """Run `scrub` or `rebuild`; return its report. Raises as `ask_status`, and CUSTODY_CATCHING_UP."""
+async def run_work(config: NodeConfig, kind: type[R], tell: Tell) -> R:
+    """Scrub or rebuild, by the report that is wanted. Raises as `ask_status`, and CUSTODY_CATCHING_UP."""
     headers = _headers(config)
     timeout = aiohttp.ClientTimeout(total=None, connect=STATUS_TIMEOUT_S, sock_read=LINE_TIMEOUT_S)
     async with aiohttp.ClientSession(timeout=timeout, read_bufsize=_LINE_MAX_BYTES) as session:
         try:
-            async with session.post(_url(config, f"/custody/{work}"), headers=headers) as response:
+            async with session.post(_url(config, _WORK_PATHS[kind]), headers=headers) as response:
                 if response.status != 200:
-                    raise _refusal(await response.json())
+                    raise _refusal(read_json_as(await response.read(), CustodyProblem))
                 async for line in response.content:
-                    answer = read_json_text(line)
-                    if "progress" in answer:
-                        progress = answer["progress"]
-                        tell(config.name, progress["what"], progress["done"], progress["total"])
-                    elif "error" in answer:
-                        raise _refusal(answer["error"])
+                    answer = read_json_as(line, WorkLine)
+                    if answer.progress is not None:
+                        tell(config.name, answer.progress.what, answer.progress.done, answer.progress.total)
+                    elif answer.error is not None:
+                        raise _refusal(answer.error)
                     else:
-                        report: dict[str, Any] = answer["report"]
-                        return {"node": config.name, **report}
+                        return read_json_as(bytes(answer.report), kind)
         except (aiohttp.ClientError, TimeoutError, ValueError):
             raise _unreachable(config) from None
     raise BlockRobotError("NODE_UNREACHABLE", f"{config.name} stopped before it was done; ask again.")
 
 
-async def ask_all(configs: list[NodeConfig]) -> list[dict[str, Any] | BlockRobotError]:
+async def ask_all(configs: list[NodeConfig]) -> list[CustodyStatus | BlockRobotError]:
     """Query several custodians concurrently; a refusal takes its answer's place."""
 
-    async def one(config: NodeConfig) -> dict[str, Any] | BlockRobotError:
+    async def one(config: NodeConfig) -> CustodyStatus | BlockRobotError:
         try:
             return await ask_status(config)
         except BlockRobotError as error:

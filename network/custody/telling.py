@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from consensus.errors import BlockRobotError
 from network.custody.upload_telling import find_upload_troubles
+from node.custody.chain.custody_answers import (
+    CustodyStatus,
+    FrameName,
+    MissingReceipts,
+    PartName,
+    RebuildAnswer,
+    ScrubAnswer,
+)
 
 BEHIND_TOLERATED_BLOCKS = 8
 _SHOWN_COUNT = 3
@@ -26,98 +33,97 @@ _SCRUB_FINDINGS = {
 }
 
 
-def describe_position(answer: dict[str, Any]) -> str:
-    behind = answer["behind_blocks"]
+def describe_position(answer: CustodyStatus) -> str:
+    behind = answer.behind_blocks
     if behind > BEHIND_TOLERATED_BLOCKS:
         return f"{behind} blocks behind"
-    return "up to date" if answer["serving"] else "starting"
+    return "up to date" if answer.serving else "starting"
 
 
 def status_sentences(
-    names: Sequence[str], answers: Sequence[dict[str, Any] | BlockRobotError], members: Mapping[str, str] | None = None
+    names: Sequence[str], answers: Sequence[CustodyStatus | BlockRobotError], members: Mapping[str, str] | None = None
 ) -> list[str]:
     """Return a sentence per problem. `members`: key (hex) to name, also of silent custodians."""
     told: list[str] = []
-    names_of, waiting = dict(members or {}), {}
+    names_of, waiting = dict(members or {}), dict[str, MissingReceipts]()
     for name, answer in zip(names, answers, strict=True):
         if isinstance(answer, BlockRobotError):
             told.append(f"{name}: {answer.detail} ({answer.code}). Next step: {answer.next_step}")
             continue
-        names_of[answer["member"]] = name
-        waiting.update(answer["waiting_for"])
-        if answer["behind_blocks"] > BEHIND_TOLERATED_BLOCKS:
-            told.append(f"{name} is {answer['behind_blocks']} blocks behind the chain and follows; look again soon.")
-        elif not answer["serving"]:
+        names_of[answer.member] = name
+        waiting.update(answer.waiting_for)
+        if answer.behind_blocks > BEHIND_TOLERATED_BLOCKS:
+            told.append(f"{name} is {answer.behind_blocks} blocks behind the chain and follows; look again soon.")
+        elif not answer.serving:
             told.append(f"{name} hands out no clip before it has followed the network; look again soon.")
         told += [f"{name}: {sentence}" for _, sentence in find_upload_troubles(answer)]
-        if answer["clips_missing"]:
-            told.append(f"{name} lacks {answer['clips_missing']} clips and fetches them from other custodians.")
+        if answer.clips_missing:
+            told.append(f"{name} lacks {answer.clips_missing} clips and fetches them from other custodians.")
     for member, entry in waiting.items():
-        for erasure in entry["overdue"][:_SHOWN_COUNT]:
+        for erasure in entry.overdue[:_SHOWN_COUNT]:
             who = names_of.get(member, f"the custodian with key {member[:16]}...")
             told.append(
-                f"{who} has not confirmed the erasure {erasure['erasure_id'][:16]}... of {erasure['records']} records, "
-                f"asked for {erasure['age_s']} s ago. Next step: start it, or see its log."
+                f"{who} has not confirmed the erasure {erasure.erasure_id[:16]}... of {erasure.records} records, "
+                f"asked for {erasure.age_s} s ago. Next step: start it, or see its log."
             )
-        if len(entry["overdue"]) > _SHOWN_COUNT:
-            told.append(f"... and {len(entry['overdue']) - _SHOWN_COUNT} more overdue erasures; --json lists them.")
+        if len(entry.overdue) > _SHOWN_COUNT:
+            told.append(f"... and {len(entry.overdue) - _SHOWN_COUNT} more overdue erasures; --json lists them.")
     return told
 
 
-def _name(found: Any) -> str:
-    if not isinstance(found, dict):
-        return str(found)
-    return f"{found['record']} frame {found['frame']}" if "frame" in found else str(found["record"])
+def _name(found: str | FrameName | PartName) -> str:
+    if isinstance(found, str):
+        return found
+    return f"{found.record} frame {found.frame}" if isinstance(found, FrameName) else found.record
 
 
-def _shown(found: Sequence[Any]) -> str:
+def _shown(found: Sequence[str | FrameName | PartName]) -> str:
     ids = [_name(each) for each in found]
     return ", ".join(ids[:_SHOWN_COUNT]) + (", ..." if len(ids) > _SHOWN_COUNT else "")
 
 
-def scrub_sentences(report: dict[str, Any]) -> list[str]:
-    node = report["node"]
+def scrub_sentences(node: str, report: ScrubAnswer) -> list[str]:
     told = [
-        f"{node}, at height {report['height']}: {report['records_count']} records of the chain looked up, "
-        f"{report['clips_compared_count']} clips and {report['frames_compared_count']} frames read."
+        f"{node}, at height {report.height}: {report.records_count} records of the chain looked up, "
+        f"{report.clips_compared_count} clips and {report.frames_compared_count} frames read."
     ]
     for field, (sentence, step) in _SCRUB_FINDINGS.items():
-        found = report[field]
+        found = getattr(report, field)
         if found:
             shown = "" if field == "unclaimed_keys" else _shown(found)
             told.append("  " + f"{sentence} {step}".format(count=len(found), ids=shown, node=node))
-    if report["dirty_slots_count"]:
+    if report.dirty_slots_count:
         told.append(
-            f"  {report['dirty_slots_count']} empty slots of the erase keys hold bytes; restart {node} to wipe them"
+            f"  {report.dirty_slots_count} empty slots of the erase keys hold bytes; restart {node} to wipe them"
         )
-    if report["log_bytes"] or report["dirty_bytes"]:
-        told.append(f"  the database's log keeps {report['log_bytes']} bytes, its free pages {report['dirty_bytes']}")
-    if report["nothing_erased_is_left"]:
+    if report.log_bytes or report.dirty_bytes:
+        told.append(f"  the database's log keeps {report.log_bytes} bytes, its free pages {report.dirty_bytes}")
+    if report.nothing_erased_is_left:
         told.append("  Of what was erased, no ciphertext and no key is left here.")
-        if report["dirty_bytes"] is None:
+        if report.dirty_bytes is None:
             told.append(
                 "  (The files of the database's server cannot be looked into from here; see docs/how-to/mongodb.md.)"
             )
     return told
 
 
-def rebuild_sentences(report: dict[str, Any]) -> list[str]:
+def rebuild_sentences(node: str, report: RebuildAnswer) -> list[str]:
     done = [
-        (len(report["erased_again"]), "records erased again, as the chain says"),
-        (len(report["corrected"]), "records set right"),
-        (len(report["forgotten"]), "clips or marks dropped that were not what the chain says"),
-        (report["keys_destroyed_count"], "erase keys destroyed that belonged to no frame"),
-        (report["fetched_count"], "clips fetched from other custodians"),
-        (len(report["mended"]), "clips mended with another custodian's copy"),
+        (len(report.erased_again), "records erased again, as the chain says"),
+        (len(report.corrected), "records set right"),
+        (len(report.forgotten), "clips or marks dropped that were not what the chain says"),
+        (report.keys_destroyed_count, "erase keys destroyed that belonged to no frame"),
+        (report.fetched_count, "clips fetched from other custodians"),
+        (len(report.mended), "clips mended with another custodian's copy"),
     ]
-    told = [f"{report['node']}, at height {report['height']}: {report['clips_count']} clips looked at."]
+    told = [f"{node}, at height {report.height}: {report.clips_count} clips looked at."]
     told += [f"  {count} {what}" for count, what in done if count]
-    if report["still_missing_count"]:
-        told.append(f"  {report['still_missing_count']} clips are still missing: no custodian in touch has them.")
-    if report["still_damaged"]:
-        told.append(f"  {len(report['still_damaged'])} clips are still damaged: nobody has a sound copy.")
-    if report["unknown_to_chain"]:
-        told.append(f"  {len(report['unknown_to_chain'])} clips are not of this chain; they were left alone.")
-    if report["ok"]:
+    if report.still_missing_count:
+        told.append(f"  {report.still_missing_count} clips are still missing: no custodian in touch has them.")
+    if report.still_damaged:
+        told.append(f"  {len(report.still_damaged)} clips are still damaged: nobody has a sound copy.")
+    if report.unknown_to_chain:
+        told.append(f"  {len(report.unknown_to_chain)} clips are not of this chain; they were left alone.")
+    if report.ok:
         told.append("  The store has what the chain says, and nothing else.")
     return told

@@ -21,6 +21,7 @@ from network.bench.custody.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
 from network.custody.asking import run_work
 from node.config import NodeConfig
+from node.custody.chain.custody_answers import ScrubAnswer
 from tests.cluster.test_custody_upkeep import _settled
 
 FRAMES_COUNT, FRAME_BYTES = 3, 6_000
@@ -103,7 +104,7 @@ async def test_what_was_erased_is_not_handed_out_whatever_was_put_back(
         came, refused = await asking
         assert came == 0, (kind, refused)
         assert refused["CLIP_ERASED"] or refused["ACCESS_NOT_GRANTED"] or refused["NOT_FOUND"], (kind, refused)
-        report = await run_work(cluster.config(victim), "scrub", lambda *_: None)
-        assert report["nothing_erased_is_left"], (kind, report)
+        report = await run_work(cluster.config(victim), ScrubAnswer, lambda *_: None)
+        assert report.nothing_erased_is_left, (kind, report)
         found = await robot.client.custody.download_clip(node, kept.record_id, asked.txid, owner)
         assert [frame.erased for frame in found.frames] == [False] * FRAMES_COUNT, kind

@@ -10,7 +10,6 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,11 +17,12 @@ from consensus.errors import BlockRobotError
 from network.bench.custody.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
 from network.cluster import Cluster
-from network.custody.asking import ask_status, run_work
+from network.custody.asking import R, ask_status, run_work
 from network.custody.hunt import HuntReport, gather, hunt
 from network.custody.traces import Trace, read_traces, write_traces
 from network.demo.tampering import flip_stored_byte
 from node.config import CONFIG_FILE
+from node.custody.chain.custody_answers import FrameName, RebuildAnswer, ScrubAnswer
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 
 FRAMES_COUNT, FRAME_BYTES = 5, 6_000
@@ -43,8 +43,8 @@ def _names(cluster: Cluster) -> list[str]:
     return [node.name for node in cluster.genesis.custodians]
 
 
-async def _work(cluster: Cluster, name: str, work: str) -> dict[str, Any]:
-    return await run_work(cluster.config(name), work, lambda *_: None)
+async def _work(cluster: Cluster, name: str, kind: type[R]) -> R:
+    return await run_work(cluster.config(name), kind, lambda *_: None)
 
 
 async def _settled(cluster: Cluster) -> None:
@@ -55,11 +55,9 @@ async def _settled(cluster: Cluster) -> None:
             statuses = [await ask_status(cluster.config(name)) for name in _names(cluster)]
         except BlockRobotError:
             statuses = []
-        if statuses and all(
-            row["serving"] and not row["behind_blocks"] and not row["clips_missing"] for row in statuses
-        ):
+        if statuses and all(row.serving and not row.behind_blocks and not row.clips_missing for row in statuses):
             return
-        told = [{key: row[key] for key in _TOLD} for row in statuses]
+        told = [{key: getattr(row, key) for key in _TOLD} for row in statuses]
         assert time.monotonic() < deadline, told
         await asyncio.sleep(0.2)
 
@@ -68,8 +66,8 @@ async def _waits_for(cluster: Cluster, name: str, receipts: dict[str, int]) -> N
     """Wait until a custodian, which follows the chain a moment later, waits for so many receipts of others."""
     deadline = time.monotonic() + SETTLE_MAX_S
     while True:
-        waiting = (await ask_status(cluster.config(name)))["waiting_for"]
-        if {key: row["receipts"] for key, row in waiting.items()} == receipts:
+        waiting = (await ask_status(cluster.config(name))).waiting_for
+        if {key: row.receipts for key, row in waiting.items()} == receipts:
             return
         assert time.monotonic() < deadline, waiting
         await asyncio.sleep(0.2)
@@ -123,9 +121,9 @@ async def test_the_hunt_finds_a_record_before_its_erasure_and_nothing_forbidden_
         "had the bytes stayed, it would have seen them"
     )
     for name in _names(cluster):
-        report = await _work(cluster, name, "scrub")
-        assert report["ok"], report
-        assert report["nothing_erased_is_left"]
+        report = await _work(cluster, name, ScrubAnswer)
+        assert report.ok, report
+        assert report.nothing_erased_is_left
 
 
 async def test_a_custodian_put_back_from_an_old_backup_erases_again_before_it_serves(
@@ -156,9 +154,9 @@ async def test_a_custodian_put_back_from_an_old_backup_erases_again_before_it_se
     await cluster.wait_answering(victim)
     await _settled(cluster)
     assert (await _hunt(cluster, traces)).is_clean
-    report = await _work(cluster, victim, "scrub")
-    assert report["ok"], report
-    assert report["clips_compared_count"] == 2
+    report = await _work(cluster, victim, ScrubAnswer)
+    assert report.ok, report
+    assert report.clips_compared_count == 2
     for clip in (kept, late):
         assert (await _hunt(cluster, await _trace(cluster, clip))).is_clean
 
@@ -221,18 +219,18 @@ async def test_two_custodians_that_disagree_are_found_out_and_mended_from_each_o
     first, second = _names(cluster)
     await asyncio.to_thread(flip_stored_byte, cluster.config(first), damaged.record_id, 2)
     await asyncio.to_thread(_lose, cluster.config(second).custody_dir / DATABASE_FILE_NAME, lost.record_id)
-    found = await _work(cluster, first, "scrub")
-    assert found["corrupted"] == [{"record": damaged.record_id.hex(), "frame": 2}]
-    found = await _work(cluster, second, "scrub")
-    assert found["missing"] == [lost.record_id.hex()]
-    assert len(found["unclaimed_keys"]) == FRAMES_COUNT
-    assert (await _work(cluster, first, "rebuild"))["mended"] == [damaged.record_id.hex()]
-    rebuilt = await _work(cluster, second, "rebuild")
-    assert rebuilt["ok"], rebuilt
+    found = await _work(cluster, first, ScrubAnswer)
+    assert found.corrupted == [FrameName(damaged.record_id.hex(), 2)]
+    found = await _work(cluster, second, ScrubAnswer)
+    assert found.missing == [lost.record_id.hex()]
+    assert len(found.unclaimed_keys) == FRAMES_COUNT
+    assert (await _work(cluster, first, RebuildAnswer)).mended == [damaged.record_id.hex()]
+    rebuilt = await _work(cluster, second, RebuildAnswer)
+    assert rebuilt.ok, rebuilt
     for name in (first, second):
-        report = await _work(cluster, name, "scrub")
-        assert report["ok"], report
-        assert report["clips_compared_count"] == 2
+        report = await _work(cluster, name, ScrubAnswer)
+        assert report.ok, report
+        assert report.clips_compared_count == 2
 
 
 def _lose(path: Path, record_id: bytes) -> None:

@@ -17,6 +17,7 @@ from network.bench.custody.custody_clips import ClipRobot
 from network.bench.fresh_network import FreshNetwork
 from network.cluster import Cluster
 from network.custody.asking import ask_all, run_work
+from node.custody.chain.custody_answers import ScrubAnswer
 
 FRAMES_COUNT, FRAME_BYTES = 3, 4_000
 SETTLE_MAX_S = 60.0
@@ -35,8 +36,7 @@ async def _settle(cluster: Cluster, clips: int) -> None:
         statuses = await ask_all(configs)
         heard = [row for row in statuses if not isinstance(row, BlockRobotError)]
         if len(heard) == len(configs) and all(
-            row["serving"] and row["clips_held"] == clips and not row["clips_missing"] and not row["waiting_for"]
-            for row in heard
+            row.serving and row.clips_held == clips and not row.clips_missing and not row.waiting_for for row in heard
         ):
             return
         assert time.monotonic() < deadline, statuses
@@ -66,8 +66,8 @@ async def test_with_one_of_three_down_two_are_enough_three_are_not_and_the_third
         await robot.record(owner, FRAMES_COUNT, FRAME_BYTES, three.upload)
         await _settle(cluster, clips=2)
         for name in (first, second, third):
-            report = await run_work(cluster.config(name), "scrub", lambda *_: None)
-            assert (report["ok"], report["clips_compared_count"]) == (True, 2), report
+            report = await run_work(cluster.config(name), ScrubAnswer, lambda *_: None)
+            assert (report.ok, report.clips_compared_count) == (True, 2), report
 
 
 async def test_where_one_is_enough_two_of_three_may_be_down_while_a_clip_is_brought() -> None:

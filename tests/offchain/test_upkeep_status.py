@@ -6,7 +6,10 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
+
 from node.custody.chain.custody_admin import CustodyAdmin
+from node.custody.chain.custody_answers import UploadReport
 from node.custody.stores.custody_store import Checkpoint
 from tests.offchain.house import ERASURE_ID, House
 from tests.offchain.small_chain import CUSTODIAN, OTHER_CUSTODIAN, START_MS, record_clip
@@ -33,8 +36,8 @@ class Snapshot:
         return self._state.scan(prefix, limit)
 
 
-async def no_uploads(_timestamp_ms: int, *, counts_held: bool) -> dict[str, Any]:
-    return {}
+async def no_uploads(_timestamp_ms: int, *, counts_held: bool) -> UploadReport:
+    return UploadReport([], {}, 0, None, None, uploads_paused=False, days_until_reserve=None)
 
 
 def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lambda _prefix: None) -> CustodyAdmin:
@@ -53,10 +56,10 @@ async def test_who_owes_which_receipt_and_which_of_them_are_overdue(opened: Hous
     state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 121_000)
     status = await make_upkeep(opened, state).status()
     overdue = [{"erasure_id": ERASURE_ID.hex(), "age_s": 121, "records": 1}]
-    assert status["waiting_for"] == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": overdue}}
+    assert msgspec.to_builtins(status.waiting_for) == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": overdue}}
     state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 119_000)
     status = await make_upkeep(opened, state).status()
-    assert status["waiting_for"] == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": []}}
+    assert msgspec.to_builtins(status.waiting_for) == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": []}}
 
 
 async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing_waits_meanwhile(opened: House) -> None:
@@ -68,6 +71,6 @@ async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing
         prefixes.append(prefix)
 
     state.erasure(record_clip(), receipts=[CUSTODIAN, OTHER_CUSTODIAN])
-    assert (await make_upkeep(opened, state, note).status())["waiting_for"] == {}
+    assert (await make_upkeep(opened, state, note).status()).waiting_for == {}
     assert prefixes == [b"erasure\x00erasure/"]
     assert threading.get_ident() not in threads

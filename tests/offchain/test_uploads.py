@@ -7,7 +7,6 @@ from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, ExitStack
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import msgspec
 import pytest
@@ -17,6 +16,7 @@ from consensus.records.clips import ClipUpload
 from consensus.upload_quotas import DAY_MS, MIB_BYTES, UploadQuotas
 from network.custody.upload_telling import find_upload_troubles
 from node.budgets.disk_reserve import DiskReserve
+from node.custody.chain.custody_answers import UploadReport
 from node.custody.chain.upload_admission import (
     UPLOADS_OF_CONTENT_MAX_COUNT,
     UPLOADS_OF_ROBOT_MAX_COUNT,
@@ -156,22 +156,20 @@ async def test_an_operator_is_told_of_each_robot_the_trend_and_what_is_left(
     monkeypatch.setattr(os, "statvfs", fake)
     organisation_of: Callable[[bytes], str] = lambda robot: ORGANISATIONS[robot]  # noqa: E731
 
-    async def ask(*, counts_held: bool = True, **quotas: int) -> dict[str, Any]:
+    async def ask(*, counts_held: bool = True, **quotas: int) -> UploadReport:
         reserve = DiskReserve(tmp_path, 1_024)
         parts = (today * DAY_MS, UploadQuotas(**quotas), organisation_of, refusals, reserve)
         return await describe_uploads(store, *parts, counts_held=counts_held)
 
     told = await ask()
-    rows = (told["uploads"], (await ask(counts_held=False))["uploads"])
+    rows = [msgspec.to_builtins(each.uploads) for each in (told, await ask(counts_held=False))]
     assert [{"held_clips", "held_bytes"} & row.keys() for of in rows for row in of[:1]] == [
         {"held_clips", "held_bytes"},
         set(),
     ], "what was not counted is not said to be 0"
-    assert told["bytes_a_day"] == 30 * MIB_BYTES
-    assert told["days_until_reserve"] == 10.0
-    assert [
-        (row["organisation"], row["bytes_a_day"], row["today_bytes"], row["refused"]) for row in told["uploads"]
-    ] == [
+    assert told.bytes_a_day == 30 * MIB_BYTES
+    assert told.days_until_reserve == 10.0
+    assert [(row.organisation, row.bytes_a_day, row.today_bytes, row.refused) for row in told.uploads] == [
         ("hospital", 30 * MIB_BYTES, MIB_BYTES, 0),
         ("hospital", 0, 0, 3),
     ]
@@ -182,7 +180,7 @@ async def test_an_operator_is_told_of_each_robot_the_trend_and_what_is_left(
     ]
     now["s"] += 2 * LATELY_S
     assert [code for code, _ in find_upload_troubles(await ask())] == [], "it is over, and nobody is warned for ever"
-    assert (await ask())["uploads"][1]["refused"] == 3
+    assert (await ask()).uploads[1].refused == 3
     room["free"] = 1_100
     assert "DISK_FILLS_UP" in [code for code, _ in find_upload_troubles(await ask())]
     room["free"] = 1_000

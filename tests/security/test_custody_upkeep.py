@@ -16,7 +16,17 @@ from aiohttp.test_utils import TestServer, make_mocked_request
 from consensus.errors import BlockRobotError
 from network.custody.asking import LINE_TIMEOUT_S, ask_status, run_work
 from node.config import NodeConfig
+from node.custody.chain.custody_admin import describe_rebuild, describe_scrub
 from node.custody.chain.custody_admin_routes import HEARTBEAT_S
+from node.custody.chain.custody_answers import (
+    CustodyStatus,
+    MissingReceipts,
+    OverdueErasure,
+    RebuildAnswer,
+    ScrubAnswer,
+)
+from node.custody.repair.rebuild import RebuildReport
+from node.custody.repair.scrub import ScrubReport
 from node.faults import TOKEN_FILE_NAME
 from node.operator import create_operator_listener
 
@@ -24,6 +34,39 @@ pytestmark = pytest.mark.smoke
 
 TOKEN = "5e" * 32
 ROUTES = [("GET", "/custody"), ("POST", "/custody/scrub"), ("POST", "/custody/rebuild")]
+
+
+SCRUBBED = describe_scrub(ScrubReport(height=7, corrupted=[(b"r" * 16, 3)]))
+REBUILT = describe_rebuild(RebuildReport(height=7, mended=[b"r" * 16]))
+STATUS = CustodyStatus(
+    uploads=[],
+    quotas={},
+    bytes_a_day=0,
+    disk_free_bytes=None,
+    disk_reserve_bytes=None,
+    uploads_paused=False,
+    days_until_reserve=None,
+    name="node-1",
+    member="02" * 33,
+    checkpoint_height=7,
+    finalized_height=7,
+    behind_blocks=0,
+    serving=True,
+    busy=False,
+    clips_held=1,
+    clips_staged=0,
+    clips_missing=0,
+    clips_erased=0,
+    frames=4,
+    shares=0,
+    key_parts=0,
+    owed=1,
+    erasures_under_way=0,
+    slots_used=4,
+    slots_total=64,
+    store_bytes=None,
+    waiting_for={"03" * 33: MissingReceipts(1, [OverdueErasure("ab" * 32, 900, 3)])},
+)
 
 
 class Status:
@@ -49,19 +92,19 @@ class ScriptedUpkeep:
         self.may_end = asyncio.Event()
         self.may_end.set()
 
-    async def status(self) -> dict[str, Any]:
+    async def status(self) -> CustodyStatus:
         self._note("status")
-        return {"behind_blocks": 0}
+        return STATUS
 
-    async def scrub(self, tell: Any) -> dict[str, Any]:
+    async def scrub(self, tell: Any) -> ScrubAnswer:
         tell("records", 5, 0)
         self._note("scrub")
-        return {"ok": True}
+        return SCRUBBED
 
-    async def rebuild(self, tell: Any) -> dict[str, Any]:
+    async def rebuild(self, tell: Any) -> RebuildAnswer:
         await self.may_end.wait()
         self._note("rebuild")
-        return {"ok": True}
+        return REBUILT
 
     def _note(self, what: str) -> None:
         self.asked.append(what)
@@ -155,10 +198,9 @@ async def test_the_command_asks_with_the_token_of_the_data_directory(
     config: NodeConfig, upkeep: ScriptedUpkeep, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     progress: list[tuple[str, str, int, int]] = []
-    assert await ask_status(config) == {"behind_blocks": 0}
-    for work in ("scrub", "rebuild"):
-        report = await run_work(config, work, lambda *told: progress.append(told))
-        assert report == {"node": "node-1", "ok": True}
+    assert await ask_status(config) == STATUS
+    assert await run_work(config, ScrubAnswer, lambda *told: progress.append(told)) == SCRUBBED
+    assert await run_work(config, RebuildAnswer, lambda *told: progress.append(told)) == REBUILT
     assert upkeep.asked == ["status", "scrub", "rebuild"]
 
 
@@ -176,7 +218,7 @@ async def test_work_that_has_nothing_to_say_for_long_is_still_heard_of(
         if len(heard) == 5:
             upkeep.may_end.set()
 
-    assert await run_work(config, "rebuild", hear) == {"node": "node-1", "ok": True}
+    assert await run_work(config, RebuildAnswer, hear) == REBUILT
     assert heard[:5] == ["working"] * 5
 
 
@@ -197,7 +239,7 @@ async def test_what_fails_on_the_way_reaches_the_command_by_its_code(
 ) -> None:
     upkeep.failure = failure
     with pytest.raises(BlockRobotError) as refusal:
-        await run_work(config, "scrub", lambda *_: None)
+        await run_work(config, ScrubAnswer, lambda *_: None)
     assert refusal.value.code == code
 
 

@@ -86,7 +86,7 @@ async def test_no_erase_key_stays_in_a_nodes_memory(network: NetworkUnderTest, i
     kept = await asyncio.to_thread(_search_memory, pid, keys)
     await ward.must(ward.owner, "erasure", "request", [clip.upload.record_id], [])
     for _ in range(400):
-        if (await ask_status(config))["clips_erased"]:
+        if (await ask_status(config)).clips_erased:
             break
         await asyncio.sleep(0.05)
     assert _held_keys(config.data_dir) == []

@@ -80,13 +80,13 @@ async def test_a_flood_of_clips_ends_at_the_quota_and_custodians_erase_on(
     await honest.must(honest.owner, "erasure", "request", [clip.upload.record_id], [])
     for _ in range(200):
         status = await ask_status(network.cluster.configs[intruder.node])
-        if status["clips_erased"] and not status["owed"] and not status["waiting_for"]:
+        if status.clips_erased and not status.owed and not status.waiting_for:
             break
         await asyncio.sleep(0.05)
     else:
         raise AssertionError(status)
-    row = next(row for row in status["uploads"] if row["robot"] == flooding.robot.identity.public_key.hex())
-    assert (row["organisation"], row["staged_clips"], row["refused"]) == ("hospital", taken, len(refusals))
+    row = next(row for row in status.uploads if row.robot == flooding.robot.identity.public_key.hex())
+    assert (row.organisation, row.staged_clips, row.refused) == ("hospital", taken, len(refusals))
     labels = f'{{organisation="hospital",robot="{flooding.robot.identity.public_key.hex()}"}}'
     figures = await _metrics(network, intruder)
     assert f"blockrobot_uploads_staged_clips{labels} {taken}.0" in figures

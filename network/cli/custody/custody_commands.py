@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 from rich.table import Table
 
@@ -20,9 +21,10 @@ from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster
-from network.custody.asking import ask_all, run_work
+from network.custody.asking import R, ask_all, run_work
 from network.custody.telling import describe_position, rebuild_sentences, scrub_sentences, status_sentences
 from node.config import NodeConfig, load_genesis
+from node.custody.chain.custody_answers import CustodyStatus, RebuildAnswer, ScrubAnswer
 
 _PLACES = {
     "status": CommandPlace(
@@ -87,7 +89,7 @@ def status(node: str | None, folder: Path | None, as_json: bool) -> None:
             {"name": config.name, "error": answer.code} if isinstance(answer, BlockRobotError) else answer
             for config, answer in zip(configs, answers, strict=True)
         ]
-        print_json({"ok": not sentences, "custodians": rows, "problems": sentences})
+        print_json({"ok": not sentences, "custodians": msgspec.to_builtins(rows), "problems": sentences})
     else:
         _print_status(configs, answers)
         for sentence in sentences:
@@ -96,7 +98,7 @@ def status(node: str | None, folder: Path | None, as_json: bool) -> None:
         sys.exit(EXIT_FAILED)
 
 
-def _print_status(configs: list[NodeConfig], answers: list[dict[str, Any] | BlockRobotError]) -> None:
+def _print_status(configs: list[NodeConfig], answers: list[CustodyStatus | BlockRobotError]) -> None:
     table = Table(title="Custodians", title_justify="left", pad_edge=False, collapse_padding=True)
     for column in ("node", "position"):
         table.add_column(column, no_wrap=True)
@@ -106,16 +108,16 @@ def _print_status(configs: list[NodeConfig], answers: list[dict[str, Any] | Bloc
         if isinstance(answer, BlockRobotError):
             table.add_row(config.name, "silent" if answer.code == "NODE_UNREACHABLE" else answer.code, *"--------")
             continue
-        counts = [answer[f"clips_{kind}"] for kind in ("held", "staged", "missing", "erased")]
-        overdue = len(answer["waiting_for"].get(answer["member"], {}).get("overdue", []))
-        size = "-" if answer["store_bytes"] is None else f"{answer['store_bytes'] / 1e6:.1f} MB"
-        cells = [*counts, answer["owed"], overdue, answer["slots_used"], size]
+        counts = [answer.clips_held, answer.clips_staged, answer.clips_missing, answer.clips_erased]
+        own = answer.waiting_for.get(answer.member)
+        size = "-" if answer.store_bytes is None else f"{answer.store_bytes / 1e6:.1f} MB"
+        cells = [*counts, answer.owed, 0 if own is None else len(own.overdue), answer.slots_used, size]
         table.add_row(config.name, describe_position(answer), *(str(cell) for cell in cells))
     console.print(table)
     _print_uploads(configs, answers)
 
 
-def _print_uploads(configs: list[NodeConfig], answers: list[dict[str, Any] | BlockRobotError]) -> None:
+def _print_uploads(configs: list[NodeConfig], answers: list[CustodyStatus | BlockRobotError]) -> None:
     table = Table(title="Uploads", title_justify="left", pad_edge=False, collapse_padding=True)
     for column in ("node", "organisation", "robot"):
         table.add_column(column, no_wrap=True)
@@ -125,16 +127,17 @@ def _print_uploads(configs: list[NodeConfig], answers: list[dict[str, Any] | Blo
     for config, answer in zip(configs, answers, strict=True):
         if isinstance(answer, BlockRobotError):
             continue
-        for row in answer["uploads"]:
+        for row in answer.uploads:
+            held_bytes = 0 if row.held_bytes is msgspec.UNSET else row.held_bytes
             sizes = [
-                f"{row[name] / 1e6:.1f} MB" for name in ("staged_bytes", "held_bytes", "today_bytes", "bytes_a_day")
+                f"{size / 1e6:.1f} MB" for size in (row.staged_bytes, held_bytes, row.today_bytes, row.bytes_a_day)
             ]
-            robot = f"{row['robot'][:12]}..." if row["robot"] else "(fetched)"
-            table.add_row(config.name, escape(row["organisation"]), robot, *sizes, str(row["refused"]))
-        if answer["disk_free_bytes"] is not None:
-            days = answer["days_until_reserve"]
-            lasts = "" if days is None else f", which last {days} days at {answer['bytes_a_day'] / 1e9:.2f} GB a day"
-            free, reserve = (answer[f"disk_{what}_bytes"] / 1e9 for what in ("free", "reserve"))
+            robot = f"{row.robot[:12]}..." if row.robot else "(fetched)"
+            table.add_row(config.name, escape(row.organisation), robot, *sizes, str(row.refused))
+        if answer.disk_free_bytes is not None:
+            days = answer.days_until_reserve
+            lasts = "" if days is None else f", which last {days} days at {answer.bytes_a_day / 1e9:.2f} GB a day"
+            free, reserve = ((size or 0) / 1e9 for size in (answer.disk_free_bytes, answer.disk_reserve_bytes))
             told.append(f"{config.name}: {free:.1f} GB are free, {reserve:.1f} GB of them are kept back{lasts}.")
     if table.row_count:
         console.print(table)
@@ -142,7 +145,7 @@ def _print_uploads(configs: list[NodeConfig], answers: list[dict[str, Any] | Blo
         console.print(escape(line))
 
 
-def _run(configs: list[NodeConfig], work: str, *, as_json: bool) -> list[dict[str, Any]]:
+def _run(configs: list[NodeConfig], kind: type[R], work: str, *, as_json: bool) -> list[tuple[str, R]]:
     reports = []
     with status_line("Asking ...", as_json=as_json) as show:
 
@@ -151,7 +154,7 @@ def _run(configs: list[NodeConfig], work: str, *, as_json: bool) -> list[dict[st
 
         for config in configs:
             tell(config.name, work, 0, 0)
-            reports.append(asyncio.run(run_work(config, work, tell)))
+            reports.append((config.name, asyncio.run(run_work(config, kind, tell))))
     return reports
 
 
@@ -168,7 +171,7 @@ def scrub(node: str | None, folder: Path | None, as_json: bool) -> None:
 
     Example: blockrobot custody scrub node-1
     """
-    reports = _run(_custodians(node, folder), "scrub", as_json=as_json)
+    reports = _run(_custodians(node, folder), ScrubAnswer, "scrub", as_json=as_json)
     _finish(reports, scrub_sentences, as_json=as_json)
 
 
@@ -185,17 +188,18 @@ def rebuild(node: str, folder: Path | None, as_json: bool) -> None:
 
     Example: blockrobot custody rebuild node-2
     """
-    reports = _run(_custodians(node, folder), "rebuild", as_json=as_json)
+    reports = _run(_custodians(node, folder), RebuildAnswer, "rebuild", as_json=as_json)
     _finish(reports, rebuild_sentences, as_json=as_json)
 
 
-def _finish(reports: list[dict[str, Any]], sentences: Any, *, as_json: bool) -> None:
-    is_well = all(report["ok"] for report in reports)
+def _finish(reports: list[tuple[str, R]], sentences: Callable[[str, R], list[str]], *, as_json: bool) -> None:
+    is_well = all(report.ok for _, report in reports)
     if as_json:
-        print_json({"ok": is_well, "custodians": reports})
+        rows = [{"node": name, **msgspec.to_builtins(report)} for name, report in reports]
+        print_json({"ok": is_well, "custodians": rows})
     else:
-        for report in reports:
-            for sentence in sentences(report):
+        for name, report in reports:
+            for sentence in sentences(name, report):
                 console.print(escape(sentence))
     if not is_well:
         sys.exit(EXIT_FAILED)

@@ -11,7 +11,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import structlog
 
@@ -27,6 +26,7 @@ from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from consensus.upload_quotas import read_quotas
 from node.api.services import TransactionPool
 from node.budgets.disk_reserve import DiskReserve
+from node.custody.chain.custody_answers import UploadReport
 from node.custody.chain.peer_custodians import PeerLink, PeerRequests
 from node.custody.chain.upload_admission import CATCH_UP_MAX_MS, HoldRoom, UploadAdmission
 from node.custody.chain.upload_report import describe_uploads
@@ -179,7 +179,7 @@ class Custody:
 
     async def describe_uploads(
         self, account: UploadAccount, timestamp_ms: int, reserve: DiskReserve | None, *, counts_held: bool
-    ) -> dict[str, Any]:
+    ) -> UploadReport:
         with self._ledger.snapshot() as snapshot:
             quotas = read_quotas(snapshot.get)
         refused = self.admission.refused

@@ -1,19 +1,29 @@
-"""An operator's view of a custodian; JSON-ready, ids hex, never opens clips."""
+"""An operator's view of a custodian; never opens clips."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
+import msgspec
 import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
+from node.custody.chain.custody_answers import (
+    CustodyStatus,
+    FrameName,
+    MissingReceipts,
+    OverdueErasure,
+    PartName,
+    RebuildAnswer,
+    ScrubAnswer,
+    UploadReport,
+)
 from node.custody.chain.peer_custodians import PeerCustodian
 from node.custody.chain.upload_report import render_uploads
-from node.custody.chain_facts import ChainFacts
+from node.custody.chain_facts import ChainFacts, ErasureFacts
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.repair.rebuild import Rebuild, RebuildReport
@@ -42,7 +52,7 @@ class CustodyAdmin:
         clock: Callable[[], int],
         find_peers: Callable[[], Sequence[PeerCustodian]],
         is_serving: Callable[[], bool],
-        describe_uploads: Callable[..., Awaitable[dict[str, Any]]],
+        describe_uploads: Callable[..., Awaitable[UploadReport]],
     ) -> None:
         """`describe_uploads` reports uploads at a block's time (ms)."""
         self._describe_uploads = describe_uploads
@@ -64,35 +74,36 @@ class CustodyAdmin:
             assert position is not None, "a node's ledger begins with the genesis block"
             yield ChainFacts(snapshot, Checkpoint(position.height, position.block_id, position.timestamp_ms))
 
-    async def status(self) -> dict[str, Any]:
+    async def status(self) -> CustodyStatus:
         """Return height, holdings and pending receipts by custodian. Raises STORE_UNAVAILABLE."""
         point, counts = await self._custodian.checkpoint(), await self._store.counts()
         height, waiting = await asyncio.to_thread(self._look_at_erasures)
         followed = -1 if point is None else point.height
         held = await asyncio.to_thread(lambda: len(self._keys.held))
-        return {
-            "name": self._name,
-            "member": self._member.hex(),
-            "checkpoint_height": None if point is None else followed,
-            "finalized_height": height,
-            "behind_blocks": max(0, height - followed),
-            "serving": self._is_serving(),
-            "busy": self._one_at_a_time.locked(),
-            "clips_held": counts.confirmed,
-            "clips_staged": counts.staged,
-            "clips_missing": counts.missing,
-            "clips_erased": counts.erased,
-            "frames": counts.frames,
-            "shares": counts.shares,
-            "key_parts": counts.parts,
-            "owed": counts.owed,
-            "erasures_under_way": counts.owed_erasures,
-            "slots_used": held,
-            "slots_total": self._keys.capacity_count,
-            "store_bytes": counts.size_bytes,
-            "waiting_for": waiting,
-            **await self._describe_uploads(0 if point is None else point.timestamp_ms, counts_held=True),
-        }
+        uploads = await self._describe_uploads(0 if point is None else point.timestamp_ms, counts_held=True)
+        return CustodyStatus(
+            name=self._name,
+            member=self._member.hex(),
+            checkpoint_height=None if point is None else followed,
+            finalized_height=height,
+            behind_blocks=max(0, height - followed),
+            serving=self._is_serving(),
+            busy=self._one_at_a_time.locked(),
+            clips_held=counts.confirmed,
+            clips_staged=counts.staged,
+            clips_missing=counts.missing,
+            clips_erased=counts.erased,
+            frames=counts.frames,
+            shares=counts.shares,
+            key_parts=counts.parts,
+            owed=counts.owed,
+            erasures_under_way=counts.owed_erasures,
+            slots_used=held,
+            slots_total=self._keys.capacity_count,
+            store_bytes=counts.size_bytes,
+            waiting_for=waiting,
+            **msgspec.structs.asdict(uploads),
+        )
 
     async def metrics(self) -> bytes:
         try:
@@ -103,31 +114,38 @@ class CustodyAdmin:
             log.warning("upload_metrics_left_out", code=error.code)
             return b""
 
-    def _look_at_erasures(self) -> tuple[int, dict[str, dict[str, Any]]]:
+    def _look_at_erasures(self) -> tuple[int, dict[str, MissingReceipts]]:
         with self.open_facts() as facts:
             return facts.point.height, self._waiting(facts)
 
-    def _waiting(self, facts: ChainFacts) -> dict[str, dict[str, Any]]:
-        waiting: dict[str, dict[str, Any]] = {}
+    def _waiting(self, facts: ChainFacts) -> dict[str, MissingReceipts]:
+        ages_ms: dict[str, list[tuple[ErasureFacts, int]]] = {}
         now_ms = self._clock()
         for erasure in facts.open_erasures():
             for custodian in sorted(set(erasure.custodians) - erasure.receipts):
-                entry = waiting.setdefault(custodian.hex(), {"receipts": 0, "overdue": []})
-                entry["receipts"] += 1
-                age_ms = now_ms - erasure.asked_at_ms
-                if age_ms > ERASURE_OVERDUE_AFTER_MS:
-                    told = {"erasure_id": erasure.erasure_id.hex(), "age_s": age_ms // 1000}
-                    entry["overdue"].append(told | {"records": len(erasure.records)})
-        return waiting
+                ages_ms.setdefault(custodian.hex(), []).append((erasure, now_ms - erasure.asked_at_ms))
+        return {
+            custodian: MissingReceipts(
+                receipts=len(missing),
+                overdue=[
+                    OverdueErasure(
+                        erasure_id=erasure.erasure_id.hex(), age_s=age_ms // 1000, records=len(erasure.records)
+                    )
+                    for erasure, age_ms in missing
+                    if age_ms > ERASURE_OVERDUE_AFTER_MS
+                ],
+            )
+            for custodian, missing in ages_ms.items()
+        }
 
-    async def scrub(self, tell: Tell = tell_nobody) -> dict[str, Any]:
+    async def scrub(self, tell: Tell = tell_nobody) -> ScrubAnswer:
         """Compare chain and store both ways. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         async with self._one_at_a_time:
             report = await scrub(self._custodian, self._store, self._keys, self.open_facts, tell)
         log.info("custody_scrubbed", clean=report.is_clean, nothing_erased_is_left=report.nothing_erased_is_left)
         return describe_scrub(report)
 
-    async def rebuild(self, tell: Tell = tell_nobody) -> dict[str, Any]:
+    async def rebuild(self, tell: Tell = tell_nobody) -> RebuildAnswer:
         """Rebuild the index and fetch what is missing. Raises as `scrub`."""
 
         async def pause() -> None:
@@ -144,50 +162,49 @@ def _ids(record_ids: Sequence[bytes]) -> list[str]:
     return [record_id.hex() for record_id in record_ids[:_LISTED_MAX_COUNT]]
 
 
-def _frames(frames: Sequence[tuple[bytes, int]]) -> list[dict[str, Any]]:
-    return [{"record": record_id.hex(), "frame": index} for record_id, index in frames[:_LISTED_MAX_COUNT]]
+def _frames(frames: Sequence[tuple[bytes, int]]) -> list[FrameName]:
+    return [FrameName(record=record_id.hex(), frame=index) for record_id, index in frames[:_LISTED_MAX_COUNT]]
 
 
-def describe_scrub(report: ScrubReport) -> dict[str, Any]:
-    """Return a JSON-ready scrub report; lists end after a thousand."""
-    return {
-        "ok": report.is_clean,
-        "nothing_erased_is_left": report.nothing_erased_is_left,
-        "height": report.height,
-        "records_count": report.records_count,
-        "clips_compared_count": report.compared_count,
-        "frames_compared_count": report.frames_count,
-        "missing": _ids(report.missing),
-        "held_though_erased": _ids(report.held_though_erased),
-        "frames_held_though_erased": _frames(report.frames_held_though_erased),
-        "unknown_to_chain": _ids(report.unknown_to_chain),
-        "other_facts": _ids(report.other_facts),
-        "corrupted": _frames(report.corrupted),
-        "unclaimed_frames": _ids(report.unclaimed_frames),
-        "parts_held_though_ended": [
-            {"grant": grant_id.hex(), "record": record_id.hex()}
+def describe_scrub(report: ScrubReport) -> ScrubAnswer:
+    return ScrubAnswer(
+        ok=report.is_clean,
+        nothing_erased_is_left=report.nothing_erased_is_left,
+        height=report.height,
+        records_count=report.records_count,
+        clips_compared_count=report.compared_count,
+        frames_compared_count=report.frames_count,
+        missing=_ids(report.missing),
+        held_though_erased=_ids(report.held_though_erased),
+        frames_held_though_erased=_frames(report.frames_held_though_erased),
+        unknown_to_chain=_ids(report.unknown_to_chain),
+        other_facts=_ids(report.other_facts),
+        corrupted=_frames(report.corrupted),
+        unclaimed_frames=_ids(report.unclaimed_frames),
+        parts_held_though_ended=[
+            PartName(grant=grant_id.hex(), record=record_id.hex())
             for grant_id, record_id in report.parts_held_though_ended[:_LISTED_MAX_COUNT]
         ],
-        "empty_frames_held_though_withdrawn": _ids(report.empty_frames_held_though_withdrawn),
-        "unclaimed_keys": report.unclaimed_keys[:_LISTED_MAX_COUNT],
-        "dirty_slots_count": report.dirty_slots_count,
-        "log_bytes": report.leftovers.log_bytes,
-        "dirty_bytes": report.leftovers.dirty_bytes,
-    }
+        empty_frames_held_though_withdrawn=_ids(report.empty_frames_held_though_withdrawn),
+        unclaimed_keys=report.unclaimed_keys[:_LISTED_MAX_COUNT],
+        dirty_slots_count=report.dirty_slots_count,
+        log_bytes=report.leftovers.log_bytes,
+        dirty_bytes=report.leftovers.dirty_bytes,
+    )
 
 
-def describe_rebuild(report: RebuildReport) -> dict[str, Any]:
-    return {
-        "ok": report.is_whole,
-        "height": report.height,
-        "clips_count": report.clips_count,
-        "erased_again": _ids(report.erased_again),
-        "corrected": _ids(report.corrected),
-        "forgotten": _ids(report.forgotten),
-        "unknown_to_chain": _ids(report.unknown_to_chain),
-        "keys_destroyed_count": report.keys_destroyed_count,
-        "fetched_count": report.fetched_count,
-        "mended": _ids(report.mended),
-        "still_damaged": _ids(report.still_damaged),
-        "still_missing_count": report.still_missing_count,
-    }
+def describe_rebuild(report: RebuildReport) -> RebuildAnswer:
+    return RebuildAnswer(
+        ok=report.is_whole,
+        height=report.height,
+        clips_count=report.clips_count,
+        erased_again=_ids(report.erased_again),
+        corrected=_ids(report.corrected),
+        forgotten=_ids(report.forgotten),
+        unknown_to_chain=_ids(report.unknown_to_chain),
+        keys_destroyed_count=report.keys_destroyed_count,
+        fetched_count=report.fetched_count,
+        mended=_ids(report.mended),
+        still_damaged=_ids(report.still_damaged),
+        still_missing_count=report.still_missing_count,
+    )

@@ -6,22 +6,23 @@ Long tasks stream JSON lines: `{"progress": ...}`, then `{"report": ...}` or `{"
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import Any
 
+import msgspec
 import structlog
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.custody.chain.custody_admin import CustodyAdmin
+from node.custody.chain.custody_answers import CustodyAnswer, CustodyProblem, Progress, WorkLine
 from node.custody.repair.scrub import Tell
 
 TELL_EVERY_S = 0.2
 HEARTBEAT_S = 10.0
-_ROUTE_WORK: dict[str, Callable[[CustodyAdmin], Callable[[Tell], Awaitable[dict[str, Any]]]]] = {
+Work = Callable[[Tell], Awaitable[CustodyAnswer]]
+_ROUTE_WORK: dict[str, Callable[[CustodyAdmin], Work]] = {
     "/custody/scrub": lambda upkeep: upkeep.scrub,
     "/custody/rebuild": lambda upkeep: upkeep.rebuild,
 }
@@ -29,8 +30,12 @@ _ROUTE_WORK: dict[str, Callable[[CustodyAdmin], Callable[[Tell], Awaitable[dict[
 log = structlog.get_logger(__name__)
 
 
-def problem_of(error: BlockRobotError) -> dict[str, str]:
-    return {"code": error.code, "detail": error.detail, "next_step": error.next_step}
+def _problem_of(error: BlockRobotError) -> CustodyProblem:
+    return CustodyProblem(code=error.code, detail=error.detail, next_step=error.next_step)
+
+
+def _answer(document: CustodyAnswer, status: int = 200) -> web.Response:
+    return web.Response(body=msgspec.json.encode(document), status=status, content_type="application/json")
 
 
 def add_custody_routes(
@@ -46,15 +51,15 @@ def add_custody_routes(
 
     async def status(request: web.Request) -> web.StreamResponse:
         try:
-            return web.json_response(await permitted(request).status())
+            return _answer(await permitted(request).status())
         except BlockRobotError as error:
-            return web.json_response(problem_of(error), status=error.entry.status)
+            return _answer(_problem_of(error), error.entry.status)
 
     async def work(request: web.Request) -> web.StreamResponse:
         try:
             run = _ROUTE_WORK[request.path](permitted(request))
         except BlockRobotError as error:
-            return web.json_response(problem_of(error), status=error.entry.status)
+            return _answer(_problem_of(error), error.entry.status)
         return await _stream(request, run)
 
     application.router.add_get("/custody", status)
@@ -62,14 +67,14 @@ def add_custody_routes(
         application.router.add_post(path, work)
 
 
-async def _stream(request: web.Request, run: Callable[[Tell], Awaitable[dict[str, Any]]]) -> web.StreamResponse:
+async def _stream(request: web.Request, run: Work) -> web.StreamResponse:
     newest: list[tuple[str, int, int]] = []
     told, told_at_s = ("working", 0, 0), time.monotonic()
     response = web.StreamResponse(headers={"Content-Type": "application/x-ndjson"})
     await response.prepare(request)
 
-    async def say(line: dict[str, Any]) -> None:
-        await response.write(json.dumps(line).encode() + b"\n")
+    async def say(line: WorkLine) -> None:
+        await response.write(msgspec.json.encode(line) + b"\n")
 
     task = asyncio.ensure_future(run(lambda *progress: newest.append(progress)))
     try:
@@ -80,14 +85,14 @@ async def _stream(request: web.Request, run: Callable[[Tell], Awaitable[dict[str
                 told, told_at_s = newest[-1] if newest else told, time.monotonic()
                 newest.clear()
                 what, done, total = told
-                await say({"progress": {"what": what, "done": done, "total": total}})
+                await say(WorkLine(progress=Progress(what=what, done=done, total=total)))
         try:
-            await say({"report": task.result()})
+            await say(WorkLine(report=msgspec.Raw(msgspec.json.encode(task.result()))))
         except BlockRobotError as error:
-            await say({"error": problem_of(error)})
+            await say(WorkLine(error=_problem_of(error)))
         except Exception:
             log.exception("custody_upkeep_fault", path=request.path)
-            await say({"error": problem_of(BlockRobotError("INTERNAL"))})
+            await say(WorkLine(error=_problem_of(BlockRobotError("INTERNAL"))))
     finally:
         task.cancel()
         with suppress(asyncio.CancelledError, BlockRobotError):

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import msgspec
 import structlog
+from msgspec import UNSET
 from prometheus_client import CollectorRegistry, Gauge, generate_latest
 
 from consensus.errors import BlockRobotError
 from consensus.upload_quotas import MIB_BYTES, UploadQuotas
 from node.budgets.disk_reserve import DiskReserve
+from node.custody.chain.custody_answers import RobotUploads, UploadReport
 from node.custody.uploads import USAGE_KEPT_DAYS, DayUse, UploadAccount, Use, find_day
 
 log = structlog.get_logger(__name__)
@@ -92,8 +93,8 @@ async def describe_uploads(
     reserve: DiskReserve | None,
     *,
     counts_held: bool,
-) -> dict[str, Any]:
-    """Return JSON-ready uploads by organisation and robot, quotas and room.
+) -> UploadReport:
+    """Return uploads by organisation and robot, quotas and room.
 
     Confirmed clips appear only if `counts_held`: that sums over all holdings.
     """
@@ -105,33 +106,34 @@ async def describe_uploads(
         own = [use for use in days if use.robot == robot]
         waiting, kept = staged.get(robot, Use()), held.get(robot, Use())
         rows.append(
-            {
-                "organisation": organisation_of(robot) if robot else "",
-                "robot": robot.hex(),
-                "staged_clips": waiting.count,
-                "staged_bytes": waiting.size_bytes,
-                **({"held_clips": kept.count, "held_bytes": kept.size_bytes} if counts_held else {}),
-                "today_bytes": sum(use.size_bytes for use in own if use.day == today),
-                "bytes_a_day": _trend(own, today),
-                "refused": refused.counts[robot],
-                "refused_lately": refused.lately(robot),
-            }
+            RobotUploads(
+                organisation=organisation_of(robot) if robot else "",
+                robot=robot.hex(),
+                staged_clips=waiting.count,
+                staged_bytes=waiting.size_bytes,
+                held_clips=kept.count if counts_held else UNSET,
+                held_bytes=kept.size_bytes if counts_held else UNSET,
+                today_bytes=sum(use.size_bytes for use in own if use.day == today),
+                bytes_a_day=_trend(own, today),
+                refused=refused.counts[robot],
+                refused_lately=refused.lately(robot),
+            )
         )
-    rows.sort(key=lambda row: (row["organisation"], row["robot"]))
+    rows.sort(key=lambda row: (row.organisation, row.robot))
     a_day = _trend(days, today)
     left_bytes = None if reserve is None else reserve.free_bytes - reserve.reserve_bytes
-    return {
-        "uploads": rows,
-        "quotas": msgspec.structs.asdict(quotas),
-        "bytes_a_day": a_day,
-        "disk_free_bytes": None if reserve is None else reserve.free_bytes,
-        "disk_reserve_bytes": None if reserve is None else reserve.reserve_bytes,
-        "uploads_paused": reserve is not None and reserve.is_reached,
-        "days_until_reserve": None if left_bytes is None or not a_day else max(0, round(left_bytes / a_day, 1)),
-    }
+    return UploadReport(
+        uploads=rows,
+        quotas=msgspec.structs.asdict(quotas),
+        bytes_a_day=a_day,
+        disk_free_bytes=None if reserve is None else reserve.free_bytes,
+        disk_reserve_bytes=None if reserve is None else reserve.reserve_bytes,
+        uploads_paused=reserve is not None and reserve.is_reached,
+        days_until_reserve=None if left_bytes is None or not a_day else max(0, round(left_bytes / a_day, 1)),
+    )
 
 
-def render_uploads(report: Mapping[str, Any]) -> bytes:
+def render_uploads(report: UploadReport) -> bytes:
     registry, labels = CollectorRegistry(), ("robot", "organisation")
     told = {
         "staged_bytes": "Bytes of a robot's clips that are not recorded yet.",
@@ -140,24 +142,24 @@ def render_uploads(report: Mapping[str, Any]) -> bytes:
         "refused": "Uploads that were refused to a robot since the custodian's start.",
     }
     gauges = {name: Gauge(f"blockrobot_uploads_{name}", text, labels, registry=registry) for name, text in told.items()}
-    rows = [row for row in report["uploads"] if row["robot"]]
-    rows.sort(key=lambda row: (-row["today_bytes"] - row["staged_bytes"], -row["refused"], row["robot"]))
+    rows = [row for row in report.uploads if row.robot]
+    rows.sort(key=lambda row: (-row.today_bytes - row.staged_bytes, -row.refused, row.robot))
     for place, row in enumerate(rows):
         is_named = place < ROBOTS_IN_METRICS_MAX_COUNT
-        named = (row["robot"], row["organisation"]) if is_named else (OTHER_ROBOTS, "")
+        named = (row.robot, row.organisation) if is_named else (OTHER_ROBOTS, "")
         for name, gauge in gauges.items():
-            gauge.labels(*named).inc(row[name])
+            gauge.labels(*named).inc(getattr(row, name))
     bytes_of = Gauge(
         "blockrobot_upload_quota_bytes", "What may be uploaded, by setting.", ("quota",), registry=registry
     )
     count_of = Gauge("blockrobot_upload_quota_clips", "How many clips, by setting.", ("quota",), registry=registry)
-    for name, value in report["quotas"].items():
+    for name, value in report.quotas.items():
         if name.endswith("_mib"):
             bytes_of.labels(name).set(value * MIB_BYTES)
         else:
             count_of.labels(name).set(value)
-    if report["disk_free_bytes"] is not None:
+    if report.disk_free_bytes is not None and report.disk_reserve_bytes is not None:
         free, kept = (f"blockrobot_custody_disk_{what}_bytes" for what in ("free", "reserve"))
-        Gauge(free, "Free space of the custodian's disk.", registry=registry).set(report["disk_free_bytes"])
-        Gauge(kept, "What of it is kept back.", registry=registry).set(report["disk_reserve_bytes"])
+        Gauge(free, "Free space of the custodian's disk.", registry=registry).set(report.disk_free_bytes)
+        Gauge(kept, "What of it is kept back.", registry=registry).set(report.disk_reserve_bytes)
     return generate_latest(registry)

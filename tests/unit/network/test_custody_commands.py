@@ -14,6 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.upload_quotas import UploadQuotas
 from network.cli.main import main
 from network.provisioning.network_layout import create_network
+from node.custody.chain.custody_answers import CustodyStatus, ScrubAnswer
 
 ERASURE = "ab" * 32
 
@@ -29,7 +30,7 @@ def _run(folder: Path, *arguments: str) -> Result:
     return CliRunner().invoke(main, ["custody", *arguments, "--dir", str(folder)])
 
 
-def _answer(name: str, **changes: Any) -> dict[str, Any]:
+def _answer(name: str, **changes: Any) -> CustodyStatus:
     answer = {
         "name": name,
         "member": name.encode().hex(),
@@ -43,6 +44,8 @@ def _answer(name: str, **changes: Any) -> dict[str, Any]:
         "clips_missing": 0,
         "clips_erased": 2,
         "frames": 30,
+        "shares": 0,
+        "key_parts": 0,
         "owed": 0,
         "erasures_under_way": 0,
         "slots_used": 30,
@@ -57,7 +60,7 @@ def _answer(name: str, **changes: Any) -> dict[str, Any]:
         "uploads_paused": False,
         "days_until_reserve": 99.8,
     }
-    return answer | changes
+    return msgspec.convert(answer | changes, CustodyStatus)
 
 
 def _uploads(**changes: Any) -> dict[str, Any]:
@@ -104,12 +107,12 @@ def says(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     async def ask_all(configs: list[Any]) -> list[Any]:
         return [said[config.name] for config in configs]
 
-    async def run_work(config: Any, work: str, tell: Any) -> dict[str, Any]:
+    async def run_work(config: Any, kind: type[Any], tell: Any) -> Any:
         tell(config.name, "records", 1, 2)
-        report = said[f"{work} {config.name}"]
+        report = said[f"{'scrub' if kind is ScrubAnswer else 'rebuild'} {config.name}"]
         if isinstance(report, BlockRobotError):
             raise report
-        return {"node": config.name, **report}
+        return msgspec.convert(report, kind)
 
     monkeypatch.setattr("network.cli.custody.custody_commands.ask_all", ask_all)
     monkeypatch.setattr("network.cli.custody.custody_commands.run_work", run_work)
@@ -128,7 +131,7 @@ def test_custodians_that_are_well_are_shown_in_a_table_and_exit_0(folder: Path, 
 
 def test_what_is_behind_missing_and_overdue_is_said_with_a_next_step(folder: Path, says: dict[str, Any]) -> None:
     overdue = {"receipts": 1, "overdue": [{"erasure_id": ERASURE, "age_s": 900, "records": 3}]}
-    late = _answer("node-2")["member"]
+    late = _answer("node-2").member
     says["node-1"] = _answer("node-1", waiting_for={late: overdue}, clips_missing=4)
     says["node-2"] = _answer("node-2", behind_blocks=120, waiting_for={late: overdue})
     result = _run(folder, "status")

@@ -6,18 +6,28 @@ from typing import Any
 
 from prometheus_client.parser import text_string_to_metric_families
 
+from node.custody.chain.custody_answers import RobotUploads, UploadReport
 from node.custody.chain.upload_report import OTHER_ROBOTS, ROBOTS_IN_METRICS_MAX_COUNT, render_uploads
 
 QUOTAS = {"robot_staged_max_mib": 512, "robot_staged_max_count": 4096, "robot_day_max_mib": 3}
 
 
-def row(number: int, **changes: Any) -> dict[str, Any]:
+def row(number: int, **changes: Any) -> RobotUploads:
     told = {"staged_clips": 1, "staged_bytes": 10, "today_bytes": 100 + number, "refused": 0}
-    return {"robot": f"{number:066x}", "organisation": "hospital", **told, **changes}
+    others = {"bytes_a_day": 0, "refused_lately": 0}
+    return RobotUploads(**{"robot": f"{number:066x}", "organisation": "hospital", **told, **others, **changes})
 
 
-def read(*rows: dict[str, Any], free: int | None = 5, reserve: int | None = 2) -> dict[tuple[str, str], float]:
-    report = {"uploads": list(rows), "quotas": QUOTAS, "disk_free_bytes": free, "disk_reserve_bytes": reserve}
+def read(*rows: RobotUploads, free: int | None = 5, reserve: int | None = 2) -> dict[tuple[str, str], float]:
+    report = UploadReport(
+        uploads=list(rows),
+        quotas=QUOTAS,
+        bytes_a_day=0,
+        disk_free_bytes=free,
+        disk_reserve_bytes=reserve,
+        uploads_paused=False,
+        days_until_reserve=None,
+    )
     families = text_string_to_metric_families(render_uploads(report).decode())
     samples = [sample for family in families for sample in family.samples]
     return {(s.name, s.labels.get("robot", s.labels.get("quota", ""))): s.value for s in samples}

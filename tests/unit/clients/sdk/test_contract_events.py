@@ -62,7 +62,8 @@ async def test_what_one_node_pruned_is_asked_of_the_others(two_nodes: TwoNodes) 
 
 
 def answer(*places: str, following: str) -> bytes:
-    items = ",".join(f'{{"place":"{place}","contract":"c","name":"n","data":"80","txid":"00"}}' for place in places)
+    event = f'"contract":"c","name":"n","data":"80","txid":"{"00" * 32}"'
+    items = ",".join(f'{{"place":"{place}",{event}}}' for place in places)
     return f'{{"head":9,"earliest_height":0,"next":"{following}","events":[{items}]}}'.encode()
 
 

@@ -1,0 +1,156 @@
+"""What a custodian tells its operator, as JSON; ids and keys in hexadecimal, lists of ids end after a thousand."""
+
+from __future__ import annotations
+
+import msgspec
+from msgspec import UNSET, UnsetType
+
+
+class CustodyAnswer(msgspec.Struct, frozen=True):
+    """Base of every JSON object; a reader passes over fields that it does not know."""
+
+
+class RobotUploads(CustodyAnswer, frozen=True):
+    """A robot's uploads (empty `robot`: fetched from custodians); what is held is absent if it was not counted."""
+
+    organisation: str
+    robot: str
+    staged_clips: int
+    staged_bytes: int
+    today_bytes: int
+    bytes_a_day: int
+    refused: int
+    refused_lately: int
+    held_clips: int | UnsetType = UNSET
+    held_bytes: int | UnsetType = UNSET
+
+
+class UploadReport(CustodyAnswer, frozen=True):
+    """Uploads by organisation and robot, quotas by setting, and room; null: no disk to look at, or no end in sight."""
+
+    uploads: list[RobotUploads]
+    quotas: dict[str, int]
+    bytes_a_day: int
+    disk_free_bytes: int | None
+    disk_reserve_bytes: int | None
+    uploads_paused: bool
+    days_until_reserve: float | None
+
+
+class OverdueErasure(CustodyAnswer, frozen=True):
+    """An erasure that a custodian should have confirmed long ago."""
+
+    erasure_id: str
+    age_s: int
+    records: int
+
+
+class MissingReceipts(CustodyAnswer, frozen=True):
+    """How many erasures a custodian has yet to confirm, and which of them are overdue."""
+
+    receipts: int
+    overdue: list[OverdueErasure]
+
+
+class CustodyStatus(UploadReport, frozen=True):
+    """Heights, holdings, and missing receipts by custodian's key."""
+
+    name: str
+    member: str
+    checkpoint_height: int | None
+    finalized_height: int
+    behind_blocks: int
+    serving: bool
+    busy: bool
+    clips_held: int
+    clips_staged: int
+    clips_missing: int
+    clips_erased: int
+    frames: int
+    shares: int
+    key_parts: int
+    owed: int
+    erasures_under_way: int
+    slots_used: int
+    slots_total: int
+    store_bytes: int | None
+    waiting_for: dict[str, MissingReceipts]
+
+
+class FrameName(CustodyAnswer, frozen=True):
+    """One frame of a record."""
+
+    record: str
+    frame: int
+
+
+class PartName(CustodyAnswer, frozen=True):
+    """A share's part of a record's key."""
+
+    grant: str
+    record: str
+
+
+class ScrubAnswer(CustodyAnswer, frozen=True):
+    """A scrub's findings (`ScrubReport`); null: the store's files cannot be looked into."""
+
+    ok: bool
+    nothing_erased_is_left: bool
+    height: int
+    records_count: int
+    clips_compared_count: int
+    frames_compared_count: int
+    missing: list[str]
+    held_though_erased: list[str]
+    frames_held_though_erased: list[FrameName]
+    unknown_to_chain: list[str]
+    other_facts: list[str]
+    corrupted: list[FrameName]
+    unclaimed_frames: list[str]
+    parts_held_though_ended: list[PartName]
+    empty_frames_held_though_withdrawn: list[str]
+    unclaimed_keys: list[int]
+    dirty_slots_count: int
+    log_bytes: int | None
+    dirty_bytes: int | None
+
+
+class RebuildAnswer(CustodyAnswer, frozen=True):
+    """A rebuild's changes (`RebuildReport`), and what is still missing."""
+
+    ok: bool
+    height: int
+    clips_count: int
+    erased_again: list[str]
+    corrected: list[str]
+    forgotten: list[str]
+    unknown_to_chain: list[str]
+    keys_destroyed_count: int
+    fetched_count: int
+    mended: list[str]
+    still_damaged: list[str]
+    still_missing_count: int
+
+
+class Progress(CustodyAnswer, frozen=True):
+    """What is looked at, how many are done, and of how many (0: not known)."""
+
+    what: str
+    done: int
+    total: int
+
+
+class CustodyProblem(CustodyAnswer, frozen=True):
+    """Why a request was refused, or work broke off."""
+
+    code: str
+    detail: str
+    next_step: str
+
+
+class WorkLine(CustodyAnswer, frozen=True, omit_defaults=True):
+    """A line of what a long task says: progress, then its report or why it broke off."""
+
+    progress: Progress | None = None
+    report: msgspec.Raw = msgspec.Raw()
+    error: CustodyProblem | None = None
