@@ -26,7 +26,14 @@ from rich.text import Text
 
 from clients.sdk.terminal import terminal
 from clients.sdk.terminal.safe_logging import escape_values
-from clients.sdk.terminal.safe_output import SafeConsole, SafeStream, escape, keep_own_tags, overwrite_line, safe_streams
+from clients.sdk.terminal.safe_output import (
+    SafeConsole,
+    SafeStream,
+    escape,
+    keep_own_tags,
+    overwrite_line,
+    safe_streams,
+)
 from consensus.errors import BlockRobotError
 from consensus.visible_text import escape_controls, is_control
 from network.cli.root_group import RootGroup
