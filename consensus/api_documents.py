@@ -44,8 +44,15 @@ D = TypeVar("D", bound=Document)
 def describe(kind: type[D], row: object, **others: object) -> D:
     """Return the document with a row's fields of the same names, bytes as hexadecimal, and `others`."""
     build: Callable[..., D] = kind
-    shared = {name: getattr(row, name) for name in kind.__struct_fields__ if name not in others}
-    return build(**{name: each.hex() if isinstance(each, bytes) else each for name, each in shared.items()}, **others)
+    return build(
+        **{name: _shown(getattr(row, name)) for name in kind.__struct_fields__ if name not in others}, **others
+    )
+
+
+def _shown(value: object) -> object:
+    if isinstance(value, list):
+        return [_shown(each) for each in value]
+    return value.hex() if isinstance(value, bytes) else value
 
 
 class Problem(Document, frozen=True):

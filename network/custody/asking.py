@@ -8,11 +8,11 @@ from typing import TypeVar
 
 import aiohttp
 
+from consensus.api_documents import Document
 from consensus.bounded_text import read_json_as
 from consensus.errors import CATALOGUE, BlockRobotError
 from node.config import OPERATOR_HOST, NodeConfig
 from node.custody.chain.custody_answers import (
-    CustodyAnswer,
     CustodyProblem,
     CustodyStatus,
     RebuildAnswer,
@@ -24,7 +24,7 @@ from node.faults import TOKEN_FILE_NAME
 STATUS_TIMEOUT_S = 10.0
 LINE_TIMEOUT_S = 120.0
 _LINE_MAX_BYTES = 16 * 1024 * 1024
-_WORK_PATHS: dict[type[CustodyAnswer], str] = {ScrubAnswer: "/custody/scrub", RebuildAnswer: "/custody/rebuild"}
+_WORK_PATHS: dict[type[Document], str] = {ScrubAnswer: "/custody/scrub", RebuildAnswer: "/custody/rebuild"}
 R = TypeVar("R", ScrubAnswer, RebuildAnswer)
 
 Tell = Callable[[str, str, int, int], None]

@@ -25,7 +25,7 @@ async def test_a_store_that_agrees_with_the_chain_is_clean(desk: Desk) -> None:
     await desk.hold(*clips)
     report = await desk.scrub()
     assert report.is_clean
-    assert (report.records_count, report.compared_count, report.frames_count) == (3, 3, 9)
+    assert (report.records_count, report.clips_compared_count, report.frames_compared_count) == (3, 3, 9)
 
 
 async def test_after_an_erasure_and_an_expiry_nothing_is_left_and_the_scrub_says_so(desk: Desk) -> None:
@@ -39,7 +39,7 @@ async def test_after_an_erasure_and_an_expiry_nothing_is_left_and_the_scrub_says
     await desk.house.follow(at_ms=EXPIRES_MS)
     report = await desk.scrub()
     assert report.is_clean
-    assert report.compared_count == 0
+    assert report.clips_compared_count == 0
     assert desk.house.keys.held_count == 0
 
 

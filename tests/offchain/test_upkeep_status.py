@@ -8,8 +8,9 @@ from typing import Any
 
 import msgspec
 
-from node.custody.chain.custody_admin import CustodyAdmin
-from node.custody.chain.custody_answers import UploadReport
+from node.custody.chain.custody_admin import CustodyAdmin, describe_scrub
+from node.custody.chain.custody_answers import FrameName, PartName, UploadReport
+from node.custody.repair.scrub import ScrubReport
 from node.custody.stores.custody_store import Checkpoint
 from tests.offchain.house import ERASURE_ID, House
 from tests.offchain.small_chain import CUSTODIAN, OTHER_CUSTODIAN, START_MS, record_clip
@@ -74,3 +75,14 @@ async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing
     assert (await make_upkeep(opened, state, note).status()).waiting_for == {}
     assert prefixes == [b"erasure\x00erasure/"]
     assert threading.get_ident() not in threads
+
+
+def test_what_a_scrub_found_is_told_by_name_and_no_list_is_longer_than_a_thousand() -> None:
+    many = [bytes([0, number // 256, number % 256]) for number in range(1_001)]
+    answer = describe_scrub(
+        ScrubReport(height=7, missing=many, corrupted=[(b"r", 3)], parts_held_though_ended=[(b"g", b"r")])
+    )
+    assert answer.missing == [each.hex() for each in many[:-1]]
+    assert answer.corrupted == [FrameName(record=b"r".hex(), frame=3)]
+    assert answer.parts_held_though_ended == [PartName(grant=b"g".hex(), record=b"r".hex())]
+    assert (answer.ok, answer.height, answer.log_bytes) == (False, 7, None)

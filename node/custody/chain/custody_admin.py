@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TypeVar
 
 import msgspec
 import structlog
 
+from consensus.api_documents import describe
 from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
 from node.custody.chain.custody_answers import (
@@ -33,6 +35,7 @@ from node.storage.ledger_store import LedgerStore
 
 FETCH_PAUSE_S = 1.0
 _LISTED_MAX_COUNT = 1_000
+A = TypeVar("A", ScrubAnswer, RebuildAnswer)
 
 log = structlog.get_logger(__name__)
 
@@ -158,53 +161,29 @@ class CustodyAdmin:
         return describe_rebuild(report)
 
 
-def _ids(record_ids: Sequence[bytes]) -> list[str]:
-    return [record_id.hex() for record_id in record_ids[:_LISTED_MAX_COUNT]]
-
-
 def _frames(frames: Sequence[tuple[bytes, int]]) -> list[FrameName]:
-    return [FrameName(record=record_id.hex(), frame=index) for record_id, index in frames[:_LISTED_MAX_COUNT]]
+    return [FrameName(record=record_id.hex(), frame=index) for record_id, index in frames]
 
 
 def describe_scrub(report: ScrubReport) -> ScrubAnswer:
-    return ScrubAnswer(
+    parts = report.parts_held_though_ended
+    answer = describe(
+        ScrubAnswer,
+        report,
         ok=report.is_clean,
-        nothing_erased_is_left=report.nothing_erased_is_left,
-        height=report.height,
-        records_count=report.records_count,
-        clips_compared_count=report.compared_count,
-        frames_compared_count=report.frames_count,
-        missing=_ids(report.missing),
-        held_though_erased=_ids(report.held_though_erased),
         frames_held_though_erased=_frames(report.frames_held_though_erased),
-        unknown_to_chain=_ids(report.unknown_to_chain),
-        other_facts=_ids(report.other_facts),
         corrupted=_frames(report.corrupted),
-        unclaimed_frames=_ids(report.unclaimed_frames),
-        parts_held_though_ended=[
-            PartName(grant=grant_id.hex(), record=record_id.hex())
-            for grant_id, record_id in report.parts_held_though_ended[:_LISTED_MAX_COUNT]
-        ],
-        empty_frames_held_though_withdrawn=_ids(report.empty_frames_held_though_withdrawn),
-        unclaimed_keys=report.unclaimed_keys[:_LISTED_MAX_COUNT],
-        dirty_slots_count=report.dirty_slots_count,
+        parts_held_though_ended=[PartName(grant=grant.hex(), record=record.hex()) for grant, record in parts],
         log_bytes=report.leftovers.log_bytes,
         dirty_bytes=report.leftovers.dirty_bytes,
     )
+    return _shorten(answer)
 
 
 def describe_rebuild(report: RebuildReport) -> RebuildAnswer:
-    return RebuildAnswer(
-        ok=report.is_whole,
-        height=report.height,
-        clips_count=report.clips_count,
-        erased_again=_ids(report.erased_again),
-        corrected=_ids(report.corrected),
-        forgotten=_ids(report.forgotten),
-        unknown_to_chain=_ids(report.unknown_to_chain),
-        keys_destroyed_count=report.keys_destroyed_count,
-        fetched_count=report.fetched_count,
-        mended=_ids(report.mended),
-        still_damaged=_ids(report.still_damaged),
-        still_missing_count=report.still_missing_count,
-    )
+    return _shorten(describe(RebuildAnswer, report, ok=report.is_whole))
+
+
+def _shorten(answer: A) -> A:
+    lists = {name: found for name in answer.__struct_fields__ if isinstance(found := getattr(answer, name), list)}
+    return msgspec.structs.replace(answer, **{name: found[:_LISTED_MAX_COUNT] for name, found in lists.items()})

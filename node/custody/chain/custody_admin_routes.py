@@ -14,14 +14,15 @@ import msgspec
 import structlog
 from aiohttp import web
 
+from consensus.api_documents import Document
 from consensus.errors import BlockRobotError
 from node.custody.chain.custody_admin import CustodyAdmin
-from node.custody.chain.custody_answers import CustodyAnswer, CustodyProblem, Progress, WorkLine
+from node.custody.chain.custody_answers import CustodyProblem, Progress, WorkLine
 from node.custody.repair.scrub import Tell
 
 TELL_EVERY_S = 0.2
 HEARTBEAT_S = 10.0
-Work = Callable[[Tell], Awaitable[CustodyAnswer]]
+Work = Callable[[Tell], Awaitable[Document]]
 _ROUTE_WORK: dict[str, Callable[[CustodyAdmin], Work]] = {
     "/custody/scrub": lambda upkeep: upkeep.scrub,
     "/custody/rebuild": lambda upkeep: upkeep.rebuild,
@@ -34,7 +35,7 @@ def _problem_of(error: BlockRobotError) -> CustodyProblem:
     return CustodyProblem(code=error.code, detail=error.detail, next_step=error.next_step)
 
 
-def _answer(document: CustodyAnswer, status: int = 200) -> web.Response:
+def _answer(document: Document, status: int = 200) -> web.Response:
     return web.Response(body=msgspec.json.encode(document), status=status, content_type="application/json")
 
 

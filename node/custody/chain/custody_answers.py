@@ -5,12 +5,10 @@ from __future__ import annotations
 import msgspec
 from msgspec import UNSET, UnsetType
 
-
-class CustodyAnswer(msgspec.Struct, frozen=True):
-    """Base of every JSON object; a reader passes over fields that it does not know."""
+from consensus.api_documents import Document
 
 
-class RobotUploads(CustodyAnswer, frozen=True):
+class RobotUploads(Document, frozen=True):
     """A robot's uploads (empty `robot`: fetched from custodians); what is held is absent if it was not counted."""
 
     organisation: str
@@ -25,7 +23,7 @@ class RobotUploads(CustodyAnswer, frozen=True):
     held_bytes: int | UnsetType = UNSET
 
 
-class UploadReport(CustodyAnswer, frozen=True):
+class UploadReport(Document, frozen=True):
     """Uploads by organisation and robot, quotas by setting, and room; null: no disk to look at, or no end in sight."""
 
     uploads: list[RobotUploads]
@@ -37,7 +35,7 @@ class UploadReport(CustodyAnswer, frozen=True):
     days_until_reserve: float | None
 
 
-class OverdueErasure(CustodyAnswer, frozen=True):
+class OverdueErasure(Document, frozen=True):
     """An erasure that a custodian should have confirmed long ago."""
 
     erasure_id: str
@@ -45,7 +43,7 @@ class OverdueErasure(CustodyAnswer, frozen=True):
     records: int
 
 
-class MissingReceipts(CustodyAnswer, frozen=True):
+class MissingReceipts(Document, frozen=True):
     """How many erasures a custodian has yet to confirm, and which of them are overdue."""
 
     receipts: int
@@ -77,21 +75,21 @@ class CustodyStatus(UploadReport, frozen=True):
     waiting_for: dict[str, MissingReceipts]
 
 
-class FrameName(CustodyAnswer, frozen=True):
+class FrameName(Document, frozen=True):
     """One frame of a record."""
 
     record: str
     frame: int
 
 
-class PartName(CustodyAnswer, frozen=True):
+class PartName(Document, frozen=True):
     """A share's part of a record's key."""
 
     grant: str
     record: str
 
 
-class ScrubAnswer(CustodyAnswer, frozen=True):
+class ScrubAnswer(Document, frozen=True):
     """A scrub's findings (`ScrubReport`); null: the store's files cannot be looked into."""
 
     ok: bool
@@ -115,7 +113,7 @@ class ScrubAnswer(CustodyAnswer, frozen=True):
     dirty_bytes: int | None
 
 
-class RebuildAnswer(CustodyAnswer, frozen=True):
+class RebuildAnswer(Document, frozen=True):
     """A rebuild's changes (`RebuildReport`), and what is still missing."""
 
     ok: bool
@@ -132,7 +130,7 @@ class RebuildAnswer(CustodyAnswer, frozen=True):
     still_missing_count: int
 
 
-class Progress(CustodyAnswer, frozen=True):
+class Progress(Document, frozen=True):
     """What is looked at, how many are done, and of how many (0: not known)."""
 
     what: str
@@ -140,7 +138,7 @@ class Progress(CustodyAnswer, frozen=True):
     total: int
 
 
-class CustodyProblem(CustodyAnswer, frozen=True):
+class CustodyProblem(Document, frozen=True):
     """Why a request was refused, or work broke off."""
 
     code: str
@@ -148,7 +146,7 @@ class CustodyProblem(CustodyAnswer, frozen=True):
     next_step: str
 
 
-class WorkLine(CustodyAnswer, frozen=True, omit_defaults=True):
+class WorkLine(Document, frozen=True, omit_defaults=True):
     """A line of what a long task says: progress, then its report or why it broke off."""
 
     progress: Progress | None = None

@@ -45,8 +45,8 @@ class ScrubReport:
 
     height: int = 0
     records_count: int = 0
-    compared_count: int = 0
-    frames_count: int = 0
+    clips_compared_count: int = 0
+    frames_compared_count: int = 0
     missing: list[bytes] = field(default_factory=list)
     held_though_erased: list[bytes] = field(default_factory=list)
     frames_held_though_erased: list[tuple[bytes, int]] = field(default_factory=list)
@@ -105,11 +105,11 @@ class Judge:
         return False
 
     async def _compare_frames(self, clip: ClipRow, record: RecordState, report: ScrubReport) -> bool:
-        report.compared_count += 1
+        report.clips_compared_count += 1
         erased, is_well = self.erased_frames(record), True
         download = await self._custodian.look_at(clip.record_id)
         for frame, leaf in zip(download.frames, clip.ciphertext_leaves, strict=True):
-            report.frames_count += 1
+            report.frames_compared_count += 1
             made = ciphertext_leaf(frame.index, sha256(frame.ciphertext), sha256(frame.sealed_key))
             if frame.index in erased:
                 if not frame.erased:
@@ -165,7 +165,8 @@ async def scrub(
         clips = await store.clips(sorted(suspects))
         for record_id in sorted(suspects):
             await judge.compare(record_id, facts.record(record_id), clips.get(record_id), report)
-        report.compared_count, report.frames_count = seen.compared_count, seen.frames_count
+        report.clips_compared_count = seen.clips_compared_count
+        report.frames_compared_count = seen.frames_compared_count
         report.unclaimed_frames = await find_unclaimed_frames(store)
         report.parts_held_though_ended = await find_ended_parts(store, facts)
         report.empty_frames_held_though_withdrawn = await find_withdrawn_frames(store, facts)
