@@ -26,7 +26,11 @@ Document = dict[str, Any]
 Row = TypeVar("Row")
 
 STAGING = "staging"
-STATUSES: dict[str, tuple[str, ...]] = {"staged": ("staged", STAGING), "confirmed": ("confirmed",)}
+STATUSES: dict[str, tuple[str, ...]] = {
+    "staged": ("staged", STAGING),
+    "confirmed": ("confirmed",),
+    "erased": ("erased",),
+}
 """What a clip's document may say for a status: one that is half written, or was cut off, counts as staged."""
 
 
