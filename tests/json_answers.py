@@ -15,7 +15,7 @@ import click
 import msgspec
 import pytest
 
-from clients.sdk.terminal.json_answers import Answer, AnswerLine
+from clients.sdk.terminal.json_answers import Answer, AnswerLine, list_kinds
 from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind
 from network.cli.json_page import NOT_LISTED, SECTIONS, typed_answers
 from network.cli.main import main
@@ -116,7 +116,8 @@ def differences(words: str, told: Any) -> list[str]:
     """Return how an answer differs from what is documented of its command; nothing where the page lists no fields."""
     typed = typed_answers().get(words)
     if typed is not None:
-        return [f"{words}: {line}" for line in typed_differences(typed, told)]
+        found = [typed_differences(kind, told) for kind in list_kinds(typed)]
+        return [] if [] in found else [f"{words}: {line}" for lines in found for line in lines]
     answer = documented().get(words)
     if answer is None:
         return [] if is_elsewhere(words) else [f"{words or 'a command without a name'}: it is not documented"]

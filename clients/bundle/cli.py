@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
 
+from clients.bundle.bundle_answers import SignedReceipt, StatedProblem, VerifyBundleAnswer, VerifyReceiptsAnswer
 from clients.bundle.checks.bundle_check import Verdict, name_visits, printable, unproved, verify_bundle
 from clients.bundle.checks.consent_receipts import CheckedFile, CheckedReceipt, check_file, is_receipt_file
 from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from pages.moments import show_moment
@@ -35,39 +35,39 @@ def _plain(text: str) -> str:
     return escape(printable(text))
 
 
-def _told(path: Path, verdict: Verdict) -> dict[str, Any]:
+def _bundle_answer(path: Path, verdict: Verdict) -> VerifyBundleAnswer:
     manifest, frames = verdict.manifest, verdict.frames
-    return {
-        "ok": True,
-        "file": str(path),
-        "network": manifest.network,
-        "chain_id": manifest.chain_id,
-        "genesis_id": manifest.genesis_id,
-        "is_anchored": verdict.is_anchored,
-        "is_complete": not manifest.problems,
-        "proved_until_height": verdict.as_of_height,
-        "proved_until_ms": verdict.as_of_ms,
-        "newest_proof_height": verdict.newest_height,
-        "visits_proved_until_height": [visit.proved_from_height for visit in verdict.visits],
-        "epochs": verdict.epochs,
-        "stated_created_at_ms": manifest.created_at_ms,
-        "visits": len(verdict.visits),
-        "records": len(verdict.records),
-        "metadata_proved": sum(record.metadata_proved for record in verdict.records),
-        "pictures": count_pictures(frames),
-        "audit_entries": verdict.events,
-        "accesses": verdict.accesses,
-        "erasures": verdict.erasures,
-        "member": verdict.consents.member,
-        "visits_of_member": list(verdict.visits_of_member),
-        "consent_receipts": len(verdict.consents.history),
-        "signed_consent_receipts": [_receipt_json(receipt) for receipt in verdict.signed],
-        "signed_by": [key.hex() for key in verdict.signers],
-        "stated_problems": [
-            {"record_id": each.record_id, "code": each.code, "sentence": each.sentence} for each in manifest.problems
+    return VerifyBundleAnswer(
+        file=str(path),
+        network=manifest.network,
+        chain_id=manifest.chain_id,
+        genesis_id=manifest.genesis_id,
+        is_anchored=verdict.is_anchored,
+        is_complete=not manifest.problems,
+        proved_until_height=verdict.as_of_height,
+        proved_until_ms=verdict.as_of_ms,
+        newest_proof_height=verdict.newest_height,
+        visits_proved_until_height=[visit.proved_from_height for visit in verdict.visits],
+        epochs=verdict.epochs,
+        stated_created_at_ms=manifest.created_at_ms,
+        visits=len(verdict.visits),
+        records=len(verdict.records),
+        metadata_proved=sum(record.metadata_proved for record in verdict.records),
+        pictures=count_pictures(frames),
+        audit_entries=verdict.events,
+        accesses=verdict.accesses,
+        erasures=verdict.erasures,
+        member=verdict.consents.member,
+        visits_of_member=list(verdict.visits_of_member),
+        consent_receipts=len(verdict.consents.history),
+        signed_consent_receipts=[_signed_receipt(receipt) for receipt in verdict.signed],
+        signed_by=[key.hex() for key in verdict.signers],
+        stated_problems=[
+            StatedProblem(record_id=each.record_id, code=each.code, sentence=each.sentence)
+            for each in manifest.problems
         ],
-        "not_proved": unproved(verdict),
-    }
+        not_proved=unproved(verdict),
+    )
 
 
 @click.command()
@@ -93,7 +93,7 @@ def verify(file: Path, named: str | None, as_json: bool) -> None:
         return
     verdict = verify_bundle(file, read_genesis(named), show_progress(quiet=as_json))
     if as_json:
-        print_json(_told(file, verdict))
+        print_answer(_bundle_answer(file, verdict))
         return
     for line in _lines(verdict):
         console.print(line)
@@ -110,7 +110,7 @@ def _as_of(verdict: Verdict) -> list[str]:
 
 
 def _lines(verdict: Verdict) -> list[str]:
-    told, manifest = _told(Path(), verdict), verdict.manifest
+    found, manifest = _bundle_answer(Path(), verdict), verdict.manifest
     anchor = "the network that you named" if verdict.is_anchored else "[yellow]the bundle's own word[/yellow]"
     lines = [
         "[green]Everything in this file follows from its proofs.[/green]",
@@ -121,19 +121,19 @@ def _lines(verdict: Verdict) -> list[str]:
         f" (the newest proof is of block {verdict.newest_height}; {counted(verdict.epochs, 'epoch')} followed)",
         *_as_of(verdict),
         "Proved:",
-        f"  - {_recorded(told)}",
-        f"  - {counted(told['pictures'], 'picture, sound or label is', 'pictures, sounds or labels are')} "
+        f"  - {_recorded(found)}",
+        f"  - {counted(found.pictures, 'picture, sound or label is', 'pictures, sounds or labels are')} "
         "what the robot committed to",
-        f"  - {counted(told['audit_entries'], 'event')}, {counted(told['accesses'], 'request')} for access and "
-        f"{counted(told['erasures'], 'erasure')}, with what custodians answered",
+        f"  - {counted(found.audit_entries, 'event')}, {counted(found.accesses, 'request')} for access and "
+        f"{counted(found.erasures, 'erasure')}, with what custodians answered",
         "  - the file is as it was exported, by who holds the keys of these visits "
         f"({counted(len(verdict.signers), 'signature')})",
     ]
     if verdict.consents.member:
-        said = counted(told["consent_receipts"], "word", "words")
+        said = counted(found.consent_receipts, "word", "words")
         words = f"{said} on consent from after registering, with the chain's receipts"
         lines.append(f"  - the consents of member {verdict.consents.member} are as told; {words}")
-        lines += _signed_lines(told["signed_consent_receipts"])
+        lines += _signed_lines(found.signed_consent_receipts)
         if verdict.visits_of_member:
             named = name_visits(verdict.visits_of_member)
             lines.append(f"  - {named} of that member: robots sealed records to the key that it registered")
@@ -145,22 +145,22 @@ def _lines(verdict: Verdict) -> list[str]:
     return lines
 
 
-def _recorded(told: dict[str, Any]) -> str:
-    visits, records = counted(told["visits"], "visit"), counted(told["records"], "record")
-    are = "is" if told["visits"] == 1 else "are"
-    if told["records"] == 1:
-        opened = "opened" if told["metadata_proved"] else "did not open"
+def _recorded(found: VerifyBundleAnswer) -> str:
+    visits, records = counted(found.visits, "visit"), counted(found.records, "record")
+    are = "is" if found.visits == 1 else "are"
+    if found.records == 1:
+        opened = "opened" if found.metadata_proved else "did not open"
         return f"{visits} with {records} {are} on the ledger as told, and the record {opened} as the robot sealed it"
     return (
         f"{visits} with {records} {are} on the ledger as told, "
-        f"and {told['metadata_proved']} of them opened as the robot sealed them"
+        f"and {found.metadata_proved} of them opened as the robot sealed them"
     )
 
 
-def _signed_lines(rows: list[dict[str, Any]]) -> list[str]:
+def _signed_lines(rows: list[SignedReceipt]) -> list[str]:
     if not rows:
         return []
-    whose = f"by her and by {_plain(rows[0]['organisation'])}, which registered her"
+    whose = f"by her and by {_plain(rows[0].organisation)}, which registered her"
     is_one = len(rows) == 1
     said = "receipt of consent is signed" if is_one else "receipts of consent are signed"
     agree = "says what the ledger says" if is_one else "say what the ledger says"
@@ -168,38 +168,45 @@ def _signed_lines(rows: list[dict[str, Any]]) -> list[str]:
     return [first, *(f"      {_plain(_receipt_line(row))}" for row in rows)]
 
 
-def _receipt_line(row: dict[str, Any]) -> str:
-    what, sensors = ", ".join(row["purposes"]) or "everything", ", ".join(row["sensors"]) or "every sensor"
-    notice = "no notice" if row["notice_version"] is None else f"notice {row['notice_version']}"
-    return f"{show_moment(row['time_ms'])}  {row['status']}: {what} by {sensors} (block {row['height']}, {notice})"
+def _receipt_line(row: SignedReceipt) -> str:
+    what, sensors = ", ".join(row.purposes) or "everything", ", ".join(row.sensors) or "every sensor"
+    notice = "no notice" if row.notice_version is None else f"notice {row.notice_version}"
+    return f"{show_moment(row.time_ms)}  {row.status}: {what} by {sensors} (block {row.height}, {notice})"
 
 
-def _receipt_json(receipt: CheckedReceipt) -> dict[str, Any]:
+def _signed_receipt(receipt: CheckedReceipt) -> SignedReceipt:
     word = receipt.word
-    return {
-        "txid": word.txid.hex(),
-        "handle": word.handle.hex(),
-        "status": word.status,
-        "purposes": list(word.purposes),
-        "sensors": list(word.sensors),
-        "height": word.height,
-        "time_ms": word.time_ms,
-        "organisation": receipt.organisation,
-        "node": receipt.node,
-        "is_registrars": receipt.is_registrars,
-        "notice_version": None if receipt.published is None else receipt.published.row.version,
-    }
+    return SignedReceipt(
+        txid=word.txid.hex(),
+        handle=word.handle.hex(),
+        status=word.status,
+        purposes=list(word.purposes),
+        sensors=list(word.sensors),
+        height=word.height,
+        time_ms=word.time_ms,
+        organisation=receipt.organisation,
+        node=receipt.node,
+        is_registrars=receipt.is_registrars,
+        notice_version=None if receipt.published is None else receipt.published.row.version,
+    )
 
 
 _NOT_BY_REGISTRAR = " of some receipts, which an older wallet fetched, that who signed them had registered her;"
 
 
 def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
-    genesis, rows = found.genesis, [_receipt_json(receipt) for receipt in found.receipts]
+    genesis, rows = found.genesis, [_signed_receipt(receipt) for receipt in found.receipts]
     if as_json:
-        told = {"network": genesis.network, "chain_id": genesis.chain_id.hex(), "genesis_id": genesis.block_id.hex()}
-        receipts = {"consent_receipts": len(rows), "signed_consent_receipts": rows}
-        print_json({"ok": True, "file": str(path), **told, "is_anchored": found.is_anchored, **receipts})
+        answer = VerifyReceiptsAnswer(
+            file=str(path),
+            network=genesis.network,
+            chain_id=genesis.chain_id.hex(),
+            genesis_id=genesis.block_id.hex(),
+            is_anchored=found.is_anchored,
+            consent_receipts=len(rows),
+            signed_consent_receipts=rows,
+        )
+        print_answer(answer)
         return
     anchor = "the network that you named" if found.is_anchored else "[yellow]the file's own word[/yellow]"
     console.print(
@@ -209,7 +216,7 @@ def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
     console.print(f"  genesis hash  {genesis.block_id.hex()}")
     for row in rows:
         console.print(_plain(_receipt_line(row)))
-    by_other = "" if all(row["is_registrars"] for row in rows) else _NOT_BY_REGISTRAR
+    by_other = "" if all(row.is_registrars for row in rows) else _NOT_BY_REGISTRAR
     console.print(
         "Not proved: who the person is, for the file names her by a random handle; that she read the notice;"
         f"{by_other} and whether she said anything more that is not in this file."

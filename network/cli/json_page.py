@@ -6,11 +6,11 @@ import inspect
 import json
 from collections.abc import Mapping
 
-from clients.bundle.json_fields import ANSWERS as BUNDLE
+from clients.bundle.bundle_answers import ANSWERS as BUNDLE
 from clients.officer.officer_answers import ANSWERS as OFFICER
 from clients.registrar.registrar_answers import ANSWERS as REGISTRAR
 from clients.robot.cli.json_fields import ANSWERS as ROBOT
-from clients.sdk.terminal.json_answers import AnswersByCommand, write_schema
+from clients.sdk.terminal.json_answers import AnswersByCommand, list_kinds, write_schema
 from clients.sdk.terminal.json_fields import CommandAnswer, write_section
 from clients.wallet.present.json_fields import ANSWERS as WALLET
 from clients.wallet.present.mandate_json_fields import OFFICER_ANSWERS as OFFICER_MANDATES
@@ -27,6 +27,7 @@ SCHEMA = "json-output.schema.json"
 
 TYPED: Mapping[str, AnswersByCommand] = {
     "A network on this machine": {**STATUS, **NETWORK},
+    "Checking a bundle": BUNDLE,
     "Data protection officers": OFFICER,
     "The registrar": REGISTRAR,
     "Governing and keeping a network": {**GOVERNING, **NODES, **TOOLS},
@@ -36,7 +37,6 @@ TYPED: Mapping[str, AnswersByCommand] = {
 SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
     "The wallet": (*WALLET, *SHARING, *WALLET_MANDATES),
     "Data protection officers": OFFICER_MANDATES,
-    "Checking a bundle": BUNDLE,
     "The robot": ROBOT,
 }
 """What is listed, under the headings of the page."""
@@ -82,7 +82,7 @@ command prints an object on each line instead, its section says so.
 
 def typed_answers() -> AnswersByCommand:
     """Return the answer of every command that is listed."""
-    return {words: kind for answers in TYPED.values() for words, kind in answers.items()}
+    return {words: answer for answers in TYPED.values() for words, answer in answers.items()}
 
 
 def write_json_schema() -> str:
@@ -93,7 +93,8 @@ def write_json_schema() -> str:
 def _table(answers: AnswersByCommand) -> list[str]:
     rows = [
         f"| `{words}` | `{kind.__name__}` | {' '.join(str(inspect.getdoc(kind)).split())} |"
-        for words, kind in answers.items()
+        for words, answer in answers.items()
+        for kind in list_kinds(answer)
     ]
     return ["| command | answer | |", "|---|---|---|", *rows, ""]
 

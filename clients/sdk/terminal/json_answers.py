@@ -51,22 +51,30 @@ def _shown(value: Any) -> Any:
     return value.hex() if isinstance(value, bytes) else value
 
 
-AnswersByCommand = Mapping[str, type[Answer]]
-"""The answer of each command, by its words behind `blockrobot`."""
+AnswersByCommand = Mapping[str, type[Answer] | tuple[type[Answer], ...]]
+"""The answer of each command, or one of several, by its words behind `blockrobot`."""
+
+
+def list_kinds(answer: type[Answer] | tuple[type[Answer], ...]) -> tuple[type[Answer], ...]:
+    return answer if isinstance(answer, tuple) else (answer,)
+
 
 _OK = {"type": "object", "properties": {"ok": {"type": "boolean"}}, "required": ["ok"]}
 
 
 def write_schema(answers: AnswersByCommand) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of these answers: what is under `commands` refers into `$defs`."""
-    kinds = list(dict.fromkeys(answers.values()))
+    kinds = list(dict.fromkeys(kind for answer in answers.values() for kind in list_kinds(answer)))
     schemas, definitions = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
-    of_kind = dict(zip(kinds, schemas, strict=True))
+    of_kind = {
+        kind: schema if issubclass(kind, AnswerLine) else {"allOf": [_OK, schema]}
+        for kind, schema in zip(kinds, schemas, strict=True)
+    }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "commands": {
-            words: of_kind[kind] if issubclass(kind, AnswerLine) else {"allOf": [_OK, of_kind[kind]]}
-            for words, kind in answers.items()
+            words: {"anyOf": [of_kind[kind] for kind in answer]} if isinstance(answer, tuple) else of_kind[answer]
+            for words, answer in answers.items()
         },
         "$defs": dict(sorted(definitions.items())),
     }

@@ -103,6 +103,14 @@ def test_a_field_that_is_gone_is_found_out() -> None:
     ]
 
 
+def test_a_command_with_two_answers_gives_one_of_them() -> None:
+    network = {"network": "ward", "chain_id": "ab", "genesis_id": "cd", "is_anchored": True}
+    told = {"ok": True, "file": "mine.zip", **network, "consent_receipts": 0, "signed_consent_receipts": []}
+    assert differences("verify", told) == []
+    assert differences("verify", told | {"visits": 1}), "a bundle has more"
+    assert json.loads(write_json_schema())["commands"]["verify"].keys() == {"anyOf"}
+
+
 def test_an_answer_of_a_command_that_is_neither_listed_nor_said_to_be_elsewhere_is_found_out() -> None:
     assert differences("wallet fly", {"ok": True}) == ["wallet fly: it is not documented"]
     assert differences("", {"ok": True}) == ["a command without a name: it is not documented"]
