@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from clients.bundle.bundle_answers import ANSWERS as BUNDLE
 from clients.officer.officer_answers import ANSWERS as OFFICER
 from clients.registrar.registrar_answers import ANSWERS as REGISTRAR
-from clients.robot.cli.json_fields import ANSWERS as ROBOT
+from clients.robot.cli.robot_answers import ANSWERS as ROBOT
 from clients.sdk.terminal.json_answers import AnswersByCommand, list_kinds, write_schema
 from clients.sdk.terminal.json_fields import CommandAnswer, write_section
 from clients.wallet.present.json_fields import ANSWERS as WALLET
@@ -30,6 +30,7 @@ TYPED: Mapping[str, AnswersByCommand] = {
     "Checking a bundle": BUNDLE,
     "Data protection officers": OFFICER,
     "The registrar": REGISTRAR,
+    "The robot": ROBOT,
     "Governing and keeping a network": {**GOVERNING, **NODES, **TOOLS},
 }
 """The answers of commands, under the headings of the page."""
@@ -37,7 +38,6 @@ TYPED: Mapping[str, AnswersByCommand] = {
 SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
     "The wallet": (*WALLET, *SHARING, *WALLET_MANDATES),
     "Data protection officers": OFFICER_MANDATES,
-    "The robot": ROBOT,
 }
 """What is listed, under the headings of the page."""
 

@@ -11,6 +11,7 @@ import pytest
 from clients.registrar.desk import Desk
 from clients.robot.identity.robot_enrolment import register_robot
 from clients.robot.identity.robot_keys import create_identity
+from clients.robot.run.run_summary import RunProgress
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario
@@ -41,8 +42,8 @@ class _Progress:
         self._wallet = wallet
         self.withdrawing: asyncio.Task[Any] | None = None
 
-    def __call__(self, figures: dict[str, Any], *, last: bool = False) -> None:
-        if self.withdrawing is None and figures["frames_recorded"] > 0:
+    def __call__(self, figures: RunProgress, *, last: bool = False) -> None:
+        if self.withdrawing is None and (figures.frames_recorded or 0) > 0:
             self.withdrawing = asyncio.create_task(Consenting(self._wallet).withdraw([], []))
 
 
@@ -87,13 +88,13 @@ async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
         idle = await Consenting(wallet).withdraw([], [])
         anew = await Consenting(wallet).give(["demo"], ["depth"])
 
-    frames = summary["frames"]
-    assert rows == summary["roster_rows"] == 1
-    assert (frames["published"], frames["lost"]) == (RATE * SECONDS, 0)
-    assert 0 < frames["kept"] < frames["covered"]
-    assert frames["withheld_reasons"]["no-consent"] > 0
+    frames = summary.frames
+    assert rows == summary.roster_rows == 1
+    assert (frames.published, frames.lost) == (RATE * SECONDS, 0)
+    assert 0 < frames.kept < frames.covered
+    assert frames.withheld_reasons["no-consent"] > 0
     assert (choice.holds, choice.last.status, choice.last.height) == (False, "withdrawn", word.from_height)
-    assert _frame_count(reports) == frames["kept"]
+    assert _frame_count(reports) == frames.kept
     assert (idle.count, anew.count) == (0, 1), "who has seen her own no final gives again at once"
     taken_ms = [entry.metadata.ended_at_ms for report in reports for entry in report.records]
     assert taken_ms

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from clients.robot.backgrounds.background_publishing import FOLDER
 from clients.robot.identity.robot_keys import load_identity
+from clients.robot.run.run_summary import RunSummary
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.sdk.connections import NodeAddress
@@ -25,7 +25,7 @@ from tests.cluster.network_under_test import NetworkUnderTest
 GONE_MAX_S = 30
 
 
-async def record(robot: KilledRobot) -> dict[str, Any]:
+async def record(robot: KilledRobot) -> RunSummary:
     options = ReplayOptions(
         robot.robot / "roster.sealed", PURPOSE, 300, robot.robot / "events.jsonl", at_once=True, real_time=False
     )
@@ -86,7 +86,7 @@ async def test_an_empty_frame_is_published_once_approved_and_deleted_everywhere_
         listed = (await must(network, "frames", "list", member))["frames"]
         assert [row["sha256"] for row in listed] == [digest.hex() for digest in digests]
         assert {row["approver"] for row in listed} == {network.approver.public_key.hex()}
-        assert (await record(robot))["frames"]["kept"] > 0
+        assert (await record(robot)).frames.kept > 0
         custodians = robot.wallet.network.custody.custodians
         assert len(custodians) >= 2
         assert [await held_by(robot, digest) for digest in digests] == [[True] * len(custodians)] * len(digests)

@@ -17,6 +17,7 @@ from clients.officer.breaches import Breaches
 from clients.registrar.desk import Desk
 from clients.robot.identity.robot_enrolment import register_robot
 from clients.robot.identity.robot_keys import create_identity
+from clients.robot.run.run_summary import FrameCounts
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario
@@ -80,7 +81,7 @@ class Ward:
         sealed, _ = await self.desk.make_roster(identity.identity.public_key)
         (self.robot / "roster.sealed").write_bytes(sealed)
 
-    async def record(self) -> dict[str, Any]:
+    async def record(self) -> FrameCounts:
         options = ReplayOptions(
             roster=self.robot / "roster.sealed",
             purpose="demo",
@@ -92,8 +93,7 @@ class Ward:
         )
         summary = await replay_recording(self.robot, BagSource(self.bag), self.genesis, options, nobody)
         await self.told_everywhere()
-        frames: dict[str, Any] = summary["frames"]
-        return frames
+        return summary.frames
 
 
 async def refusals(wallet: Wallet, entry: RecordEntry, access_id: bytes) -> set[str]:
@@ -126,7 +126,7 @@ async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
         await officer.register(ward.desk.issue("0FF1CE", "officer"), [])
         await Consenting(ann).give(["demo"], ["depth"])
         await ward.prepare_robot()
-        assert (await ward.record())["kept"] > 0
+        assert (await ward.record()).kept > 0
         rights, viewing = Rights(ann), Viewing(ann)
         (report,) = await ann.records()
         entry = report.records[0]
@@ -141,11 +141,11 @@ async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
         assert [one.visit.owner for one in said] == [report.visit.owner]
         with pytest.raises(BlockRobotError, match="PURPOSE_OBJECTED"):
             await viewing.request_access([entry], "demo")
-        assert (await ward.record())["kept"] == 0
+        assert (await ward.record()).kept == 0
         assert len(await ann.records()) == 1, "nothing new was recorded"
         word = await Consenting(ann).give(["demo"], ["depth"])
         await ward.told_everywhere(word.from_height)
-        assert (await ward.record())["kept"] > 0, "her later word counts, and shows what her objection kept away"
+        assert (await ward.record()).kept > 0, "her later word counts, and shows what her objection kept away"
         kinds = [one.kind for one in await audit_all(ann)]
         await _deny_and_erase(ann, officer, rights)
     for kind in ("restricted", "restriction_lifted", "corrected", "denied", "breach_assessed", "breach_closed"):

@@ -76,7 +76,7 @@ async def _record(network: NetworkUnderTest, wallet: Wallet, folder: Path) -> No
         approver=network.approver,
     )
     summary = await replay_recording(robot, BagSource(bag), genesis, options, lambda figures, *, last=False: None)
-    assert summary["frames"]["kept"] > 0
+    assert summary.frames.kept > 0
 
 
 async def _erase_one(wallet: Wallet) -> str:

@@ -6,11 +6,10 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from clients.robot.sensing.sensor_events import Frame, Refused, Sighting, SourceEvent
 from clients.robot.sources.live.live_feed import Feed
-from clients.robot.sources.live.live_source import LiveSource
+from clients.robot.sources.live.live_source import LiveCounts, LiveSource
 from clients.robot.sources.source import StoppableClock
 from clients.robot.sources.topics import Topics
 
@@ -42,8 +41,8 @@ class Heard:
         return [sentence for sentence in self.said if sentence.startswith(part)]
 
     @property
-    def intake(self) -> dict[str, Any]:
-        return self.source.intake_json()
+    def intake(self) -> LiveCounts:
+        return self.source.count_intake()
 
     async def until(self, is_so: Callable[[], bool]) -> None:
         """Return once something is so."""

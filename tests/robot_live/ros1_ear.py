@@ -63,7 +63,7 @@ class Ear:
             "admitted": self.admitted,
             "offsets_ms": {name: estimate.offset_ms for name, estimate in self.clocks.estimates().items()},
             "focal_px": self.source.focal_px,
-            "intake": self.source.intake_json(),
+            "intake": self.source.count_intake()._asdict(),
             "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
             "threads": threading.active_count(),
         }

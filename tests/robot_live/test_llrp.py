@@ -55,7 +55,7 @@ async def test_a_reader_that_is_killed_and_comes_back_is_told_of_once_and_asked_
         await tag_readers.start(reader.port)
         await heard.until(lambda: len(heard.sightings) > before + 3)
     assert heard.told_of(reader.address)[1:] == [f"{reader.address} is there."]
-    assert heard.intake["gone"][reader.address] == 1
+    assert heard.intake.gone[reader.address] == 1
 
 
 async def test_of_two_readers_one_may_be_gone_and_each_has_its_own_clock(tag_readers: TagReaders) -> None:
@@ -83,7 +83,7 @@ async def test_a_storm_of_ten_thousand_reports_a_second_is_as_few_sightings_as_t
     read = Counter((one.uid, one.antenna) for one in heard.sightings)
     assert set(read) == {(uid, antenna) for uid in tags for antenna in (1, 2)}
     assert max(read.values()) <= 1 + (lasted_s + 1) * 1000 / GATHER_MS
-    assert heard.intake["missed"] == {}
+    assert heard.intake.missed == {}
     # A machine so busy that the first reports were late takes a few of the next for a wrong clock's, until it knows better.
     assert set(heard.refused) <= {("sighting", "time")}
     assert len(heard.refused) <= 10

@@ -71,8 +71,8 @@ async def test_thirty_frames_a_second_and_readings_arrive_whole_and_in_order(gra
     assert np.array_equal(heard.frames[1].depth, pictures[1])
     assert {one.uid for one in heard.sightings} == {UID}
     assert all(one.distance_m and one.sigma_m == pytest.approx(0.1) for one in heard.sightings)
-    assert heard.intake["never_came"] == {}
-    assert heard.intake["missed"] == {}
+    assert heard.intake.never_came == {}
+    assert heard.intake.missed == {}
 
 
 async def test_a_robot_opens_no_port_by_listening(graph: ZenohGraph) -> None:
@@ -199,7 +199,7 @@ async def test_what_was_lost_on_the_way_is_counted_by_the_publishers_numbers(gra
     async with listening([feed(graph)], Topics()) as heard:
         await graph.publish(scene, rate=25, only=["depth"], skip_every=5)
         await heard.until(lambda: len(heard.frames) >= 20)
-    assert heard.intake["never_came"] == {DEPTH: 4}
+    assert heard.intake.never_came == {DEPTH: 4}
 
 
 async def test_a_publisher_that_is_killed_and_one_that_follows_are_one_run(graph: ZenohGraph, scene: Path) -> None:
@@ -209,12 +209,12 @@ async def test_a_publisher_that_is_killed_and_one_that_follows_are_one_run(graph
         await heard.until(lambda: len(heard.frames) > 5)
         drivers.kill()
         await drivers.communicate()
-        await heard.until(lambda: heard.intake["gone"].get(DEPTH) == 1)
+        await heard.until(lambda: heard.intake.gone.get(DEPTH) == 1)
         before = len(heard.frames)
         await graph.start_drivers(scene, seconds=60)
         await heard.until(lambda: len(heard.frames) > before + 5)
         await heard.until(lambda: f"{DEPTH} is there." in heard.said)
-    assert heard.intake["gone"][DEPTH] == 1
+    assert heard.intake.gone[DEPTH] == 1
 
 
 async def test_a_router_that_is_killed_and_comes_back_is_found_again(graph: ZenohGraph, scene: Path) -> None:

@@ -19,11 +19,12 @@ from clients.robot.backgrounds.background_banks import (
     record_scene,
 )
 from clients.robot.cli.live_options import look_options, notice_teller, open_camera
+from clients.robot.cli.robot_answers import RobotViewpointAnswer, RobotViewpointsAnswer
 from clients.robot.cli.source_options import open_recording, source_options
 from clients.robot.identity.robot_keys import is_sealed
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.sources.live.live_sampling import record_empty_frames
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from pages.moments import show_moment
 
 
@@ -60,7 +61,7 @@ def record_command(
     frames = _recorded_frames(recording, options) if recording else _live_frames(options, as_json=as_json)
     scene = record_scene(folder, viewpoint, frames, _now_ms())
     if as_json:
-        print_json({"ok": True, **_row(scene)})
+        print_answer(_viewpoint(scene))
     else:
         console.print(
             f"{scene.frame_count} frames. Look at {scene.preview}: is nobody in it?\n"
@@ -93,14 +94,14 @@ def list_command(ctx: click.Context, as_json: bool) -> None:
     Example: blockrobot robot background list --json
     """
     folder = ctx.obj.folder
-    rows = [_row(scene) for scene in list_scenes(folder)]
+    rows = [_viewpoint(scene) for scene in list_scenes(folder)]
     if as_json:
-        print_json({"ok": True, "viewpoints": rows})
+        print_answer(RobotViewpointsAnswer(viewpoints=rows))
         return
     for row in rows:
-        by = f"approved by {row['approved_by']} until {show_moment(row['expires_at_ms'])}" if row["approved_by"] else ""
-        state = "" if row["state"] == "approved" else row["state"]
-        console.print(f"{row['viewpoint']}: {row['frames']} frames, {', '.join(filter(None, (state, by)))}")
+        by = f"approved by {row.approved_by} until {show_moment(row.expires_at_ms)}" if row.approved_by else ""
+        state = "" if row.state == "approved" else row.state
+        console.print(f"{row.viewpoint}: {row.frames} frames, {', '.join(filter(None, (state, by)))}")
     if not rows:
         console.print("There are none. Next: blockrobot robot background record RECORDING --viewpoint NAME.")
 
@@ -135,7 +136,7 @@ def approve_command(ctx: click.Context, viewpoint: str, by: str, days: int, yes:
         click.confirm(f"Have you looked at {scene.preview}, and is nobody in it?", abort=True, err=True)
     approved = approve_scene(folder, viewpoint, by=by, days=days, now_ms=_now_ms())
     if as_json:
-        print_json({"ok": True, **_row(approved)})
+        print_answer(_viewpoint(approved))
     else:
         console.print(f"{viewpoint} is approved until {show_moment(approved.expires_at_ms)}.")
 
@@ -144,13 +145,13 @@ def _now_ms() -> int:
     return time.time_ns() // 1_000_000
 
 
-def _row(scene: EmptyScene) -> dict[str, Any]:
-    return {
-        "viewpoint": scene.viewpoint,
-        "state": scene.state(_now_ms()),
-        "frames": scene.frame_count,
-        "approved_by": scene.approved_by,
-        "expires_at_ms": scene.expires_at_ms,
-        "preview": str(scene.preview),
-        "digest": scene.digest,
-    }
+def _viewpoint(scene: EmptyScene) -> RobotViewpointAnswer:
+    return RobotViewpointAnswer(
+        viewpoint=scene.viewpoint,
+        state=scene.state(_now_ms()),
+        frames=scene.frame_count,
+        approved_by=scene.approved_by,
+        expires_at_ms=scene.expires_at_ms,
+        preview=str(scene.preview),
+        digest=scene.digest,
+    )

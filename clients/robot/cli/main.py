@@ -11,10 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
+from msgspec import UNSET, UnsetType
 from rich.markup import escape
 
 from clients.robot.cli.background_commands import background
 from clients.robot.cli.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
+from clients.robot.cli.robot_answers import (
+    RobotNewAnswer,
+    RobotPassphraseAnswer,
+    RobotRegisterAnswer,
+    RobotRunAnswer,
+    RobotRunEndedAnswer,
+)
 from clients.robot.cli.robot_choice import CREDENTIAL, RobotPlace, read_passphrase
 from clients.robot.cli.run_report import (
     broken_line,
@@ -32,6 +41,7 @@ from clients.robot.identity.robot_enrolment import register_robot
 from clients.robot.identity.robot_keys import change_passphrase, create_identity
 from clients.robot.recording.batching import CLIP_DEFAULT_MS
 from clients.robot.recording.spool import count_waiting
+from clients.robot.run.run_summary import RunProgress, RunSummary
 from clients.robot.run.runner import SPOOL_FOLDER, ReplayOptions, replay_recording
 from clients.robot.run.stop_signals import stopped_by_signals
 from clients.robot.sensing.reading_warnings import warn_of_lens, warn_of_readings
@@ -41,6 +51,7 @@ from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source
 from clients.robot.synthetic.scenario import load_scenario, published_run_1
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from clients.sdk.terminal.json_answers import Problem, extend
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import overwrite_line
 from clients.sdk.terminal.terminal import (
@@ -50,7 +61,8 @@ from clients.sdk.terminal.terminal import (
     home_folder,
     json_option,
     load_genesis,
-    print_json,
+    print_answer,
+    problem_json,
 )
 from consensus.chain.genesis import Genesis
 from consensus.exit_codes import EXIT_DONE, exit_code_of
@@ -94,16 +106,11 @@ def new(place: RobotPlace, as_json: bool) -> None:
     """
     folder, file = place.folder, place.passphrase_file
     identity = create_identity(folder, None if file is None else read_passphrase(file))
-    answer = {
-        "ok": True,
-        "folder": str(folder),
-        "member": identity.identity.public_key.hex(),
-        "sealed": file is not None,
-    }
+    member = identity.identity.public_key.hex()
     if as_json:
-        print_json(answer)
+        print_answer(RobotNewAnswer(folder=str(folder), member=member, sealed=file is not None))
     else:
-        console.print(f"A robot lives in {escape(str(folder))}. Its member key: {answer['member']}")
+        console.print(f"A robot lives in {escape(str(folder))}. Its member key: {member}")
         console.print(
             "Next: blockrobot robot register CODE (at the desk, blockrobot card issue --role robot prints one)."
         )
@@ -126,7 +133,7 @@ def passphrase(place: RobotPlace, new_file: Path | None, to_none: bool, as_json:
         raise click.UsageError("Give --new-file FILE, or --none.")
     change_passphrase(place.folder, place.find_passphrase(), None if new_file is None else read_passphrase(new_file))
     if as_json:
-        print_json({"ok": True, "sealed": not to_none})
+        print_answer(RobotPassphraseAnswer(sealed=not to_none))
     elif to_none:
         console.print("The key file is open: whoever steals the robot has its keys until it is revoked.")
     else:
@@ -151,7 +158,7 @@ def register(place: RobotPlace, code: str, as_json: bool) -> None:
     done = asyncio.run(register_robot(folder, place.load(), read_given(code), load_genesis(place.genesis)))
     if as_json:
         txid = done.txid.hex() if done.txid else None
-        print_json({"ok": True, "txid": txid, "member": done.member.hex()})
+        print_answer(RobotRegisterAnswer(txid=txid, member=done.member.hex()))
     else:
         roster = shlex.quote(str(folder / _ROSTER_FILE))
         before = "" if done.txid else " with this card already"
@@ -165,20 +172,20 @@ class _Progress:
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
         self._last = 0.0
-        self.figures: dict[str, Any] = {}
+        self.figures = RunProgress()
 
-    def __call__(self, figures: dict[str, Any], *, last: bool = False) -> None:
+    def __call__(self, figures: RunProgress, *, last: bool = False) -> None:
         self.figures = figures
         now = time.monotonic()
         if now - self._last < _PROGRESS_EVERY_S and not last:
             return
         self._last = now
         if self._as_json:
-            click.echo(json.dumps({"progress": figures}), err=True)
+            click.echo(json.dumps({"progress": msgspec.to_builtins(figures)}), err=True)
         elif sys.stderr.isatty():
             line = (
-                f"{figures['frames_read']} frames, {figures['frames_recorded']} recorded (counted for each owner), "
-                f"{figures['waiting']} clips waiting"
+                f"{figures.frames_read} frames, {figures.frames_recorded} recorded (counted for each owner), "
+                f"{figures.waiting} clips waiting"
             )
             overwrite_line(line, ends=last)
 
@@ -212,7 +219,7 @@ def _common(command: Any) -> Any:
 
 async def _record(
     folder: Path, source: Source, genesis: Genesis, options: ReplayOptions, progress: _Progress
-) -> tuple[dict[str, Any], bool]:
+) -> tuple[RunSummary, bool]:
     stop, was_told = asyncio.Event(), False
 
     def tell() -> None:
@@ -257,13 +264,12 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         is_live = ctx.command.name == "run"
         _tell_broken(folder / SPOOL_FOLDER, progress.figures, as_json=as_json, is_live=is_live)
         sys.exit(EXIT_FAILED)
-    fault = summary["intake"]["fault"]
+    fault = summary.intake.fault
     error = None if fault is None else broken_off(fault)
     if as_json:
-        told = {}
-        if error is not None:
-            told["error"] = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
-        print_json({"ok": _lost(summary) == 0 and error is None, **summary, **told})
+        problem = UNSET if error is None else Problem(**problem_json(error))
+        answer = extend(RobotRunAnswer, summary, error=problem)
+        print_answer(answer, ok=_count_lost(summary) == 0 and error is None)
         sys.exit(EXIT_DONE if error is None else exit_code_of(error.entry))
     for line in summary_lines(summary):
         console.print(line, markup=False)
@@ -273,20 +279,18 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         raise error
 
 
-def _tell_broken(spool: Path, figures: dict[str, Any], *, as_json: bool, is_live: bool) -> None:
+def _tell_broken(spool: Path, figures: RunProgress, *, as_json: bool, is_live: bool) -> None:
     waiting = count_waiting(spool)
     if as_json:
-        print_json({"ok": False, "ended": "at-once", "progress": figures, "spooled_clips": waiting})
+        print_answer(RobotRunEndedAnswer(ended="at-once", progress=figures, spooled_clips=waiting), ok=False)
     clear_line()
     click.echo(broken_line(figures, waiting, str(spool), is_live=is_live), err=True)
 
 
-def _lost(summary: dict[str, Any]) -> int:
-    kept_from = sum(int(counts["lost"]) for counts in (summary["frames"], *summary["senses"].values()))
-    never_read = sum(
-        int(count) for what in ("missed", "never_came") for count in summary["intake"].get(what, {}).values()
-    )
-    return kept_from + never_read
+def _count_lost(summary: RunSummary) -> int:
+    lost = sum(counts.lost for counts in (summary.frames, *summary.senses.values()))
+    never_read = (summary.intake.missed, summary.intake.never_came)
+    return lost + sum(sum(counts.values()) for counts in never_read if not isinstance(counts, UnsetType))
 
 
 robot.add_command(topics)

@@ -4,11 +4,25 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from typing import Any
+from typing import TypeVar
+
+from msgspec import UnsetType
 
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
 from clients.robot.hiding.match_evidence import Obstacle
 from clients.robot.hiding.merged_evidence import MergedBy
+from clients.robot.run.run_summary import (
+    AmbiguousTag,
+    CameraFigures,
+    ConsentCounts,
+    FrameCounts,
+    MergedTag,
+    RunFault,
+    RunIntake,
+    RunProgress,
+    RunSummary,
+    UnknownTagCounts,
+)
 from clients.robot.sensing.camera_intrinsics import ASSUMED
 from clients.robot.sensing.input_checks import KIND_WORDS
 from clients.sdk.terminal.safe_output import overwrite_line
@@ -29,49 +43,55 @@ REASON_WORDS = {
 }
 """What it means that a message was refused for a reason."""
 
+C = TypeVar("C")
+
 
 def clear_line() -> None:
     if sys.stderr.isatty():
         overwrite_line()
 
 
-def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
-    frames = summary["frames"]
+def summary_lines(summary: RunSummary) -> Iterator[str]:
+    frames = summary.frames
     yield (
-        f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
-        f"{_withheld(frames)}, {frames['lost']} lost."
+        f"{frames.published} frames: {frames.kept} kept in {summary.records} records, "
+        f"{_withheld(frames)}, {frames.lost} lost."
     )
-    if frames["published"] and not frames["kept"]:
-        if not frames["withheld"]:
+    if frames.published and not frames.kept:
+        if not frames.withheld:
             yield "No frame was in reach of a reading of a tag on the roster."
         yield "No frame was kept. What each reason means: docs/how-to/your-robot.md, `What is kept, and what is withheld`."
-    camera = summary.get("camera", {})
-    is_guessed = camera.get("focal_from") == ASSUMED
-    yield from _ambiguous_lines(summary["ambiguous"], is_guessed=is_guessed)
-    yield from _merged_lines(summary.get("merged", []))
-    for row in summary.get("distances_off", ())[:AMBIGUOUS_LINES_MAX_COUNT]:
+    camera = summary.camera
+    is_guessed = camera.focal_from == ASSUMED
+    yield from _ambiguous_lines(summary.ambiguous, is_guessed=is_guessed)
+    yield from _merged_lines(summary.merged)
+    for row in summary.distances_off[:AMBIGUOUS_LINES_MAX_COUNT]:
         yield (
-            f"{row['alias']}, {row['frames']} kept: its distances are on average {row['gap_m']:+.2f} m off the camera's "
-            f"(stated error {row['sigma_m']:.2f} m; they differ from that by {row['spread_m']:.2f} m, one by one). Was the "
+            f"{row.alias}, {row.frames} kept: its distances are on average {row.gap_m:+.2f} m off the camera's "
+            f"(stated error {row.sigma_m:.2f} m; they differ from that by {row.spread_m:.2f} m, one by one). Was the "
             "right person shown? Check distance_unit, distance_sigma, from where the reader measures, and the clocks"
             f"{_guess_words(is_guessed)}."
         )
-    for sensor, counts in summary["senses"].items():
-        yield (f"{counts['published']} of {sensor}: {counts['kept']} kept, {_withheld(counts)}, {counts['lost']} lost.")
-    intake = summary["intake"]
-    yield from refused_lines(summary.get("uploads_refused", {}))
-    yield from _unknown_lines(intake["unknown_tags"])
-    yield from consent_lines(summary["consents"])
-    for kind, reasons in intake["messages_refused"].items():
+    for sensor, counts in summary.senses.items():
+        yield (f"{counts.published} of {sensor}: {counts.kept} kept, {_withheld(counts)}, {counts.lost} lost.")
+    intake = summary.intake
+    yield from refused_lines(summary.uploads_refused)
+    yield from _unknown_lines(intake.unknown_tags)
+    yield from consent_lines(summary.consents)
+    for kind, reasons in intake.messages_refused.items():
         told = "; ".join(f"{count} {reason}: {REASON_WORDS.get(reason, reason)}" for reason, count in reasons.items())
-        first = intake.get("first_refused", {}).get(kind)
+        first = intake.first_refused.get(kind)
         line = f"Not usable: {sum(reasons.values())} {KIND_WORDS[kind]} ({told})."
         yield f"{line} The first: {first}" if first else line
         if "json" in reasons:
             yield 'A field holds JSON text: name the value in it in the topics file, as in epc = "data{}.uid".'
-    yield from _antenna_lines(intake.get("antennas_unnamed", {}))
+    yield from _antenna_lines(_counts(intake.antennas_unnamed))
     yield from _live_lines(intake)
     yield from _focal_lines(camera)
+
+
+def _counts(found: dict[str, C] | UnsetType) -> dict[str, C]:
+    return {} if isinstance(found, UnsetType) else found
 
 
 def _antenna_lines(unnamed: dict[str, dict[str, int]]) -> Iterator[str]:
@@ -87,34 +107,34 @@ def _guess_words(is_guessed: bool) -> str:
     return f"; and focal_px: {FOCAL_DEFAULT_PX:g} pixels are a guess" if is_guessed else ""
 
 
-def _ambiguous_lines(rows: list[dict[str, Any]], *, is_guessed: bool) -> Iterator[str]:
+def _ambiguous_lines(rows: list[AmbiguousTag], *, is_guessed: bool) -> Iterator[str]:
     for row in rows[:AMBIGUOUS_LINES_MAX_COUNT]:
-        spread = f"they differ from that by {row['spread_m']:.2f} m, one by one"
+        spread = f"they differ from that by {row.spread_m:.2f} m, one by one"
         delay = (
-            f"about {abs(row['delay_ms']) / 1000:g} s {'late' if row['delay_ms'] > 0 else 'early'}: "
-            if "delay_ms" in row
-            else ""
+            ""
+            if isinstance(row.delay_ms, UnsetType)
+            else f"about {abs(row.delay_ms) / 1000:g} s {'late' if row.delay_ms > 0 else 'early'}: "
         )
-        rival = f", the next person {row['rival_log_odds']:g}" if "rival_log_odds" in row else ""
+        rival = "" if isinstance(row.rival_log_odds, UnsetType) else f", the next person {row.rival_log_odds:g}"
         yield (
-            f"{row['alias']}, {row['frames']} ambiguous: log-odds {row['log_odds']:g} of {row['needed']:g} needed{rival}; "
-            f"{row['distances']} distances, on average {row['gap_m']:+.2f} m off the camera's (stated error "
-            f"{row['sigma_m']:.2f} m; {spread}); {row['front']} readings in front, {row['back']} behind: "
-            f"{delay}{row['help']}{_guess_words(is_guessed and row.get('obstacle') == Obstacle.OFF)}."
+            f"{row.alias}, {row.frames} ambiguous: log-odds {row.log_odds:g} of {row.needed:g} needed{rival}; "
+            f"{row.distances} distances, on average {row.gap_m:+.2f} m off the camera's (stated error "
+            f"{row.sigma_m:.2f} m; {spread}); {row.front} readings in front, {row.back} behind: "
+            f"{delay}{row.help}{_guess_words(is_guessed and row.obstacle == Obstacle.OFF)}."
         )
     if len(rows) > AMBIGUOUS_LINES_MAX_COUNT:
         yield f"{len(rows) - AMBIGUOUS_LINES_MAX_COUNT} more tags have ambiguous frames; --json lists them."
 
 
-def _merged_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
+def _merged_lines(rows: list[MergedTag]) -> Iterator[str]:
     for row in rows[:AMBIGUOUS_LINES_MAX_COUNT]:
         limit = {
-            MergedBy.AREA: f"{row['limit']:g} m² is the limit",
-            MergedBy.BREADTH: f"{row['limit']:g} m of breadth is the limit",
-        }.get(row["by"], f"log-odds of two people {row['log_odds']:g}, {row['limit']:g} is the limit")
+            MergedBy.AREA: f"{row.limit:g} m² is the limit",
+            MergedBy.BREADTH: f"{row.limit:g} m of breadth is the limit",
+        }.get(MergedBy(row.by), f"log-odds of two people {row.log_odds:g}, {row.limit:g} is the limit")
         yield (
-            f"{row['alias']}, {row['frames']} merged: {row['area_m2']:g} m² of silhouette, {row['breadth_m']:g} m broad, "
-            f"{row['range_m']:g} m away; {limit}: {row['help']}."
+            f"{row.alias}, {row.frames} merged: {row.area_m2:g} m² of silhouette, {row.breadth_m:g} m broad, "
+            f"{row.range_m:g} m away; {limit}: {row.help}."
         )
     if len(rows) > AMBIGUOUS_LINES_MAX_COUNT:
         yield f"{len(rows) - AMBIGUOUS_LINES_MAX_COUNT} more tags have merged frames; --json lists them."
@@ -126,54 +146,54 @@ def refused_lines(refused: dict[str, int]) -> Iterator[str]:
         yield f"Custodians took no upload {sum(refused.values())} times ({told}); what was refused was tried again."
 
 
-def _withheld(counts: dict[str, Any]) -> str:
-    reasons = counts.get("withheld_reasons", {})
+def _withheld(counts: FrameCounts) -> str:
+    reasons = counts.withheld_reasons
     told = [f"{count} {reason}" for reason, count in reasons.items()] if len(reasons) > 1 else list(reasons)
-    return f"{counts['withheld']} withheld" + (f" ({', '.join(told)})" if told else "")
+    return f"{counts.withheld} withheld" + (f" ({', '.join(told)})" if told else "")
 
 
-def _live_lines(intake: dict[str, Any]) -> Iterator[str]:
-    for kind, count in intake.get("missed", {}).items():
+def _live_lines(intake: RunIntake) -> Iterator[str]:
+    for kind, count in _counts(intake.missed).items():
         yield f"Not read: {count} {KIND_WORDS[kind]} came while there was no room for them; this machine is too slow."
-    for topic, count in intake.get("never_came", {}).items():
+    for topic, count in _counts(intake.never_came).items():
         yield f"Never came: {count} messages of {topic}, lost between the robot's middleware and here."
-    for kind, count in intake.get("unread", {}).items():
+    for kind, count in _counts(intake.unread).items():
         yield f"Not read: {count} {KIND_WORDS[kind]} had just come when the run ended."
-    for topic, count in intake.get("gone", {}).items():
+    for topic, count in _counts(intake.gone).items():
         yield f"Gone {count} {'time' if count == 1 else 'times'} for a while: {topic}."
 
 
-def _focal_lines(camera: dict[str, Any]) -> Iterator[str]:
-    count = camera.get("frames_before", 0)
-    if count and camera["focal_from"] == ASSUMED:
+def _focal_lines(camera: CameraFigures) -> Iterator[str]:
+    count = camera.frames_before
+    if count and camera.focal_from == ASSUMED:
         yield (
-            f"No focal length is known: {camera['focal_px']:g} pixels were assumed, and people's sizes are wrong by as "
+            f"No focal length is known: {camera.focal_px:g} pixels were assumed, and people's sizes are wrong by as "
             "much as that is. Publish CameraInfo beside the depth topic, or write focal_px into the topics file."
         )
     elif count:
         yield (
-            f"The focal length ({camera['focal_px']:g} pixels) came late: before that {count} frames were measured by "
+            f"The focal length ({camera.focal_px:g} pixels) came late: before that {count} frames were measured by "
             f"{FOCAL_DEFAULT_PX:g}."
         )
 
 
-def _unknown_lines(unknown: dict[str, Any]) -> Iterator[str]:
-    if not unknown["readings"]:
+def _unknown_lines(unknown: UnknownTagCounts) -> Iterator[str]:
+    if not unknown.readings:
         return
-    tags = "a tag that is" if unknown["tags"] == 1 else f"{unknown['tags']} tags that are"
-    more = "more than " if unknown["more_tags"] else ""
+    tags = "a tag that is" if unknown.tags == 1 else f"{unknown.tags} tags that are"
+    more = "more than " if unknown.more_tags else ""
     yield (
-        f"Readings of {more}{tags} not on the roster: {unknown['readings']}; nothing is kept for them. Is one of them a "
+        f"Readings of {more}{tags} not on the roster: {unknown.readings}; nothing is kept for them. Is one of them a "
         "participant's? Then its card must be issued for the UID as the reader tells it (only upper and lower case do not "
         "matter), and the roster made again after that."
     )
 
 
-def consent_lines(figures: dict[str, Any]) -> Iterator[str]:
-    if figures["stale_times"]:
-        seconds = round(figures["stale_ms"] / 1000)
+def consent_lines(figures: ConsentCounts) -> Iterator[str]:
+    if figures.stale_times:
+        seconds = round(figures.stale_ms / 1000)
         yield f"For {seconds} s nobody's consent could be proved, and nothing was kept. Is the network in reach?"
-    refused = figures["sightings_refused"]
+    refused = figures.sightings_refused
     if refused.get("no-consent"):
         yield f"{refused['no-consent']} readings were of tags whose bearers do not consent to this purpose and sensor."
     if refused.get("consent-coming"):
@@ -181,15 +201,15 @@ def consent_lines(figures: dict[str, Any]) -> Iterator[str]:
             f"{refused['consent-coming']} readings were of tags whose bearers' consent had not begun: one that was just "
             "given counts from the chain's next block on, which an idle network makes within a minute."
         )
-    if figures["clips_dropped"]:
-        yield f"{figures['clips_dropped']} sealed clips were destroyed: consent to them had ended."
+    if figures.clips_dropped:
+        yield f"{figures.clips_dropped} sealed clips were destroyed: consent to them had ended."
 
 
-def broken_off(fault: dict[str, str]) -> BlockRobotError:
-    return BlockRobotError(fault["code"], fault["detail"] + " What came before it is recorded.")
+def broken_off(fault: RunFault) -> BlockRobotError:
+    return BlockRobotError(fault.code, fault.detail + " What came before it is recorded.")
 
 
-def ending_line(figures: dict[str, Any]) -> str:
+def ending_line(figures: RunProgress) -> str:
     return (
         f"\nEnding. So far {_so_far(figures)}. What is in memory is now sealed and recorded too, and visits are closed. "
         "Once more (Ctrl-C) ends it at once."
@@ -205,7 +225,7 @@ def waiting_line(waiting_count: int) -> str:
     return f"{clips} from a run before: recorded first, and counted among this run's records."
 
 
-def broken_line(figures: dict[str, Any], waiting_count: int, spool: str, *, is_live: bool) -> str:
+def broken_line(figures: RunProgress, waiting_count: int, spool: str, *, is_live: bool) -> str:
     again = "with `blockrobot robot run` as before" if is_live else "with any recording"
     waits = f"{waiting_count} sealed clips wait in {spool}" if waiting_count else "No sealed clip waits"
     return (
@@ -215,7 +235,6 @@ def broken_line(figures: dict[str, Any], waiting_count: int, spool: str, *, is_l
     )
 
 
-def _so_far(figures: dict[str, Any]) -> str:
-    kept, records = figures.get("frames_recorded", 0), figures.get("records", 0)
-    read = figures.get("frames_read", 0)
+def _so_far(figures: RunProgress) -> str:
+    read, kept, records = figures.frames_read or 0, figures.frames_recorded or 0, figures.records or 0
     return f"{read} frames were read; {kept}, counted for each owner, are recorded in {records} records"

@@ -8,12 +8,13 @@ from typing import Any
 import click
 
 from clients.robot.cli.live_options import look_options
+from clients.robot.cli.robot_answers import RobotTopic, RobotTopicsAnswer
 from clients.robot.sources.live.feed_catalogue import make_feeds
 from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import Listed, draft_topics, list_topics, next_steps
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 
 
 @click.command()
@@ -41,16 +42,13 @@ def topics(recording: Path | None, draft: Path | None, as_json: bool, **options:
     if draft is not None:
         write_new_file(draft, draft_topics(opened, listed))
     if as_json:
-        rows = [_row(item) for item in listed]
-        print_json(
-            {
-                "ok": True,
-                "topics": rows,
-                "broken": broken or None,
-                "draft": str(draft) if draft else None,
-                "next_steps": steps,
-            }
+        answer = RobotTopicsAnswer(
+            topics=[_topic(item) for item in listed],
+            broken=broken or None,
+            draft=str(draft) if draft else None,
+            next_steps=steps,
         )
+        print_answer(answer)
         return
     for item in listed:
         guess = f"  could be {' or '.join(item.could_be)}" if item.could_be else ""
@@ -77,13 +75,13 @@ def _open(recording: Path | None, options: dict[str, Any]) -> Recording | Sample
     return sample
 
 
-def _row(item: Listed) -> dict[str, object]:
+def _topic(item: Listed) -> RobotTopic:
     figures = item.figures
-    return {
-        "topic": figures.name,
-        "type": figures.type,
-        "count": figures.count,
-        "rate_hz": figures.rate_hz,
-        "encoding": item.encoding or None,
-        "could_be": list(item.could_be),
-    }
+    return RobotTopic(
+        topic=figures.name,
+        type=figures.type,
+        count=figures.count,
+        rate_hz=figures.rate_hz,
+        encoding=item.encoding or None,
+        could_be=list(item.could_be),
+    )

@@ -10,6 +10,8 @@ import asyncio
 from collections import Counter
 from collections.abc import Callable
 
+import msgspec
+
 from clients.robot.consent.consent_view import Consents, Refusal
 from clients.robot.hiding.hider import Kept, Withheld
 from clients.robot.hiding.match_evidence import MatchEvidence
@@ -141,7 +143,7 @@ class ConsentFilter:
             self._statistics.add_ambiguous(alias, evidence)
         elif evidence is not None:
             self._statistics.add_merged(alias, evidence)
-        numbers = {} if evidence is None else evidence.as_json()
+        numbers = {} if evidence is None else msgspec.to_builtins(evidence.summarise())
         self._log.write(self._now_ms(), IMAGE_WITHHELD, f"frame-{sequence}", alias=alias, reason=reason, **numbers)
 
 

@@ -14,13 +14,13 @@ import hmac
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
 import structlog
 
 from clients.robot.consent.registry_reader import Majority, Reading, RegistryReader
 from clients.robot.pairing.rosters import RosterBook
 from clients.robot.recording.spool import SpooledClip
+from clients.robot.run.run_summary import ConsentCounts
 from consensus.errors import BlockRobotError
 from consensus.rights.consents import GIVEN, Step, find_consent
 
@@ -69,15 +69,16 @@ class ConsentFigures:
     sightings_refused: dict[str, int] = field(default_factory=dict)
     clips_dropped: int = 0
 
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "readings": self.readings,
-            "failed_readings": self.failures,
-            "stale_times": self.stale_count,
-            "stale_ms": self.stale_ms,
-            "sightings_refused": dict(sorted(self.sightings_refused.items())),
-            "clips_dropped": self.clips_dropped,
-        }
+    def summarise(self, stale_now_ms: int = 0) -> ConsentCounts:
+        """Return the counts; `stale_now_ms`: for how long the view has been stale now."""
+        return ConsentCounts(
+            readings=self.readings,
+            failed_readings=self.failures,
+            stale_times=self.stale_count,
+            stale_ms=self.stale_ms + stale_now_ms,
+            sightings_refused=dict(sorted(self.sightings_refused.items())),
+            clips_dropped=self.clips_dropped,
+        )
 
 
 class Consents:
@@ -224,12 +225,10 @@ class Consents:
             return False
         return -CLOCK_AHEAD_MAX_MS <= self._now_ms() - self._view.timestamp_ms <= self._stale_after_ms()
 
-    def summary(self) -> dict[str, Any]:
+    def summarise(self) -> ConsentCounts:
         self.note_freshness()
-        figures = self.figures.as_json()
-        if self._stale_since_ms is not None:
-            figures["stale_ms"] += self._now_ms() - self._stale_since_ms
-        return figures
+        since_ms = self._stale_since_ms
+        return self.figures.summarise(0 if since_ms is None else self._now_ms() - since_ms)
 
     # Answers
 

@@ -6,6 +6,10 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+from msgspec import UNSET
+
+from clients.robot.run.run_summary import MatchNumbers
+
 BIND_LOG_ODDS = 9.2
 READINGS_MIN_COUNT = 4
 # The distances by themselves must fit a person three times as well as a bearer who is not in the picture. Without that
@@ -109,20 +113,19 @@ class MatchEvidence:
         )
         return next((obstacle for holds, obstacle in found if holds), Obstacle.NO_FACING)
 
-    def as_json(self) -> dict[str, str | int | float]:
-        rival = {} if self.rival_log_odds is None else {"rival_log_odds": round(self.rival_log_odds, 1)}
-        return {
-            "obstacle": str(self.obstacle),
-            "log_odds": round(self.log_odds, 1),
-            "needed": BIND_LOG_ODDS,
-            "distance_log_odds": round(self.distance_log_odds, 1),
-            **rival,
-            "distances": self.distances,
-            "gap_m": round(self.gap_m, 2),
-            "spread_m": round(self.spread_m, 2),
-            "sigma_m": round(self.sigma_m, 2),
-            "front": self.front,
-            "back": self.back,
-            "people": self.people,
-            **({} if self.delay_ms is None else {"delay_ms": self.delay_ms}),
-        }
+    def summarise(self) -> MatchNumbers:
+        return MatchNumbers(
+            obstacle=str(self.obstacle),
+            log_odds=round(self.log_odds, 1),
+            needed=BIND_LOG_ODDS,
+            distance_log_odds=round(self.distance_log_odds, 1),
+            rival_log_odds=UNSET if self.rival_log_odds is None else round(self.rival_log_odds, 1),
+            distances=self.distances,
+            gap_m=round(self.gap_m, 2),
+            spread_m=round(self.spread_m, 2),
+            sigma_m=round(self.sigma_m, 2),
+            front=self.front,
+            back=self.back,
+            people=self.people,
+            delay_ms=UNSET if self.delay_ms is None else self.delay_ms,
+        )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from clients.robot.run.run_summary import MergedNumbers
+
 
 class MergedBy(StrEnum):
     """The rule by which a silhouette was taken for two people."""
@@ -42,12 +44,12 @@ class MergedEvidence:
             return self.area_m2 / self.limit - 1
         return self.breadth_m / self.limit - 1 if self.by is MergedBy.BREADTH else self.log_odds - self.limit
 
-    def as_json(self) -> dict[str, str | float]:
-        return {
-            "by": str(self.by),
-            "limit": round(self.limit, 2),
-            "log_odds": round(self.log_odds, 2),
-            "area_m2": round(self.area_m2, 2),
-            "breadth_m": round(self.breadth_m, 2),
-            "range_m": round(self.range_m, 2),
-        }
+    def summarise(self) -> MergedNumbers:
+        return MergedNumbers(
+            by=str(self.by),
+            limit=round(self.limit, 2),
+            log_odds=round(self.log_odds, 2),
+            area_m2=round(self.area_m2, 2),
+            breadth_m=round(self.breadth_m, 2),
+            range_m=round(self.range_m, 2),
+        )

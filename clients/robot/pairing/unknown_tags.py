@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import secrets
-from typing import Any
+
+from clients.robot.run.run_summary import UnknownTagCounts
 
 TAGS_MAX_COUNT = 4_096
 """So many are told apart; readings of further ones are counted, the tags are not."""
@@ -31,6 +32,5 @@ class UnknownTags:
         else:
             self._has_more = True
 
-    def as_json(self) -> dict[str, Any]:
-        """Return numbers of `readings` and `tags`; `more_tags`: too many to distinguish."""
-        return {"readings": self.readings_count, "tags": len(self._tags), "more_tags": self._has_more}
+    def summarise(self) -> UnknownTagCounts:
+        return UnknownTagCounts(readings=self.readings_count, tags=len(self._tags), more_tags=self._has_more)

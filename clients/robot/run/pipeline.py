@@ -10,7 +10,8 @@ import random
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+
+import msgspec
 
 from clients.robot.consent.consent_filter import ConsentFilter
 from clients.robot.consent.consent_view import Consents
@@ -38,6 +39,7 @@ from clients.robot.run.event_log import (
     EventLog,
 )
 from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.run.run_summary import PipelineIntake
 from clients.robot.sensing.input_throttle import InputThrottle
 from clients.robot.sensing.sensor_events import Event, Frame, SensorSample, Sighting
 from consensus.errors import BlockRobotError
@@ -162,9 +164,8 @@ class Pipeline:
         await self._delivery.drain()
         await self._delivery.close_visits(self._open_visits)
 
-    def intake_json(self) -> dict[str, Any]:
-        """Return intake figures: clocks, rejected, late or thinned events, unknown tags."""
-        return {**self.admission.as_json(self._hider.pairing), "unknown_tags": self._unknown_tags.as_json()}
+    def summarise_intake(self) -> PipelineIntake:
+        return self.admission.summarise(self._hider.pairing, self._unknown_tags)
 
     def _find_arrival(self, arrived: Event | SensorSample) -> int:
         now = self._now_ms()
@@ -224,7 +225,7 @@ class Pipeline:
     def _tell_intake(self) -> None:
         now = self._now_ms()
         for name, estimate in self.admission.clocks.estimates().items():
-            self._log.write(now, CLOCK_ESTIMATED, f"clock-{name}", **estimate.as_json())
+            self._log.write(now, CLOCK_ESTIMATED, f"clock-{name}", **msgspec.to_builtins(estimate.summarise()))
         for reason, count in self.admission.newly_turned_away(self._hider.pairing):
             self._log.write(now, MESSAGE_REFUSED, f"{reason}-turned-away", reason=reason, count=count)
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,16 @@ from clients.robot.delivery.delivery import Delivered
 from clients.robot.hiding import match_evidence, merged_evidence
 from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.merged_evidence import MergedEvidence
+from clients.robot.run.run_summary import (
+    AmbiguousTag,
+    DistancesOff,
+    FrameCounts,
+    Latency,
+    MergedTag,
+    RunLatencies,
+    SenseCounts,
+)
+from clients.sdk.terminal.json_answers import extend
 
 ARRIVALS_MAX_COUNT = 4_096
 """Of so many frames it is remembered when they came: more than two minutes of 30 a second, longer than any waits here."""
@@ -38,10 +47,10 @@ class Distribution:
             step *= 10
         self.counts[value_ms // step * step] += 1
 
-    def summarise(self) -> dict[str, float]:
+    def summarise(self) -> Latency:
         """Return rounded median, 95th percentile and maximum; zeros if empty."""
         if not self.counts:
-            return {"p50": 0.0, "p95": 0.0, "max": 0.0}
+            return Latency(p50=0.0, p95=0.0, max=0.0)
         values = np.array(sorted(self.counts))
         ends = np.cumsum([self.counts[value] for value in values.tolist()])
 
@@ -50,7 +59,7 @@ class Distribution:
             low, high = (int(values[np.searchsorted(ends, int(rank), "right")]) for rank in (place, math.ceil(place)))
             return round(low + (high - low) * (place % 1), 1)
 
-        return {"p50": at(0.50), "p95": at(0.95), "max": float(values[-1])}
+        return Latency(p50=at(0.50), p95=at(0.95), max=float(values[-1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +79,9 @@ class Ambiguity:
     frames: int
     nearest: MatchEvidence
 
-    def as_json(self, alias: str) -> dict[str, Any]:
+    def summarise(self, alias: str) -> AmbiguousTag:
         help_text = match_evidence.HELP[self.nearest.obstacle]
-        return {"alias": alias, "frames": self.frames, **self.nearest.as_json(), "help": help_text}
+        return extend(AmbiguousTag, self.nearest.summarise(), alias=alias, frames=self.frames, help=help_text)
 
 
 @dataclass(slots=True)
@@ -82,9 +91,9 @@ class MergedFrames:
     frames: int
     nearest: MergedEvidence
 
-    def as_json(self, alias: str) -> dict[str, Any]:
+    def summarise(self, alias: str) -> MergedTag:
         help_text = merged_evidence.HELP[self.nearest.by]
-        return {"alias": alias, "frames": self.frames, **self.nearest.as_json(), "help": help_text}
+        return extend(MergedTag, self.nearest.summarise(), alias=alias, frames=self.frames, help=help_text)
 
 
 @dataclass(slots=True)
@@ -198,46 +207,48 @@ class RunStatistics:
     def withheld_count(self) -> int:
         return sum(self.withheld.values())
 
-    def frames_json(self) -> dict[str, Any]:
+    def count_frames(self) -> FrameCounts:
         """Return frame counts; `lost`: covered, neither final nor withheld."""
-        return {
-            "published": self.published,
-            "covered": self.covered,
-            "kept": self.kept_final,
-            "withheld": self.withheld_count,
-            "withheld_reasons": dict(sorted(self.withheld.items())),
-            "lost": self.covered - self.kept_final - self.withheld_count,
-        }
+        return FrameCounts(
+            published=self.published,
+            covered=self.covered,
+            kept=self.kept_final,
+            withheld=self.withheld_count,
+            withheld_reasons=dict(sorted(self.withheld.items())),
+            lost=self.covered - self.kept_final - self.withheld_count,
+        )
 
-    def ambiguous_json(self) -> list[dict[str, Any]]:
+    def summarise_ambiguous(self) -> list[AmbiguousTag]:
         rows = sorted(self.ambiguities.items(), key=lambda row: (-row[1].frames, row[0]))
-        return [ambiguity.as_json(alias) for alias, ambiguity in rows]
+        return [ambiguity.summarise(alias) for alias, ambiguity in rows]
 
-    def merged_json(self) -> list[dict[str, Any]]:
+    def summarise_merged(self) -> list[MergedTag]:
         rows = sorted(self.merged.items(), key=lambda row: (-row[1].frames, row[0]))
-        return [merged.as_json(alias) for alias, merged in rows]
+        return [merged.summarise(alias) for alias, merged in rows]
 
-    def distances_off_json(self) -> list[dict[str, Any]]:
+    def summarise_distances_off(self) -> list[DistancesOff]:
         return [
-            {
-                "alias": alias,
-                "frames": count,
-                "gap_m": round(evidence.gap_m, 2),
-                "spread_m": round(evidence.spread_m, 2),
-                "sigma_m": round(evidence.sigma_m, 2),
-            }
+            DistancesOff(
+                alias=alias,
+                frames=count,
+                gap_m=round(evidence.gap_m, 2),
+                spread_m=round(evidence.spread_m, 2),
+                sigma_m=round(evidence.sigma_m, 2),
+            )
             for alias, (count, evidence) in sorted(self.distances_off.items())
         ]
 
-    def senses_json(self) -> dict[str, Any]:
+    def count_senses(self) -> dict[str, SenseCounts]:
         came = {sensor: sense for sensor, sense in self.senses.items() if sense.published}
-        return {sensor: {**sense.frames_json(), "let_go": sense.let_go} for sensor, sense in came.items()}
-
-    def latency_json(self) -> dict[str, Any]:
-        """Return latencies: `frame_to_final` from pairing window's end, `decided_to_final` from hiding's."""
         return {
-            "frame_to_final": self.frame_to_final.summarise(),
-            "decided_to_final": self.decided_to_final.summarise(),
-            "arrival_to_final": self.arrival_to_final.summarise(),
-            "submit_to_final": self.submit_to_final.summarise(),
+            sensor: extend(SenseCounts, sense.count_frames(), let_go=sense.let_go) for sensor, sense in came.items()
         }
+
+    def summarise_latencies(self) -> RunLatencies:
+        """Return latencies: `frame_to_final` from pairing window's end, `decided_to_final` from hiding's."""
+        return RunLatencies(
+            frame_to_final=self.frame_to_final.summarise(),
+            decided_to_final=self.decided_to_final.summarise(),
+            arrival_to_final=self.arrival_to_final.summarise(),
+            submit_to_final=self.submit_to_final.summarise(),
+        )

@@ -6,9 +6,10 @@ import asyncio
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
+from msgspec import UNSET
 
 from clients.robot.backgrounds.background_banks import approved_frames, approved_scene, check_empty, published_frames
 from clients.robot.backgrounds.background_publishing import publish_frames
@@ -28,6 +29,7 @@ from clients.robot.run.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.run.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.run.robot_lock import only_run
 from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.run.run_summary import CameraFigures, RunIntake, RunProgress, RunSummary
 from clients.robot.run.run_validity import RunValidity
 from clients.robot.sensing.camera_intrinsics import CameraIntrinsics
 from clients.robot.sensing.input_checks import Inputs
@@ -36,6 +38,7 @@ from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source, StoppableClock
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.json_answers import extend
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
@@ -73,8 +76,8 @@ class ReplayOptions:
 class ProgressListener(Protocol):
     """Receives a run's progress figures."""
 
-    def __call__(self, figures: dict[str, Any], *, last: bool = False) -> None:
-        """Take frames_read, frames_recorded and waiting."""
+    def __call__(self, figures: RunProgress, *, last: bool = False) -> None:
+        """Take the newest figures."""
 
 
 async def _events(
@@ -100,6 +103,19 @@ def _note_refused(refused: Refused, count: int, log: EventLog, now_ms: int) -> N
         log.write(now_ms, MESSAGE_REFUSED, case, reason=refused.reason)
     else:
         log.write(now_ms, MESSAGE_REFUSED, case, reason=refused.reason, count=count)
+
+
+def _summarise_intake(source: Source, pipeline: Pipeline, inputs: Inputs) -> RunIntake:
+    unnamed = source.antennas_unnamed if isinstance(source, LiveSource | BagSource) else None
+    return extend(
+        RunIntake,
+        pipeline.summarise_intake(),
+        messages_refused=inputs.summarise_refused(),
+        first_refused=dict(inputs.first_detail),
+        fault=inputs.summarise_fault(),
+        antennas_unnamed=UNSET if unnamed is None else {topic: dict(counts) for topic, counts in unnamed.items()},
+        **(source.count_intake()._asdict() if isinstance(source, LiveSource) else {}),
+    )
 
 
 class _Run:
@@ -130,10 +146,8 @@ class _Run:
             stale_after_ms=lambda: compute_stale_after_ms(self._heartbeat_ms),
             now_ms=self._network.now_ms,
         )
-        self.intake: dict[str, Any] = {}
-        self.camera: dict[str, Any] = {}
 
-    async def work(self, source: Source) -> RunStatistics:
+    async def work(self, source: Source) -> RunSummary:
         """Process a source until records are final; first requires a recent block. Raises REGISTRY_STALE."""
         await self._consents.refresh()
         watch = asyncio.create_task(self._consents.watch())
@@ -148,7 +162,7 @@ class _Run:
         look = (lambda: approved_scene(self._folder, viewpoint, now_ms())) if viewpoint else None
         return RunValidity(self._roster, now_ms, look)
 
-    async def _play(self, source: Source) -> RunStatistics:
+    async def _play(self, source: Source) -> RunSummary:
         viewpoint, now_ms, tenure = self._options.viewpoint, self._network.now_ms(), self._tenure()
         empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
         check_empty(empty)
@@ -205,32 +219,31 @@ class _Run:
                     task.cancel()
                 await delivery.stop()
                 inputs.close()
-            live = source.intake_json() if isinstance(source, LiveSource) else {}
-            heard = {"antennas_unnamed": source.antennas_unnamed} if isinstance(source, LiveSource | BagSource) else {}
-            self.intake = {**pipeline.intake_json(), **inputs.summary(), **live, **heard}
-            self.camera = lens.as_json()
             self._tell(statistics, last=True)
-        return statistics
+        return self._summarise(statistics, _summarise_intake(source, pipeline, inputs), lens.summarise())
+
+    def _summarise(self, statistics: RunStatistics, intake: RunIntake, camera: CameraFigures) -> RunSummary:
+        return RunSummary(
+            roster_rows=len(self._consents),
+            consents=self._consents.summarise(),
+            frames=statistics.count_frames(),
+            ambiguous=statistics.summarise_ambiguous(),
+            merged=statistics.summarise_merged(),
+            distances_off=statistics.summarise_distances_off(),
+            senses=statistics.count_senses(),
+            latency_ms=statistics.summarise_latencies(),
+            intake=intake,
+            camera=camera,
+            records=statistics.records_final,
+            stored_bytes=statistics.stored_bytes,
+            spool_peak_bytes=self._spool.peak_bytes,
+            uploads_refused=dict(sorted(self._network.refused_uploads.items())),
+            final_gap_max_s=round(statistics.final_gap_max_ms / 1000, 3),
+        )
 
     @property
     def _heartbeat_ms(self) -> int:
         return self._client.light_client.epoch.settings.heartbeat_ms
-
-    @property
-    def roster_rows(self) -> int:
-        return len(self._consents)
-
-    @property
-    def spool_peak_bytes(self) -> int:
-        return self._spool.peak_bytes
-
-    @property
-    def refused_uploads(self) -> dict[str, int]:
-        return dict(sorted(self._network.refused_uploads.items()))
-
-    @property
-    def consent_figures(self) -> dict[str, Any]:
-        return self._consents.summary()
 
     async def _heed_stop(self) -> None:
         await self._stop.wait()
@@ -242,12 +255,12 @@ class _Run:
             await asyncio.sleep(_PROGRESS_EVERY_S)
 
     def _tell(self, statistics: RunStatistics, *, last: bool) -> None:
-        figures = {
-            "frames_read": statistics.published,
-            "frames_recorded": statistics.kept_final,
-            "records": statistics.records_final,
-            "waiting": len(self._spool.names()),
-        }
+        figures = RunProgress(
+            frames_read=statistics.published,
+            frames_recorded=statistics.kept_final,
+            records=statistics.records_final,
+            waiting=len(self._spool.names()),
+        )
         self._progress(figures, last=last)
 
 
@@ -258,7 +271,7 @@ async def replay_recording(
     options: ReplayOptions,
     progress: ProgressListener,
     stop: asyncio.Event | None = None,
-) -> dict[str, Any]:
+) -> RunSummary:
     """Replay a source; return the summary once records are final. `stop` ends the source early.
 
     `intake` counts unusable messages and the `fault`; `camera` the focal length's origin. Raises ROBOT_RUNNING,
@@ -270,21 +283,4 @@ async def replay_recording(
     with only_run(folder):
         async with open_pinned_client(genesis, folder / PIN_FILE) as client:
             run = _Run(folder, client, options, progress, stop)
-            statistics = await run.work(source)
-    return {
-        "roster_rows": run.roster_rows,
-        "consents": run.consent_figures,
-        "frames": statistics.frames_json(),
-        "ambiguous": statistics.ambiguous_json(),
-        "merged": statistics.merged_json(),
-        "distances_off": statistics.distances_off_json(),
-        "senses": statistics.senses_json(),
-        "latency_ms": statistics.latency_json(),
-        "intake": run.intake,
-        "camera": run.camera,
-        "records": statistics.records_final,
-        "stored_bytes": statistics.stored_bytes,
-        "spool_peak_bytes": run.spool_peak_bytes,
-        "uploads_refused": run.refused_uploads,
-        "final_gap_max_s": round(statistics.final_gap_max_ms / 1000, 3),
-    }
+            return await run.work(source)

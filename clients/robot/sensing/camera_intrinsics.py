@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from typing import Any
 
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.run.run_summary import CameraFigures
 from clients.robot.sensing.sensor_events import Frame, SourceEvent
 from clients.robot.sources.source import Source
 
@@ -36,11 +36,13 @@ class CameraIntrinsics:
                 self._frames_before += self._focal_px is None
             yield event
 
-    def as_json(self) -> dict[str, Any]:
-        if self._focal_px is None:
-            return {"focal_px": FOCAL_DEFAULT_PX, "focal_from": ASSUMED, "frames_before": self._frames_before}
-        told = {"focal_px": round(self._focal_px, 3), "focal_from": self._source.focal_from}
-        return {**told, "frames_before": self._frames_before}
+    def summarise(self) -> CameraFigures:
+        is_known = self._focal_px is not None
+        return CameraFigures(
+            focal_px=FOCAL_DEFAULT_PX if self._focal_px is None else round(self._focal_px, 3),
+            focal_from=self._source.focal_from if is_known else ASSUMED,
+            frames_before=self._frames_before,
+        )
 
     async def _wait(self) -> None:
         loop = asyncio.get_running_loop()

@@ -6,8 +6,8 @@ Broken or useless streams and expired run validity end here; `fault` says why.
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from typing import Any
 
+from clients.robot.run.run_summary import RunFault
 from clients.robot.run.run_validity import ENDS
 from clients.robot.sensing.sensor_events import (
     AudioClip,
@@ -68,14 +68,12 @@ class Inputs:
             self._note(refused, count)
         self._unnoted.clear()
 
-    def summary(self) -> dict[str, Any]:
-        """Return rejections by kind and reason, and any fault."""
-        fault = self.fault and {"code": self.fault.code, "detail": self.fault.detail}
-        return {
-            "messages_refused": {kind: dict(sorted(found.items())) for kind, found in self.refused.items()},
-            "first_refused": dict(self.first_detail),
-            "fault": fault,
-        }
+    def summarise_refused(self) -> dict[str, dict[str, int]]:
+        """Return numbers of refused messages by kind and reason."""
+        return {kind: dict(sorted(found.items())) for kind, found in self.refused.items()}
+
+    def summarise_fault(self) -> RunFault | None:
+        return None if self.fault is None else RunFault(code=self.fault.code, detail=self.fault.detail)
 
     def _check(self, event: SourceEvent) -> Refused | None:
         if isinstance(event, Frame) and event.depth.shape != self._shape:

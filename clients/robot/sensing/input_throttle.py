@@ -8,9 +8,10 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
 
 from clients.robot.pairing.tag_pairing import Pairing
+from clients.robot.pairing.unknown_tags import UnknownTags
+from clients.robot.run.run_summary import PipelineIntake
 from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Sighting
 
@@ -100,15 +101,16 @@ class InputThrottle:
         self._told_turned_away = now
         return sorted(new.items())
 
-    def as_json(self, pairing: Pairing) -> dict[str, Any]:
-        return {
-            "clocks": {name: estimate.as_json() for name, estimate in self.clocks.estimates().items()},
-            "turned_away": dict(sorted(self._turned_away(pairing).items())),
-            "sightings_late": pairing.late_count,
-            "sightings_shortened": self.clocks.shortened_count,
-            "sightings_only_paired": self.only_paired_count,
-            "timelines": pairing.timeline_count,
-        }
+    def summarise(self, pairing: Pairing, unknown_tags: UnknownTags) -> PipelineIntake:
+        return PipelineIntake(
+            clocks={name: estimate.summarise() for name, estimate in self.clocks.estimates().items()},
+            turned_away=dict(sorted(self._turned_away(pairing).items())),
+            sightings_late=pairing.late_count,
+            sightings_shortened=self.clocks.shortened_count,
+            sightings_only_paired=self.only_paired_count,
+            timelines=pairing.timeline_count,
+            unknown_tags=unknown_tags.summarise(),
+        )
 
     def _turned_away(self, pairing: Pairing) -> Counter[str]:
         return Counter(self.clocks.refused) + Counter(pairing.refused)

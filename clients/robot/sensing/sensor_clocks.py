@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from clients.robot.run.run_summary import DeviceClock
 from clients.robot.sensing.sensor_events import Event, Frame, Sighting
 
 DELAY_MAX_MS = 2_000  # between stamp and receipt; what does not fit in is a clock that was set, or a wrong stamp
@@ -45,14 +46,14 @@ class ClockEstimate:
     sample_count: int
     started_anew_count: int
 
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "offset_ms": round(self.offset_ms, 1),
-            "drift_ppm": round(self.drift_ppm, 1),
-            "uncertainty_ms": round(self.uncertainty_ms, 1),
-            "sample_count": self.sample_count,
-            "started_anew_count": self.started_anew_count,
-        }
+    def summarise(self) -> DeviceClock:
+        return DeviceClock(
+            offset_ms=round(self.offset_ms, 1),
+            drift_ppm=round(self.drift_ppm, 1),
+            uncertainty_ms=round(self.uncertainty_ms, 1),
+            sample_count=self.sample_count,
+            started_anew_count=self.started_anew_count,
+        )
 
 
 @dataclass(slots=True)

@@ -29,6 +29,14 @@ class Answer(Struct, frozen=True, kw_only=True):
     """
 
 
+class Problem(Answer, frozen=True, kw_only=True):
+    """An error, as in a refusal."""
+
+    code: Annotated[str, doc("The error's code")]
+    detail: Annotated[str, doc("What happened")]
+    next_step: Annotated[str, doc("What to do")]
+
+
 class AnswerLine(Answer, frozen=True, kw_only=True):
     """An answer of which a command prints many, one a line, without `ok`."""
 

@@ -13,7 +13,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from clients.robot.recording.batching import CLIP_DEFAULT_MS
+from clients.robot.run.run_summary import RunProgress
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.sdk.terminal.terminal import load_genesis
@@ -29,10 +32,10 @@ class _Progress:
     def __init__(self) -> None:
         self._last = 0.0
 
-    def __call__(self, figures: dict[str, Any], *, last: bool = False) -> None:
+    def __call__(self, figures: RunProgress, *, last: bool = False) -> None:
         if last or time.monotonic() - self._last >= _PROGRESS_EVERY_S:
             self._last = time.monotonic()
-            sys.stderr.write(json.dumps({"progress": figures}) + "\n")
+            sys.stderr.write(json.dumps({"progress": msgspec.to_builtins(figures)}) + "\n")
             sys.stderr.flush()
 
 
@@ -72,7 +75,7 @@ async def _play(chosen: argparse.Namespace) -> dict[str, Any]:
         "seconds": round(time.monotonic() - started_s, 3),
         "rss_peak_bytes": read_peak_bytes(),
     }
-    return {**summary, "process": cost}
+    return {**msgspec.to_builtins(summary), "process": cost}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

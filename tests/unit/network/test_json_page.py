@@ -160,7 +160,4 @@ def test_what_a_process_of_its_own_answers_is_noted_and_held_against_the_page(tm
     assert read_noted(file) == [("robot new", printed)]
     assert noted_differences(file) == []
     file.write_text(json.dumps({"words": "robot new", "told": {"ok": True, "folder": "robots"}}) + "\n")
-    assert noted_differences(file) == [
-        "robot new: member is documented, and not answered",
-        "robot new: sealed is documented, and not answered",
-    ]
+    assert noted_differences(file) == ["robot new: Object missing required field `sealed`"]

@@ -9,7 +9,7 @@ from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from types import TracebackType
-from typing import Any, Self
+from typing import NamedTuple, Self
 
 from clients.robot.sensing.sensor_events import Depth, Refused, Sighting, SourceEvent
 from clients.robot.sources.live.feed_watch import Watch
@@ -39,6 +39,16 @@ YIELD_EVERY_COUNT = 16
 _FOREVER_MS = 1 << 53
 
 Tell = Callable[[str], None]
+
+
+class LiveCounts(NamedTuple):
+    """Numbers of messages by kind (`missed`: dropped; `unread`) and by topic, and how often a topic was gone."""
+
+    missed: dict[str, int]
+    unread: dict[str, int]
+    heard: dict[str, int]
+    never_came: dict[str, int]
+    gone: dict[str, int]
 
 
 class LiveSource:
@@ -180,18 +190,17 @@ class LiveSource:
             watching.cancel()
             self._tell_all()
 
-    def intake_json(self) -> dict[str, Any]:
-        """Return numbers received, lost, and by kind `missed` (dropped) or `unread`."""
+    def count_intake(self) -> LiveCounts:
         gone = self._gone.copy()
         for watch in self._watches.values():
             gone += watch.gone
-        return {
-            "missed": dict(sorted(self._queue.missed.items())),
-            "unread": dict(sorted(self._unread.items())),
-            "heard": dict(sorted(self._heard.items())),
-            "never_came": dict(sorted(self._missing.items())),
-            "gone": dict(sorted(gone.items())),
-        }
+        return LiveCounts(
+            missed=dict(sorted(self._queue.missed.items())),
+            unread=dict(sorted(self._unread.items())),
+            heard=dict(sorted(self._heard.items())),
+            never_came=dict(sorted(self._missing.items())),
+            gone=dict(sorted(gone.items())),
+        )
 
     def hear(self, message: Message, types: MessageTypes) -> None:
         if message.topic not in self._kinds:

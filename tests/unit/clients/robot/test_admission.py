@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from clients.robot.pairing.tag_pairing import Pairing
+from clients.robot.pairing.unknown_tags import UnknownTags
+from clients.robot.run.run_summary import PipelineIntake, UnknownTagCounts
 from clients.robot.sensing.input_throttle import (
     APART_MS,
     KNOWN_MAX_PER_S,
@@ -85,12 +87,12 @@ def test_the_summary_counts_every_refusal_once() -> None:
     pairing.add_frame(0, START_MS)
     pairing.add_sighting("a", 0, 0)
     admission.clocks.admit(Sighting(5, 1, "E2"))
-    summary = admission.as_json(pairing)
-    assert summary == {
-        "clocks": {},
-        "turned_away": {"sighting-time": 2},
-        "sightings_late": 0,
-        "sightings_shortened": 0,
-        "sightings_only_paired": 0,
-        "timelines": 1,
-    }
+    assert admission.summarise(pairing, UnknownTags()) == PipelineIntake(
+        clocks={},
+        turned_away={"sighting-time": 2},
+        sightings_late=0,
+        sightings_shortened=0,
+        sightings_only_paired=0,
+        timelines=1,
+        unknown_tags=UnknownTagCounts(readings=0, tags=0, more_tags=False),
+    )

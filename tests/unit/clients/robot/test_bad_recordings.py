@@ -54,9 +54,9 @@ def run_over(folder: Path, recording: Path) -> Robot:
 
 def check_whole(robot: Robot) -> dict[str, Any]:
     """Hold that nothing is lost, waiting or open; return the counts of frames."""
-    counts = robot.statistics.frames_json()
-    assert counts["lost"] == 0
-    assert counts["kept"] + counts["withheld"] == counts["covered"]
+    counts = robot.statistics.count_frames()
+    assert counts.lost == 0
+    assert counts.kept + counts.withheld == counts.covered
     assert robot.spool.names() == []
     owners = list(robot.network.records.values())
     assert robot.network.closed == {owner: owners.count(owner) for owner in set(owners)}
@@ -77,9 +77,9 @@ def test_bad_frames_between_good_ones_cost_nothing_but_themselves(
     bad = [(at * 100 + 50, {**depth[at][1], **rng.choice(changes)}) for at in range(FRAMES)]
     robot = run(tmp_path, [*depth, *bad], empty)
     counts = check_whole(robot)
-    assert counts["published"] == counts["covered"] == FRAMES
-    assert counts["kept"] > FRAMES / 2
-    refused = robot.inputs.summary()["messages_refused"]["frame"]
+    assert counts.published == counts.covered == FRAMES
+    assert counts.kept > FRAMES / 2
+    refused = robot.inputs.summarise_refused()["frame"]
     assert sum(refused.values()) == FRAMES
     assert set(refused) == {"encoding", "step", "size"}
 
@@ -93,16 +93,16 @@ def test_frames_that_measure_nothing_or_nonsense_are_withheld_and_the_others_kep
         for at in range(9, 12)
     ]
     counts = check_whole(run(tmp_path, [*depth, *dead], empty))
-    assert counts["published"] == FRAMES + 3
-    assert counts["withheld"] >= 3
-    assert counts["kept"] > FRAMES / 2
+    assert counts.published == FRAMES + 3
+    assert counts.withheld >= 3
+    assert counts.kept > FRAMES / 2
 
 
 def test_metres_with_nothing_but_nan_are_frames_without_anybody(tmp_path: Path, empty: Messages) -> None:
     nan = np.full((240, 320), np.nan, np.float32)
     frames = [(at * 100, image(nan, "32FC1", START_MS + at * 100)) for at in range(FRAMES)]
     counts = check_whole(run(tmp_path, frames, empty))
-    assert (counts["covered"], counts["kept"]) == (FRAMES, 0)
+    assert (counts.covered, counts.kept) == (FRAMES, 0)
 
 
 def test_frames_of_one_stamp_are_kept_once_and_withheld_after_that(
@@ -110,9 +110,9 @@ def test_frames_of_one_stamp_are_kept_once_and_withheld_after_that(
 ) -> None:
     twice = [*depth, *[(at + 1, fields) for at, fields in depth]]
     counts = check_whole(run(tmp_path, twice, empty))
-    assert counts["published"] == 2 * FRAMES
-    assert counts["withheld_reasons"]["disordered"] == FRAMES
-    assert counts["kept"] > FRAMES / 2
+    assert counts.published == 2 * FRAMES
+    assert counts.withheld_reasons["disordered"] == FRAMES
+    assert counts.kept > FRAMES / 2
 
 
 def test_a_camera_that_is_gone_for_twenty_seconds_is_taken_up_again(
@@ -125,8 +125,8 @@ def test_a_camera_that_is_gone_for_twenty_seconds_is_taken_up_again(
     tags = tag_messages(parse_scenario(SCENE))
     again = [(at + 20_000, _later(fields, 20_000)) for at, fields in tags]
     counts = check_whole(run(tmp_path, [*depth, *later], empty, [*tags, *again]))
-    assert counts["published"] == counts["covered"] == 2 * FRAMES
-    assert counts["kept"] > FRAMES
+    assert counts.published == counts.covered == 2 * FRAMES
+    assert counts.kept > FRAMES
 
 
 def test_a_reader_that_is_gone_for_twenty_seconds_leaves_the_time_between_to_nobody(
@@ -137,8 +137,8 @@ def test_a_reader_that_is_gone_for_twenty_seconds_leaves_the_time_between_to_nob
     tags = tag_messages(parse_scenario(SCENE))[:3]
     again = [(at + 25_000, _later(fields, 25_000)) for at, fields in tags]
     counts = check_whole(run(tmp_path, frames, empty, [*tags, *again]))
-    assert counts["published"] == 60
-    assert counts["covered"] == sum(1 for at in range(60) if at * 500 <= 5_250 or at * 500 >= 20_050)
+    assert counts.published == 60
+    assert counts.covered == sum(1 for at in range(60) if at * 500 <= 5_250 or at * 500 >= 20_050)
 
 
 def _later(fields: Mapping[str, Any], by_ms: int) -> dict[str, Any]:
@@ -170,8 +170,8 @@ def test_a_recording_that_breaks_off_is_recorded_up_to_the_break_and_no_further(
     file.write_bytes(data[: int(len(data) * share)])
     robot = run_over(tmp_path, path)
     counts = check_whole(robot)
-    assert 0 < counts["published"] < FRAMES
-    assert counts["covered"] == counts["published"]
+    assert 0 < counts.published < FRAMES
+    assert counts.covered == counts.published
     assert robot.inputs.fault is not None
     assert robot.inputs.fault.code == "BAG_DAMAGED"
 
@@ -185,7 +185,7 @@ def test_a_camera_that_only_sends_rubbish_ends_the_run_with_what_came_before_kep
     ]
     robot = run(tmp_path, [*depth, *rubbish], empty)
     counts = check_whole(robot)
-    assert counts["kept"] > FRAMES / 2
+    assert counts.kept > FRAMES / 2
     assert robot.inputs.fault is not None
     assert robot.inputs.fault.code == "FRAMES_UNUSABLE"
     assert robot.inputs.refused == {"frame": {"encoding": REFUSED_IN_A_ROW_MAX_COUNT}}

@@ -53,9 +53,9 @@ def run(tmp_path: Path, small_bag: Path) -> Callable[[Change], ChangedRobot]:
         robot = ChangedRobot(tmp_path, small_bag, roster())
         robot.change = change
         run_virtual(robot.run())
-        counts = robot.statistics.frames_json()
-        assert counts["lost"] == 0
-        assert counts["kept"] + counts["withheld"] == counts["covered"]
+        counts = robot.statistics.count_frames()
+        assert counts.lost == 0
+        assert counts.kept + counts.withheld == counts.covered
         return robot
 
     return play
@@ -189,7 +189,7 @@ def test_in_a_live_stream_that_falls_silent_frames_are_decided_when_due_and_not_
     taken = {event["case"]: event["time_ms"] for event in logged(robot, "IMAGE_RETRIEVE")}
     for case, decided_ms in decided.items():
         assert 6_000 < decided_ms - taken[case] < 9_000
-    assert robot.statistics.frames_json()["lost"] == 0
+    assert robot.statistics.count_frames().lost == 0
 
 
 def test_what_fails_while_a_live_stream_is_silent_ends_the_run(

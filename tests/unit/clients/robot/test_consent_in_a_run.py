@@ -94,8 +94,8 @@ def withdraw(robot: Meddled) -> None:
 def test_without_a_no_every_frame_is_kept(tmp_path: Path, walk_bag: Path) -> None:
     """Else the tests below would show nothing."""
     robot = meddled(tmp_path, walk_bag, lambda _: None, after_frames=3, pause_s=1.5)
-    counts = robot.statistics.frames_json()
-    assert (counts["kept"], counts["withheld"], counts["lost"]) == (15, 0, 0)
+    counts = robot.statistics.count_frames()
+    assert (counts.kept, counts.withheld, counts.lost) == (15, 0, 0)
 
 
 def test_consent_that_is_withdrawn_while_frames_wait_for_the_matcher_leaves_nothing(
@@ -106,10 +106,10 @@ def test_consent_that_is_withdrawn_while_frames_wait_for_the_matcher_leaves_noth
     assert robot.network.calls == []
     assert robot.network.uploads == {}
     assert robot.spool.names() == []
-    counts = robot.statistics.frames_json()
-    assert counts["covered"] > 0
-    assert (counts["lost"], counts["kept"]) == (0, 0)
-    assert counts["withheld_reasons"] == {"no-consent": counts["covered"]}
+    counts = robot.statistics.count_frames()
+    assert counts.covered > 0
+    assert (counts.lost, counts.kept) == (0, 0)
+    assert counts.withheld_reasons == {"no-consent": counts.covered}
     reasons = {
         event["detail"]["reason"] for event in read_events(robot.log_path) if "reason" in event.get("detail", {})
     }
@@ -134,8 +134,8 @@ def test_consent_that_is_withdrawn_while_sealed_clips_wait_for_the_network_leave
     run_virtual(main())
     assert (robot.network.visits, robot.network.records, robot.network.uploads) == ({}, {}, {})
     assert robot.spool.names() == []
-    counts = robot.statistics.frames_json()
-    assert (counts["lost"], counts["kept"]) == (0, 0)
+    counts = robot.statistics.count_frames()
+    assert (counts.lost, counts.kept) == (0, 0)
     assert robot.consents.figures.clips_dropped >= 1
     assert robot.open_visits.counts == {}
     assert robot.network.times("close_visit") == [], "a visit that nobody heard of leaves no trace"
@@ -216,18 +216,18 @@ def test_a_registry_that_cannot_be_reached_closes_the_robot_and_the_owner_is_tol
         return robot
 
     robot = run_virtual(main())
-    counts = robot.statistics.frames_json()
+    counts = robot.statistics.count_frames()
     figures = robot.consents.figures
-    assert (counts["kept"], counts["lost"]) == (0, 0)
-    assert counts["covered"] > 0
-    assert set(counts["withheld_reasons"]) <= {
+    assert (counts.kept, counts.lost) == (0, 0)
+    assert counts.covered > 0
+    assert set(counts.withheld_reasons) <= {
         "registry-stale",
         "no-silhouette",
         "no-distance",
         "ambiguous",
         "disordered",
     }
-    assert counts["withheld_reasons"]["registry-stale"] > 0
+    assert counts.withheld_reasons["registry-stale"] > 0
     assert (figures.stale_count, figures.failures > 100) == (1, True)
     assert robot.network.uploads == {}
 
@@ -250,11 +250,11 @@ def test_a_registry_that_is_away_for_a_minute_costs_nothing(tmp_path: Path, walk
         return robot
 
     robot = run_virtual(main())
-    counts = robot.statistics.frames_json()
-    assert counts["kept"] > 0
-    assert counts["lost"] == 0
-    assert "registry-stale" not in counts["withheld_reasons"]
-    assert robot.told() == counts["withheld_reasons"]
+    counts = robot.statistics.count_frames()
+    assert counts.kept > 0
+    assert counts.lost == 0
+    assert "registry-stale" not in counts.withheld_reasons
+    assert robot.told() == counts.withheld_reasons
 
 
 def test_of_a_break_between_two_readings_what_was_taken_before_it_is_dropped(tmp_path: Path, walk_bag: Path) -> None:
@@ -263,8 +263,8 @@ def test_of_a_break_between_two_readings_what_was_taken_before_it_is_dropped(tmp
         robot.registry.say(robot.handle())
 
     robot = meddled(tmp_path, walk_bag, break_off, after_frames=8, pause_s=0.0)
-    counts = robot.statistics.frames_json()
-    assert (counts["kept"], counts["withheld_reasons"]["outside-consent"], counts["lost"]) == (8, 7, 0), (
+    counts = robot.statistics.count_frames()
+    assert (counts.kept, counts.withheld_reasons["outside-consent"], counts.lost) == (8, 7, 0), (
         "the eighth is of that moment"
     )
     per_owner = {owner: list(robot.network.records.values()).count(owner) for owner in robot.network.visits}

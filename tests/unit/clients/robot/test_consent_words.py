@@ -7,7 +7,7 @@ from clients.robot.consent.consent_view import ConsentFigures
 
 
 def said(figures: ConsentFigures) -> str:
-    return "\n".join(consent_lines(figures.as_json()))
+    return "\n".join(consent_lines(figures.summarise()))
 
 
 def test_a_run_in_which_consent_was_no_matter_says_nothing_of_it() -> None:

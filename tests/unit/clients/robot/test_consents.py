@@ -189,10 +189,10 @@ async def test_a_registry_that_cannot_be_reached_closes_and_opens_again(ward: Wa
     await asyncio.sleep(2)
     assert ward.refusal() is None
     watch.cancel()
-    told = ward.consents.summary()
-    assert told["stale_times"] == 1
-    assert 55_000 <= told["stale_ms"] <= 65_000
-    assert told["failed_readings"] >= 100
+    told = ward.consents.summarise()
+    assert told.stale_times == 1
+    assert 55_000 <= told.stale_ms <= 65_000
+    assert told.failed_readings >= 100
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import pytest
 
 from clients.robot.backgrounds.background_banks import DAY_MS, FOLDER, approve_scene, record_scene
 from clients.robot.pairing.rosters import RosterBook
+from clients.robot.run.run_summary import RunSummary
 from clients.robot.run.run_validity import LOOK_EVERY_S
 from clients.robot.sensing.sensor_events import Depth, Frame, SourceEvent
 from clients.robot.sources.source import Clock, StoppableClock
@@ -78,17 +79,17 @@ class Day:
         self.monkeypatch.setattr(self.start.source, "play", play)
         self.start.run._options = replace(self.start.run._options, real_time=True)
 
-    async def ends_with(self, code: str, *, frames: int) -> None:
-        statistics = await asyncio.wait_for(self.start.run.work(self.start.source), 3_600)
-        counts = statistics.frames_json()
-        fault = self.start.run.intake["fault"]
-        assert (fault and fault["code"]) == (code or None)
-        assert counts["published"] == counts["covered"] == frames
-        assert (counts["lost"], counts["kept"] + counts["withheld"]) == (0, frames)
-        assert statistics.records_final > 0, "what was seen until then is recorded"
+    async def ends_with(self, code: str, *, frames: int) -> RunSummary:
+        summary = await asyncio.wait_for(self.start.run.work(self.start.source), 3_600)
+        counts, fault = summary.frames, summary.intake.fault
+        assert (fault and fault.code) == (code or None)
+        assert counts.published == counts.covered == frames
+        assert (counts.lost, counts.kept + counts.withheld) == (0, frames)
+        assert summary.records > 0, "what was seen until then is recorded"
         assert self.start.run._spool.names() == []
         network = self.start.network
         assert set(network.closed) == set(network.visits), "every visit is closed"
+        return summary
 
 
 def a_day(folder: Path, bag: Path, monkeypatch: pytest.MonkeyPatch, story: Callable[[Day], Any]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Sequence
 import numpy as np
 import pytest
 
+from clients.robot.run.run_summary import RunFault
 from clients.robot.run.run_validity import ENDS
 from clients.robot.sensing.input_checks import (
     NOTED_EACH_COUNT,
@@ -44,11 +45,8 @@ async def test_what_can_be_used_comes_through_and_the_rest_is_counted_and_noted(
     wrong = frame(1, (4, 5))
     events = [frame(0), wrong, Refused(3, "frame", "step"), SIGHTING, Refused(4, "sighting", "tag"), frame(2)]
     assert await drain(inputs, events) == [events[0], SIGHTING, events[5]]
-    assert inputs.summary() == {
-        "messages_refused": {"frame": {"size": 1, "step": 1}, "sighting": {"tag": 1}},
-        "first_refused": {},
-        "fault": None,
-    }
+    assert inputs.summarise_refused() == {"frame": {"size": 1, "step": 1}, "sighting": {"tag": 1}}
+    assert (inputs.first_detail, inputs.summarise_fault()) == ({}, None)
     assert [(refused.kind, refused.reason) for refused in noted] == [
         ("frame", "size"),
         ("frame", "step"),
@@ -81,14 +79,12 @@ async def test_what_strangers_send_never_ends_a_live_run_and_is_counted(kind: st
     inputs = Inputs(SHAPE, live=True)
     events = [*[Refused(1, kind, "tag")] * (5 * REFUSED_IN_A_ROW_MAX_COUNT), frame(1)]
     assert await drain(inputs, events) == events[-1:]
-    assert inputs.summary() == {
-        "messages_refused": {kind: {"tag": 5 * REFUSED_IN_A_ROW_MAX_COUNT}},
-        "first_refused": {},
-        "fault": None,
-    }
+    assert inputs.summarise_refused() == {kind: {"tag": 5 * REFUSED_IN_A_ROW_MAX_COUNT}}
+    assert (inputs.first_detail, inputs.fault) == ({}, None)
     recorded = Inputs(SHAPE)
     assert await drain(recorded, events) == []
-    assert recorded.summary()["fault"]["code"] == "FRAMES_UNUSABLE"
+    assert recorded.fault is not None
+    assert recorded.fault.code == "FRAMES_UNUSABLE"
 
 
 async def test_an_odd_tag_before_a_reader_does_not_end_a_live_run() -> None:
@@ -98,7 +94,8 @@ async def test_an_odd_tag_before_a_reader_does_not_end_a_live_run() -> None:
         events += readings.take(report(epc=bytes(62)), NOW_MS + number * 10)
         events += [frame(number)] if number % 100 == 99 else []
     assert [event for event in await drain(inputs, events) if isinstance(event, Frame)] == events[100::101]
-    assert inputs.summary() == {"messages_refused": {"sighting": {"tag": 1_000}}, "first_refused": {}, "fault": None}
+    assert inputs.summarise_refused() == {"sighting": {"tag": 1_000}}
+    assert (inputs.first_detail, inputs.fault) == ({}, None)
 
 
 async def test_a_live_camera_of_which_nothing_can_be_used_ends_the_run_whatever_else_comes() -> None:
@@ -130,14 +127,14 @@ async def test_a_stream_that_breaks_off_gives_all_before_the_break_and_keeps_the
     inputs = Inputs(SHAPE)
     events = [frame(0), SIGHTING]
     assert await drain(inputs, events, BlockRobotError("BAG_DAMAGED", "It breaks off.")) == events
-    assert inputs.summary()["fault"] == {"code": "BAG_DAMAGED", "detail": "It breaks off."}
+    assert inputs.summarise_fault() == RunFault(code="BAG_DAMAGED", detail="It breaks off.")
 
 
 @pytest.mark.parametrize("code", sorted(ENDS))
 async def test_what_ends_a_run_before_its_stream_is_its_fault(code: str) -> None:
     inputs = Inputs(SHAPE)
     assert await drain(inputs, [SIGHTING], BlockRobotError(code, "It is over.")) == [SIGHTING]
-    assert inputs.summary()["fault"] == {"code": code, "detail": "It is over."}
+    assert inputs.summarise_fault() == RunFault(code=code, detail="It is over.")
 
 
 async def test_any_other_failure_is_not_taken_for_the_end_of_a_recording() -> None:

@@ -301,7 +301,7 @@ def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tm
             await note_dropped(sealed, desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
         assert desk.statistics.withheld == {"no-consent": 2}
         assert desk.logged() == [("frame-5", "ann", "no-consent"), ("frame-6", "ann", "no-consent")]
-        assert desk.consents.summary()["clips_dropped"] == 3
+        assert desk.consents.summarise().clips_dropped == 3
         assert visits.counts == OpenVisits(tmp_path / "open-visits", KEY).counts == {sealed.owner: 0}
         sound = RunStatistics(window_ms=5_000)
         desk.statistics.senses["audio"] = sound

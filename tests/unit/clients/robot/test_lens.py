@@ -9,17 +9,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding import hider
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.run.run_summary import CameraFigures
 from clients.robot.sensing.camera_intrinsics import FOCAL_WAIT_MAX_S, CameraIntrinsics
 from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source
 from clients.robot.sources.topics import Topics
+from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
 from tests.unit.clients.robot.test_days_end import a_day
-from tests.unit.clients.robot.test_replay_command import FRAMES
 from tests.virtual_time import run_virtual, virtual_now_ms
 
 FOCAL_PX = 131.0
@@ -62,27 +64,27 @@ async def story(
 def test_what_is_known_at_the_start_is_used_and_nothing_waits(small_bag: Path) -> None:
     used, went, lens = run_virtual(story(small_bag, 0, 3))
     assert (used, went) == ([FOCAL_PX], [0, 0, 1_000, 2_000])
-    assert lens.as_json() == {"focal_px": FOCAL_PX, "focal_from": "camera-info", "frames_before": 0}
+    assert lens.summarise() == CameraFigures(focal_px=FOCAL_PX, focal_from="camera-info", frames_before=0)
 
 
 def test_the_first_frame_waits_for_the_focal_length_and_readings_do_not(small_bag: Path) -> None:
     used, went, lens = run_virtual(story(small_bag, 1.5, 2))
     assert (used, went[0]) == ([FOCAL_PX], 0)
     assert 1_500 <= went[1] < 1_600
-    assert lens.as_json()["frames_before"] == 0
+    assert lens.summarise().frames_before == 0
 
 
 def test_a_focal_length_that_comes_later_still_counts_from_then_on(small_bag: Path) -> None:
     used, went, lens = run_virtual(story(small_bag, 4.5, 5))
     assert used == [FOCAL_PX]
     assert went[1] == pytest.approx(FOCAL_WAIT_MAX_S * 1000, abs=60)
-    assert lens.as_json() == {"focal_px": FOCAL_PX, "focal_from": "camera-info", "frames_before": 3}
+    assert lens.summarise() == CameraFigures(focal_px=FOCAL_PX, focal_from="camera-info", frames_before=3)
 
 
 def test_one_that_never_comes_is_told_as_assumed(small_bag: Path) -> None:
     used, _, lens = run_virtual(story(small_bag, 3_600, 4))
     assert used == []
-    assert lens.as_json() == {"focal_px": FOCAL_DEFAULT_PX, "focal_from": "assumed", "frames_before": 4}
+    assert lens.summarise() == CameraFigures(focal_px=FOCAL_DEFAULT_PX, focal_from="assumed", frames_before=4)
 
 
 def test_a_recording_tells_it_at_once_or_never(small_bag: Path) -> None:
@@ -106,9 +108,9 @@ def test_a_run_tells_its_focal_length_and_where_it_is_from(
     monkeypatch.setattr(hider, "segment", lambda *given: [measured_by.append(given[2]), segment(*given)][1])
 
     async def told(day: Any) -> None:
-        await day.ends_with("", frames=6)
+        summary = await day.ends_with("", frames=6)
         assert set(measured_by) == {FOCAL_PX}
-        assert day.start.run.camera == {"focal_px": FOCAL_PX, "focal_from": "camera-info", "frames_before": 0}
+        assert summary.camera == CameraFigures(focal_px=FOCAL_PX, focal_from="camera-info", frames_before=0)
 
     a_day(tmp_path, small_bag, monkeypatch, told)
 
@@ -116,22 +118,11 @@ def test_a_run_tells_its_focal_length_and_where_it_is_from(
 @pytest.mark.parametrize(
     ("camera", "told"),
     [
-        ({"focal_px": 525.0, "focal_from": "assumed", "frames_before": 9}, "525 pixels were assumed"),
-        ({"focal_px": 131.0, "focal_from": "camera-info", "frames_before": 9}, "before that 9 frames"),
-        ({"focal_px": 131.0, "focal_from": "camera-info", "frames_before": 0}, ""),
+        (CameraFigures(focal_px=525.0, focal_from="assumed", frames_before=9), "525 pixels were assumed"),
+        (CameraFigures(focal_px=131.0, focal_from="camera-info", frames_before=9), "before that 9 frames"),
+        (CameraFigures(focal_px=131.0, focal_from="camera-info", frames_before=0), ""),
     ],
 )
-def test_a_guess_is_said_at_the_end(camera: dict[str, Any], told: str) -> None:
-    intake = {"messages_refused": {}, "unknown_tags": {"readings": 0}}
-    consents = {"stale_times": 0, "sightings_refused": {}, "clips_dropped": 0}
-    summary = {
-        "frames": FRAMES,
-        "records": 1,
-        "ambiguous": [],
-        "senses": {},
-        "intake": intake,
-        "consents": consents,
-        "camera": camera,
-    }
-    said = [line for line in summary_lines(summary) if "focal" in line]
+def test_a_guess_is_said_at_the_end(camera: CameraFigures, told: str) -> None:
+    said = [line for line in summary_lines(replace(summary_of(FRAMES), camera=camera)) if "focal" in line]
     assert (told in said[0]) if told else said == []

@@ -5,20 +5,22 @@ from __future__ import annotations
 import time
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from msgspec.structs import replace
 
 from clients.robot.backgrounds.background_banks import FRAMES_MIN_COUNT, approve_scene, record_scene
 from clients.robot.cli import main
 from clients.robot.cli.live_options import notice_teller
 from clients.robot.cli.run_report import broken_line, summary_lines, waiting_line
-from clients.robot.hiding.match_evidence import MatchEvidence
+from clients.robot.hiding.match_evidence import MatchEvidence, Obstacle
 from clients.robot.identity.robot_keys import create_identity
 from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.run.run_summary import CameraFigures, FrameCounts, RunProgress
 from clients.robot.sources.live.feed_catalogue import BESIDE, CAMERAS
+from tests.unit.clients.robot.run_summaries import summary_of
 
 NOBODY = "http://127.0.0.1:9"
 
@@ -88,25 +90,21 @@ def test_every_feed_is_offered_and_adds_options_of_its_own(tmp_path: Path) -> No
 
 
 def test_where_distances_are_off_a_guessed_focal_length_is_among_the_suspects() -> None:
-    numbers = {"gap_m": 0.63, "spread_m": 0.1, "sigma_m": 0.2, "distances": 9, "front": 9, "back": 0}
-    off = {"alias": "tag-1", "frames": 5, **numbers}
-    row = {**off, "obstacle": "off", "log_odds": 1, "needed": 9, "help": "check the clocks"}
+    statistics = RunStatistics(window_ms=5_000)
+    statistics.add_off("tag-1", MatchEvidence(1.0, None, 9, 0.63, 0.2, 9, 0, 1, 2.0, 0.1, 2.5))
+    statistics.add_ambiguous("tag-1", statistics.distances_off["tag-1"][1])
+    (row,), off = statistics.summarise_ambiguous(), statistics.summarise_distances_off()
+    assert row.obstacle == Obstacle.OFF
     for guess, count in (("assumed", 2), ("topics", 0)):
-        camera = {"focal_px": 525.0, "focal_from": guess, "frames_before": 0}
-        told = {**summary_of(COUNTS), "ambiguous": [row], "distances_off": [off], "camera": camera}
+        camera = CameraFigures(focal_px=525.0, focal_from=guess, frames_before=0)
+        told = replace(summary_of(COUNTS), ambiguous=[row], distances_off=off, camera=camera)
         said = "\n".join(summary_lines(told))
-        assert said.count("clocks; and focal_px: 525 pixels are a guess.") == count
-        vague = {**told, "ambiguous": [{**row, "obstacle": "vague"}], "distances_off": []}
+        assert said.count("; and focal_px: 525 pixels are a guess.") == count
+        vague = replace(told, ambiguous=[replace(row, obstacle="vague")], distances_off=[])
         assert "focal_px" not in "\n".join(summary_lines(vague))
 
 
-COUNTS = {"published": 5, "kept": 5, "withheld": 0, "lost": 0}
-
-
-def summary_of(counts: dict[str, Any], **intake: Any) -> dict[str, Any]:
-    intake = {"unknown_tags": {"readings": 0}, "messages_refused": {}, **intake}
-    consents = {"stale_times": 0, "sightings_refused": {}, "clips_dropped": 0}
-    return {"frames": counts, "ambiguous": [], "senses": {}, "records": 1, "intake": intake, "consents": consents}
+COUNTS = FrameCounts(published=5, covered=5, kept=5, withheld=0, withheld_reasons={}, lost=0)
 
 
 def test_a_live_runs_last_lines_say_what_was_not_read_and_what_was_gone() -> None:
@@ -126,18 +124,18 @@ def test_a_live_runs_last_lines_say_what_was_not_read_and_what_was_gone() -> Non
 
 
 def test_frames_that_are_withheld_are_said_with_their_reasons_and_where_these_are_explained() -> None:
-    all_of_them = {**COUNTS, "kept": 0, "withheld": 5, "withheld_reasons": {"no-distance": 5}}
+    all_of_them = replace(COUNTS, kept=0, withheld=5, withheld_reasons={"no-distance": 5})
     first, pointer = summary_lines(summary_of(all_of_them))
     assert first == "5 frames: 0 kept in 1 records, 5 withheld (no-distance), 0 lost."
     assert "docs/how-to/your-robot.md" in pointer
-    some = {**COUNTS, "kept": 2, "withheld": 3, "withheld_reasons": {"crowd": 1, "no-distance": 2}}
+    some = replace(COUNTS, kept=2, withheld=3, withheld_reasons={"crowd": 1, "no-distance": 2})
     assert list(summary_lines(summary_of(some))) == [
         "5 frames: 2 kept in 1 records, 3 withheld (1 crowd, 2 no-distance), 0 lost."
     ]
 
 
 def test_a_run_of_which_nothing_was_in_reach_of_a_reading_says_that_nothing_was_kept_and_why() -> None:
-    nothing = {**COUNTS, "kept": 0, "withheld": 0}
+    nothing = replace(COUNTS, covered=0, kept=0)
     intake = {
         "messages_refused": {"sighting": {"field": 51}},
         "first_refused": {"sighting": "There is no field antena."},
@@ -162,7 +160,7 @@ def test_tags_that_were_never_bound_are_said_with_the_matchers_numbers() -> None
     worse = MatchEvidence(-50.0, None, 120, 0.021, 0.15, 0, 0, 1)
     for evidence in (early, late, worse):
         statistics.add_ambiguous("tag-1", evidence)
-    summary = summary_of(COUNTS) | {"ambiguous": statistics.ambiguous_json()}
+    summary = replace(summary_of(COUNTS), ambiguous=statistics.summarise_ambiguous())
     line = list(summary_lines(summary))[1]
     assert line.startswith(
         "tag-1, 3 ambiguous: log-odds 4.4 of 9.2 needed; 18 distances, on average +0.02 m off the camera's (stated error "
@@ -175,7 +173,7 @@ def test_distances_that_disagree_are_said_though_frames_were_kept() -> None:
     statistics = RunStatistics(window_ms=5_000)
     for _ in range(2):
         statistics.add_off("tag-1", MatchEvidence(12.0, None, 30, 1.5, 1.0, 30, 0, 1, 2.0, 0.4, 2.5))
-    line = list(summary_lines(summary_of(COUNTS) | {"distances_off": statistics.distances_off_json()}))[1]
+    line = list(summary_lines(replace(summary_of(COUNTS), distances_off=statistics.summarise_distances_off())))[1]
     assert line.startswith("tag-1, 2 kept: its distances are on average +1.50 m off the camera's (stated error 1.00 m;")
 
 
@@ -196,7 +194,7 @@ def test_at_a_terminal_a_notice_takes_the_place_of_the_line_of_progress(
     monkeypatch.setattr("sys.stderr", screen)
     notice_teller(as_json=False)("/depth is there.")
     assert screen.getvalue() == f"{before}/depth is there.\n"
-    assert broken_line({}, 0, "spool", is_live=True).startswith("Ended at once.")
+    assert broken_line(RunProgress(), 0, "spool", is_live=True).startswith("Ended at once.")
 
 
 def test_clips_that_wait_from_a_run_before_are_announced() -> None:
@@ -216,7 +214,7 @@ def test_approved_empty_frames_are_called_approved_once(tmp_path: Path) -> None:
 
 
 def test_the_last_lines_say_how_often_custodians_took_no_upload() -> None:
-    summary = summary_of(COUNTS) | {"uploads_refused": {"DISK_RESERVE_REACHED": 1, "UPLOAD_QUOTA_EXCEEDED": 7}}
+    summary = replace(summary_of(COUNTS), uploads_refused={"DISK_RESERVE_REACHED": 1, "UPLOAD_QUOTA_EXCEEDED": 7})
     line = list(summary_lines(summary))[1]
     assert "took no upload 8 times (1 DISK_RESERVE_REACHED, 7 UPLOAD_QUOTA_EXCEEDED)" in line
-    assert len(list(summary_lines(summary_of(COUNTS) | {"uploads_refused": {}}))) == 1
+    assert len(list(summary_lines(summary_of(COUNTS)))) == 1

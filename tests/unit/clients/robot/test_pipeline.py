@@ -7,7 +7,6 @@ import itertools
 import secrets
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from nacl.public import PrivateKey as SealingPrivateKey
@@ -24,6 +23,7 @@ from clients.robot.recording.visit_book import VisitBook
 from clients.robot.run.event_log import EventLog, read_events
 from clients.robot.run.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.run.run_summary import PipelineIntake, UnknownTagCounts
 from clients.robot.sensing.input_checks import Inputs
 from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
 from clients.robot.sources.recordings.bag_source import BagSource
@@ -90,7 +90,7 @@ class Robot:
         self.purposes = purposes
         self.registry: RegistryStandIn
         self.consents: Consents
-        self.intake: dict[str, Any] = {}
+        self.intake: PipelineIntake
 
     async def run(self) -> None:
         empty = self.source.empty_frames()
@@ -137,7 +137,7 @@ class Robot:
             try:
                 self.inputs = Inputs((height, width))
                 await pipeline.run(self.inputs.usable(self.events()), live=self.live)
-                self.intake = pipeline.intake_json()
+                self.intake = pipeline.summarise_intake()
             finally:
                 watch.cancel()
                 await delivery.stop()
@@ -162,11 +162,11 @@ def test_the_recording_has_what_this_file_needs(small_bag: Path) -> None:
 
 
 def test_every_covered_frame_is_final_or_withheld(ran: Robot) -> None:
-    counts = ran.statistics.frames_json()
-    assert counts["published"] >= 6
-    assert counts["covered"] > 0
-    assert counts["lost"] == 0
-    assert counts["kept"] + counts["withheld"] == counts["covered"]
+    counts = ran.statistics.count_frames()
+    assert counts.published >= 6
+    assert counts.covered > 0
+    assert counts.lost == 0
+    assert counts.kept + counts.withheld == counts.covered
 
 
 def test_everything_is_on_the_chain_and_every_visit_closed_with_its_count(ran: Robot) -> None:
@@ -226,7 +226,7 @@ def test_a_tag_that_is_on_no_roster_is_recorded_by_nobody(tmp_path: Path, small_
     assert robot.statistics.covered == 0
     assert {event["activity"] for event in read_events(robot.log_path)} >= {"IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID"}
     readings = sum(isinstance(event, Sighting) for event in robot.source.events())
-    assert robot.intake["unknown_tags"] == {"readings": readings, "tags": 1, "more_tags": False}
+    assert robot.intake.unknown_tags == UnknownTagCounts(readings=readings, tags=1, more_tags=False)
 
 
 def test_whoever_did_not_consent_to_the_purpose_is_not_recorded(tmp_path: Path, small_bag: Path) -> None:
@@ -247,7 +247,7 @@ def test_clips_that_waited_from_the_run_before_are_delivered_first(tmp_path: Pat
     run_virtual(second.run())
     assert second.spool.names() == []
     assert len(second.network.records) >= waiting + 1
-    assert second.statistics.frames_json()["lost"] == 0
+    assert second.statistics.count_frames().lost == 0
 
 
 def test_a_visit_that_a_killed_robot_left_open_is_closed_by_the_next_run_with_its_count(

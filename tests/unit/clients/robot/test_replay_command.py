@@ -6,35 +6,19 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
+from msgspec.structs import replace
 
 from clients.robot.cli import main
-from clients.robot.consent.consent_view import ConsentFigures
 from clients.robot.identity.robot_keys import create_identity
-from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.run.run_summary import RunFault, RunSummary, SenseCounts, UnknownTagCounts
 from clients.robot.sources.recordings.bag_source import BagSource
+from clients.sdk.terminal.json_answers import extend
+from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
 
-FRAMES = {"published": 6, "covered": 6, "kept": 6, "withheld": 0, "withheld_reasons": {}, "lost": 0}
-PAIRED = {
-    "clocks": {},
-    "turned_away": {},
-    "sightings_late": 0,
-    "sightings_shortened": 0,
-    "sightings_only_paired": 0,
-    "timelines": 1,
-}
-FIGURES = {
-    "roster_rows": 1,
-    "latency_ms": RunStatistics(window_ms=500).latency_json(),
-    "camera": {"focal_px": 525.0, "focal_from": "assumed", "frames_before": 0},
-    "records": 3,
-    "stored_bytes": 1000,
-    "spool_peak_bytes": 1000,
-    "uploads_refused": {},
-    "final_gap_max_s": 0.5,
-}
-BROKEN = {"code": "BAG_DAMAGED", "detail": "The recording breaks off."}
+BROKEN = RunFault(code="BAG_DAMAGED", detail="The recording breaks off.")
 
 
 @pytest.fixture
@@ -44,33 +28,18 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
 
     def run(
         *options: str,
-        fault: dict[str, str] | None = None,
+        fault: RunFault | None = None,
         lost: int = 0,
         unknown: tuple[int, int] = (0, 0),
         **live: dict[str, int],
     ) -> Result:
-        async def summarised(_folder: Path, source: BagSource, *_rest: object) -> dict[str, Any]:
+        async def summarised(_folder: Path, source: BagSource, *_rest: object) -> RunSummary:
             sources.append(source)
-            tags = {"readings": unknown[0], "tags": unknown[1], "more_tags": False}
+            tags = UnknownTagCounts(readings=unknown[0], tags=unknown[1], more_tags=False)
             refused = {"frame": {"size": 2, "step": 1}}
-            intake = {
-                **PAIRED,
-                "messages_refused": refused,
-                "first_refused": {},
-                "unknown_tags": tags,
-                "fault": fault,
-                **live,
-            }
-            senses = {"rgb": {**FRAMES, "lost": lost, "let_go": 0}}
-            consents = ConsentFigures().as_json()
-            return {
-                **FIGURES,
-                "frames": FRAMES,
-                "ambiguous": [],
-                "senses": senses,
-                "intake": intake,
-                "consents": consents,
-            }
+            summary = summary_of(FRAMES, messages_refused=refused, unknown_tags=tags, fault=fault, **live)
+            senses = {"rgb": extend(SenseCounts, replace(FRAMES, lost=lost), let_go=0)}
+            return replace(summary, senses=senses, records=3)
 
         monkeypatch.setattr(main, "replay_recording", summarised)
         monkeypatch.setattr(main, "load_genesis", lambda _path: None)
@@ -109,7 +78,7 @@ def test_in_json_it_is_one_object_with_the_figures_and_the_error(replay: Any) ->
     done = replay("--json", fault=BROKEN)
     assert done.exit_code != 0
     told = json.loads(done.stdout)
-    assert (told["ok"], told["frames"], told["error"]["code"]) == (False, FRAMES, "BAG_DAMAGED")
+    assert (told["ok"], told["frames"], told["error"]["code"]) == (False, msgspec.to_builtins(FRAMES), "BAG_DAMAGED")
     assert json.loads(replay("--json").stdout)["ok"] is True
 
 
@@ -119,7 +88,7 @@ def test_in_json_it_is_one_object_with_the_figures_and_the_error(replay: Any) ->
 )
 @pytest.mark.parametrize("options", [(), ("--json",)])
 def test_what_ended_a_run_is_its_exit_code(replay: Any, options: tuple[str, ...], code: str, exit_code: int) -> None:
-    done = replay(*options, fault={"code": code, "detail": "It is over."})
+    done = replay(*options, fault=RunFault(code=code, detail="It is over."))
     assert done.exit_code == exit_code
     assert "What came before it is recorded." in done.output
 

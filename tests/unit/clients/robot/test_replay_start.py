@@ -31,6 +31,10 @@ HEARTBEAT_MS = 30_000
 class Network(FakeNetwork):
     """What a run needs beside delivery."""
 
+    @property
+    def refused_uploads(self) -> dict[str, int]:
+        return {}
+
     async def find_unapproved(self, frames: object) -> list[EmptyFrame]:
         return []
 
@@ -80,12 +84,12 @@ def test_the_first_block_after_an_outage_is_waited_for_and_every_frame_covered(
     async def story(start: Start) -> None:
         began_ms = virtual_now_ms()
         block = asyncio.create_task(start.block_after(30))
-        statistics = await start.run.work(start.source)
+        summary = await start.run.work(start.source)
         await block
         assert virtual_now_ms() - began_ms >= 30_000
-        counts = statistics.frames_json()
-        assert counts["covered"] == counts["published"] > 0
-        assert "registry-stale" not in counts["withheld_reasons"]
+        counts = summary.frames
+        assert counts.covered == counts.published > 0
+        assert "registry-stale" not in counts.withheld_reasons
 
     begin(tmp_path, small_bag, monkeypatch, story)
 
@@ -131,8 +135,8 @@ def test_a_heartbeat_that_the_organisations_raised_counts_as_it_is_in_force(
 
     async def story(start: Start) -> None:
         start.epoch.settings = ChainSettings(heartbeat_ms=HOUR_MS)
-        statistics = await start.run.work(start.source)
-        assert "registry-stale" not in statistics.frames_json()["withheld_reasons"]
-        assert start.run.consent_figures["stale_times"] == 0
+        summary = await start.run.work(start.source)
+        assert "registry-stale" not in summary.frames.withheld_reasons
+        assert summary.consents.stale_times == 0
 
     begin(tmp_path, small_bag, monkeypatch, story)

@@ -207,19 +207,17 @@ def test_someone_alone_keeps_estimates_sound_and_her_own_pixels_in_colour(
     tmp_path: Path, world: World, alone: Path
 ) -> None:
     robot = run(tmp_path, world, alone)
-    figures = robot.statistics.senses_json()
+    figures = robot.statistics.count_senses()
     for sensor in ("rgb", "emotion", "audio"):
-        assert figures[sensor]["kept"] >= 2, (sensor, figures)
-        assert figures[sensor]["lost"] == 0
+        assert figures[sensor].kept >= 2, (sensor, figures)
+        assert figures[sensor].lost == 0
     files = asyncio.run(files_of(world, robot, tmp_path / "out"))
-    assert len(files["rgb"]) == figures["rgb"]["kept"]
+    assert len(files["rgb"]) == figures["rgb"].kept
     assert all(path.name.endswith(".rgb.png") for path in files["rgb"])
     found = shares(files["rgb"])
     assert found["blue"] == 0
     assert found["red"] > 0.95  # the rest is the room at her edges, where the camera's own noise is
-    assert [json.loads(path.read_bytes()) for path in files["emotion"]] == [{"label": "calm"}] * figures["emotion"][
-        "kept"
-    ]
+    assert [json.loads(path.read_bytes()) for path in files["emotion"]] == [{"label": "calm"}] * figures["emotion"].kept
     with wave.open(BytesIO(files["audio"][0].read_bytes())) as sound:
         assert (sound.getframerate(), sound.getnframes(), sound.getsampwidth()) == (8_000, 1_600, 2)
 
@@ -229,7 +227,7 @@ def test_colour_that_is_not_registered_is_kept_whole_while_she_is_alone(
 ) -> None:
     robot = run(tmp_path, world, alone, registered=False)
     files = asyncio.run(files_of(world, robot, tmp_path / "out"))
-    assert len(files["rgb"]) == robot.statistics.senses_json()["rgb"]["kept"] >= 2
+    assert len(files["rgb"]) == robot.statistics.count_senses()["rgb"].kept >= 2
     assert all(path.name.endswith(".rgb.jpg") for path in files["rgb"])
     found = shares(files["rgb"])
     assert found["blue"] == 0
@@ -240,18 +238,18 @@ def test_beside_a_visitor_only_her_own_pixels_are_kept_and_nothing_that_could_be
     tmp_path: Path, world: World, visited: Path
 ) -> None:
     robot = run(tmp_path, world, visited)
-    figures = robot.statistics.senses_json()
-    assert figures["rgb"]["kept"] >= 2
+    figures = robot.statistics.count_senses()
+    assert figures["rgb"].kept >= 2
     for sensor in ("emotion", "audio"):
-        assert (figures[sensor]["kept"], figures[sensor]["lost"]) == (0, 0)
-        assert set(figures[sensor]["withheld_reasons"]) <= {"not-alone", "not-matched"}
+        assert (figures[sensor].kept, figures[sensor].lost) == (0, 0)
+        assert set(figures[sensor].withheld_reasons) <= {"not-alone", "not-matched"}
     files = asyncio.run(files_of(world, robot, tmp_path / "out"))
     found = shares(files["rgb"])
     assert found["blue"] == 0
     assert found["red"] > 0.95  # the rest is the room at her edges, where the camera's own noise is
     assert "emotion" not in files
     whole = run(tmp_path / "again", world, visited, registered=False)
-    assert whole.statistics.senses_json()["rgb"]["kept"] == 0
+    assert whole.statistics.count_senses()["rgb"].kept == 0
 
 
 def test_a_strangers_tag_in_range_withholds_what_is_not_hers_alone(tmp_path: Path, world: World) -> None:
@@ -268,16 +266,16 @@ def test_a_strangers_tag_in_range_withholds_what_is_not_hers_alone(tmp_path: Pat
     )
     robot = Robot(tmp_path, recording, belonging_to(world), 500, sensors=SENSORS, topics=topics)
     run_virtual(robot.run())
-    figures = robot.statistics.senses_json()
-    assert figures["emotion"]["kept"] == 0
-    assert figures["emotion"]["withheld_reasons"] == {"not-alone": 5}
+    figures = robot.statistics.count_senses()
+    assert figures["emotion"].kept == 0
+    assert figures["emotion"].withheld_reasons == {"not-alone": 5}
 
 
 def test_a_sense_without_consent_leaves_no_trace(tmp_path: Path, world: World, alone: Path) -> None:
     robot = run(tmp_path, world, alone, sensors=("depth", "emotion"))
-    figures = robot.statistics.senses_json()
-    assert figures["emotion"]["kept"] >= 2
-    assert (figures["rgb"]["kept"], figures["audio"]["kept"]) == (0, 0)
+    figures = robot.statistics.count_senses()
+    assert figures["emotion"].kept >= 2
+    assert (figures["rgb"].kept, figures["audio"].kept) == (0, 0)
     files = asyncio.run(files_of(world, robot, tmp_path / "out"))
     assert set(files) <= {"depth", "emotion", "notice"}
 
@@ -290,7 +288,7 @@ def test_the_owner_is_told_how_much_of_a_sense_was_withheld(tmp_path: Path, worl
 
 def test_no_plain_sense_is_on_the_disk(tmp_path: Path, world: World, alone: Path) -> None:
     robot = run(tmp_path, world, alone)
-    assert robot.statistics.senses_json()["emotion"]["kept"] >= 2
+    assert robot.statistics.count_senses()["emotion"].kept >= 2
     for path in [path for path in tmp_path.rglob("*") if path.is_file() and path.suffix != ".mcap"]:
         assert b"calm" not in path.read_bytes()
 
@@ -301,12 +299,12 @@ def test_what_there_was_no_memory_for_is_withheld_and_its_owner_told(
     """Nobody knows yet whose a picture is when memory runs out, so the owner hears of it once that is decided."""
     monkeypatch.setattr(sensor_tracks, "WAITING_MAX_BYTES", 8_000)
     robot = run(tmp_path, world, alone)
-    figures = robot.statistics.senses_json()
-    assert robot.statistics.frames_json()["kept"] > 10
-    assert figures["rgb"]["let_go"] > 20
-    assert figures["rgb"]["withheld_reasons"] == {"no-room": figures["rgb"]["let_go"]}
-    assert all(figures[sensor]["lost"] == 0 for sensor in ("rgb", "emotion", "audio"))
-    assert told_of(world, robot)["no-room"] == sum(each["let_go"] for each in figures.values())
+    figures = robot.statistics.count_senses()
+    assert robot.statistics.count_frames().kept > 10
+    assert figures["rgb"].let_go > 20
+    assert figures["rgb"].withheld_reasons == {"no-room": figures["rgb"].let_go}
+    assert all(figures[sensor].lost == 0 for sensor in ("rgb", "emotion", "audio"))
+    assert told_of(world, robot)["no-room"] == sum(each.let_go for each in figures.values())
 
 
 def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_gives_way(
@@ -315,11 +313,11 @@ def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_give
     """Letting go what has waited longest would keep nothing at all, were more to come always than memory holds."""
     monkeypatch.setattr(sensor_tracks, "WAITING_MAX_BYTES", 30_000)
     robot = run(tmp_path, world, alone, registered=False)
-    figures = robot.statistics.senses_json()
-    assert figures["rgb"]["let_go"] > 0
-    assert figures["rgb"]["kept"] > 0
-    assert figures["emotion"]["let_go"] == 0
-    assert figures["emotion"]["kept"] >= 2
+    figures = robot.statistics.count_senses()
+    assert figures["rgb"].let_go > 0
+    assert figures["rgb"].kept > 0
+    assert figures["emotion"].let_go == 0
+    assert figures["emotion"].kept >= 2
 
 
 def test_more_messages_of_a_sense_than_may_wait_are_withheld_as_well(
@@ -327,7 +325,7 @@ def test_more_messages_of_a_sense_than_may_wait_are_withheld_as_well(
 ) -> None:
     monkeypatch.setattr(sensor_tracks, "WAITING_MAX_COUNT", 10)
     robot = run(tmp_path, world, alone)
-    figures = robot.statistics.senses_json()
-    assert figures["rgb"]["let_go"] == figures["rgb"]["withheld_reasons"]["no-room"] == 20
-    assert figures["rgb"]["kept"] == 10
-    assert figures["emotion"]["let_go"] == 0
+    figures = robot.statistics.count_senses()
+    assert figures["rgb"].let_go == figures["rgb"].withheld_reasons["no-room"] == 20
+    assert figures["rgb"].kept == 10
+    assert figures["emotion"].let_go == 0

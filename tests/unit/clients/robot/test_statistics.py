@@ -7,6 +7,7 @@ import pytest
 
 from clients.robot.delivery.delivery import Delivered
 from clients.robot.run.run_statistics import ARRIVALS_MAX_COUNT, Distribution, RunStatistics
+from clients.robot.run.run_summary import Latency
 from tests.unit.clients.robot.test_spool import clip
 
 
@@ -19,18 +20,18 @@ def test_a_frame_counts_as_kept_only_when_its_record_is_final() -> None:
     statistics.frame_arrived(1, 1_010)
     statistics.frame_arrived(2, 1_110)
     statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000), (2, 1_100)])
-    assert statistics.frames_json()["kept"] == 0
-    assert statistics.frames_json()["lost"] == 2
+    assert statistics.count_frames().kept == 0
+    assert statistics.count_frames().lost == 2
     deliver(statistics, 7, 7_000)
-    counts = statistics.frames_json()
-    assert (counts["kept"], counts["lost"], statistics.records_final) == (2, 0, 1)
+    counts = statistics.count_frames()
+    assert (counts.kept, counts.lost, statistics.records_final) == (2, 0, 1)
 
 
 def test_withheld_frames_are_not_lost() -> None:
     statistics = RunStatistics(window_ms=5_000, covered=5, withheld={"contact": 2, "ambiguous": 3})
-    counts = statistics.frames_json()
-    assert (counts["withheld"], counts["lost"]) == (5, 0)
-    assert list(counts["withheld_reasons"]) == ["ambiguous", "contact"]
+    counts = statistics.count_frames()
+    assert (counts.withheld, counts.lost) == (5, 0)
+    assert list(counts.withheld_reasons) == ["ambiguous", "contact"]
 
 
 def test_latencies_are_measured_from_what_they_say() -> None:
@@ -39,10 +40,10 @@ def test_latencies_are_measured_from_what_they_say() -> None:
     statistics.frame_arrived(1, 1_010)
     statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000)])
     deliver(statistics, 7, 6_300)
-    latency = statistics.latency_json()
-    assert latency["frame_to_final"]["p50"] == 300.0
-    assert latency["arrival_to_final"]["p50"] == 5_290.0
-    assert latency["submit_to_final"]["max"] == 50.0
+    latency = statistics.summarise_latencies()
+    assert latency.frame_to_final.p50 == 300.0
+    assert latency.arrival_to_final.p50 == 5_290.0
+    assert latency.submit_to_final.max == 50.0
 
 
 def test_how_long_a_frame_took_counts_from_when_it_was_decided() -> None:
@@ -55,14 +56,14 @@ def test_how_long_a_frame_took_counts_from_when_it_was_decided() -> None:
     statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000), (2, 1_033), (3, 1_066)], "tag-a")
     deliver(statistics, 7, 6_400)
     assert statistics.decided_to_final.counts == {300: 1, 200: 1}
-    assert statistics.latency_json()["decided_to_final"]["max"] == 300.0
+    assert statistics.summarise_latencies().decided_to_final.max == 300.0
 
 
 def test_a_clip_of_the_run_before_is_a_record_but_no_frame_of_this_run() -> None:
     statistics = RunStatistics(window_ms=5_000)
     deliver(statistics, 3, 2_000)
-    counts = statistics.frames_json()
-    assert (statistics.records_final, counts["kept"], counts["lost"]) == (1, 0, 0)
+    counts = statistics.count_frames()
+    assert (statistics.records_final, counts.kept, counts.lost) == (1, 0, 0)
 
 
 def test_stored_bytes_are_those_of_the_ciphertexts() -> None:
@@ -80,16 +81,16 @@ def filled(values: list[int]) -> Distribution:
 
 
 def test_a_summary_of_nothing_is_zero_and_of_much_is_its_distribution() -> None:
-    assert Distribution().summarise() == {"p50": 0.0, "p95": 0.0, "max": 0.0}
-    assert filled(list(range(101))).summarise() == {"p50": 50.0, "p95": 95.0, "max": 100.0}
+    assert Distribution().summarise() == Latency(p50=0.0, p95=0.0, max=0.0)
+    assert filled(list(range(101))).summarise() == Latency(p50=50.0, p95=95.0, max=100.0)
 
 
 @pytest.mark.parametrize("values", [[7], [3, 9], [5, 5, 5, 1], [-40, 12, 900, 12, 9_999], [1, 2, 3, 4, 100, 100]])
 def test_percentiles_are_those_of_all_values(values: list[int]) -> None:
     told = filled(values).summarise()
-    assert told["p50"] == round(float(np.percentile(values, 50)), 1)
-    assert told["p95"] == round(float(np.percentile(values, 95)), 1)
-    assert told["max"] == max(values)
+    assert told.p50 == round(float(np.percentile(values, 50)), 1)
+    assert told.p95 == round(float(np.percentile(values, 95)), 1)
+    assert told.max == max(values)
 
 
 def test_a_run_of_weeks_takes_no_more_memory_than_one_of_minutes() -> None:
@@ -107,8 +108,8 @@ def test_a_frame_whose_arrival_is_forgotten_is_kept_all_the_same() -> None:
     statistics = RunStatistics(window_ms=5_000, covered=1)
     statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000)])
     deliver(statistics, 7, 6_300)
-    assert statistics.frames_json()["kept"] == 1
-    assert statistics.latency_json()["arrival_to_final"]["max"] == 0.0
+    assert statistics.count_frames().kept == 1
+    assert statistics.summarise_latencies().arrival_to_final.max == 0.0
 
 
 def test_the_longest_time_between_two_finals_is_known() -> None:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import json
 import os
 import signal
 from collections.abc import AsyncIterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from msgspec.structs import replace
 
 from clients.robot.cli import main
-from clients.robot.consent.consent_view import ConsentFigures
 from clients.robot.identity.robot_keys import create_identity
 from clients.robot.pairing.rosters import RosterBook
-from clients.robot.pairing.unknown_tags import UnknownTags
+from clients.robot.run.run_summary import RunProgress, RunSummary
 from clients.robot.run.run_validity import RunValidity
 from clients.robot.run.runner import ReplayOptions, _events
 from clients.robot.sensing.sensor_events import Label, SourceEvent
@@ -26,10 +26,10 @@ from clients.robot.sources.live.synthetic_source import SyntheticSource
 from clients.robot.sources.source import Clock, StoppableClock, SystemClock, play_events
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
 from tests.unit.clients.robot.test_pipeline import roster
 from tests.virtual_time import run_virtual
 
-FRAMES = {"published": 6, "covered": 6, "kept": 6, "withheld": 0, "withheld_reasons": {}, "lost": 0}
 FAR_S = 3_600
 
 
@@ -96,9 +96,9 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     def start(*options: str, signals: int = 1) -> tuple[Any, list[Any]]:
         async def recording(
             folder: Path, source: Any, _genesis: Any, chosen: ReplayOptions, progress: Any, stop: asyncio.Event
-        ) -> dict[str, Any]:
+        ) -> RunSummary:
             seen.extend((source, chosen))
-            progress({"frames_read": 7, "frames_recorded": 4, "records": 2, "waiting": 1})
+            progress(RunProgress(frames_read=7, frames_recorded=4, records=2, waiting=1))
             (folder / "spool").mkdir(parents=True)
             for name in ("000000000001.clip", "000000000002.clip", ".tmp-000000000003.clip"):
                 (folder / "spool" / name).touch()
@@ -106,16 +106,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
                 os.kill(os.getpid(), signal.SIGINT)
                 await asyncio.sleep(0.01)
             await stop.wait()
-            consents = ConsentFigures().as_json()
-            intake = {"messages_refused": {}, "unknown_tags": UnknownTags().as_json(), "fault": None}
-            return {
-                "frames": FRAMES,
-                "ambiguous": [],
-                "senses": {},
-                "records": 3,
-                "intake": intake,
-                "consents": consents,
-            }
+            return replace(summary_of(FRAMES), records=3)
 
         monkeypatch.setattr(main, "replay_recording", recording)
         monkeypatch.setattr(main, "load_genesis", lambda _path: None)
@@ -164,7 +155,7 @@ def test_a_scenario_that_cannot_be_read_is_named_before_the_run(run: Any, tmp_pa
 
 
 def test_tags_are_drawn_once_and_those_of_another_scene_are_not_lost(small_scenario: Scenario, tmp_path: Path) -> None:
-    other = replace(small_scenario, people=(replace(small_scenario.people[0], alias="ben"),))
+    other = dataclasses.replace(small_scenario, people=(dataclasses.replace(small_scenario.people[0], alias="ben"),))
     first = load_or_draw_tags(tmp_path, small_scenario)
     both = load_or_draw_tags(tmp_path, other)
     assert set(first) == {"ann"}

@@ -8,13 +8,14 @@ import pytest
 
 from clients.robot.pairing import unknown_tags
 from clients.robot.pairing.unknown_tags import UnknownTags
+from clients.robot.run.run_summary import UnknownTagCounts
 
 
 def test_readings_and_tags_are_counted_apart() -> None:
     unknown = UnknownTags()
     for uid in ("E1", "E2", "E1", "E1"):
         unknown.note(uid)
-    assert unknown.as_json() == {"readings": 4, "tags": 2, "more_tags": False}
+    assert unknown.summarise() == UnknownTagCounts(readings=4, tags=2, more_tags=False)
 
 
 def test_what_is_remembered_is_no_uid_and_differs_from_run_to_run() -> None:
@@ -32,4 +33,4 @@ def test_a_crowd_of_tags_costs_no_more_memory_than_the_first_ones(monkeypatch: p
     for number in range(10):
         unknown.note(f"E{number}")
     unknown.note("E0")
-    assert unknown.as_json() == {"readings": 11, "tags": 3, "more_tags": True}
+    assert unknown.summarise() == UnknownTagCounts(readings=11, tags=3, more_tags=True)

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -216,7 +217,7 @@ def test_an_ambiguous_frame_says_in_numbers_what_stood_in_the_way(
     assert evidence.log_odds < BIND_LOG_ODDS or obstacle is Obstacle.FEW_DISTANCES
     assert (evidence.distances, evidence.people) == (len(readings), len(places))
     assert evidence.sigma_m == pytest.approx(SIGMA_M)
-    assert set(evidence.as_json()) - {"rival_log_odds"} == {
+    assert set(msgspec.to_builtins(evidence.summarise())) - {"rival_log_odds"} == {
         "obstacle", "log_odds", "needed", "distance_log_odds", "distances", "gap_m", "spread_m",
         "sigma_m", "front", "back", "people",
     }  # fmt: skip

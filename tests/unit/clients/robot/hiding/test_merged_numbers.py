@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding.background import Background, learn_background
@@ -11,7 +12,7 @@ from clients.robot.hiding.hider import Hider, Reason, Withheld
 from clients.robot.hiding.merged_evidence import MergedBy, MergedEvidence
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
-from tests.unit.clients.robot.test_live_commands import COUNTS, summary_of
+from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
 
 SHAPE = (480, 640)
 WALL_MM = 9_500
@@ -85,7 +86,7 @@ def test_the_last_lines_say_it_of_the_silhouette_that_was_nearest_to_one_person(
     for area_m2 in (1.9, 1.42, 1.6):
         statistics.add_merged("tag-1", MergedEvidence(MergedBy.AREA, 1.3, 2.553, area_m2, 0.81, 3.04))
     statistics.add_merged("tag-2", MergedEvidence(MergedBy.SHAPE, -1.333, 2.4, 0.86, 1.02, 3.1))
-    lines = list(summary_lines(summary_of(COUNTS) | {"merged": statistics.merged_json()}))
+    lines = list(summary_lines(replace(summary_of(FRAMES), merged=statistics.summarise_merged())))
     assert lines[1] == (
         "tag-1, 3 merged: 1.42 m² of silhouette, 0.81 m broad, 3.04 m away; 1.3 m² is the limit: larger than one person is."
     )

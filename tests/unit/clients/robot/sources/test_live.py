@@ -111,8 +111,8 @@ async def test_frames_and_readings_are_played_as_they_come_numbered_and_with_the
     assert [(frame.sequence, frame.received_at_ms - NOW_MS) for frame in frames] == [(0, 0), (1, 1), (2, 2)]
     assert [int(frame.depth[0, 0]) for frame in frames] == [1000, 1001, 1002]
     assert [event.uid for event in events if isinstance(event, Sighting)] == ["E0", "E1", "E2"]
-    intake = source.intake_json()
-    assert (intake["heard"], intake["missed"], intake["unread"]) == ({DEPTH: 3, TAGS: 3}, {}, {})
+    intake = source.count_intake()
+    assert (intake.heard, intake.missed, intake.unread) == ({DEPTH: 3, TAGS: 3}, {}, {})
     assert feed.closed_count == 1
 
 
@@ -142,8 +142,8 @@ async def test_what_the_robot_is_too_slow_for_is_dropped_oldest_first_and_what_w
         assert isinstance(first, Frame)
         assert int(first.depth[0, 0]) == 1003
         await played.aclose()
-    assert source.intake_json()["missed"] == {"frame": 3}
-    assert source.intake_json()["unread"] == {"frame": 3}
+    assert source.count_intake().missed == {"frame": 3}
+    assert source.count_intake().unread == {"frame": 3}
 
 
 async def test_messages_that_are_of_another_type_or_of_none_that_is_known_are_refused_one_by_one() -> None:
@@ -211,8 +211,8 @@ async def test_readings_of_a_reader_of_its_own_stand_beside_the_cameras_frames()
         await played.end()
     assert [type(event) for event in events] == [Frame, Sighting]
     assert "reader 192.0.2.1 is gone; it is waited for." in told
-    assert source.intake_json()["gone"]["reader 192.0.2.1"] == 1
-    assert source.intake_json()["never_came"] == {DEPTH: 3}, "nothing was wanted of the other but its focal length"
+    assert source.count_intake().gone["reader 192.0.2.1"] == 1
+    assert source.count_intake().never_came == {DEPTH: 3}, "nothing was wanted of the other but its focal length"
 
 
 async def test_a_topic_that_cannot_be_heard_is_said_and_counted_and_the_rest_is_heard() -> None:
@@ -317,7 +317,7 @@ async def test_topics_that_vanish_and_return_are_said_and_do_not_end_a_run(monke
         feed.frame(1)
         await played.count(2)
         await played.end()
-    assert source.intake_json()["gone"] == {DEPTH: 1}
+    assert source.count_intake().gone == {DEPTH: 1}
 
 
 def test_a_topic_that_is_there_and_cannot_be_what_it_is_wanted_for_is_refused_and_all_feeds_are_closed() -> None:

@@ -1,0 +1,42 @@
+"""Summaries of runs in which all is well, to begin from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from msgspec.structs import replace
+
+from clients.robot.consent.consent_view import ConsentFigures
+from clients.robot.pairing.tag_pairing import Pairing
+from clients.robot.pairing.unknown_tags import UnknownTags
+from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.run.run_summary import CameraFigures, FrameCounts, RunIntake, RunSummary
+from clients.robot.sensing.input_throttle import InputThrottle
+from clients.sdk.terminal.json_answers import extend
+
+FRAMES = FrameCounts(published=6, covered=6, kept=6, withheld=0, withheld_reasons={}, lost=0)
+
+
+def summary_of(frames: FrameCounts, **intake: Any) -> RunSummary:
+    """Return the summary of a run with these frames; `intake`: fields of its intake that differ."""
+    pipeline = InputThrottle().summarise(Pairing(), UnknownTags())
+    intake = {"messages_refused": {}, "first_refused": {}, "fault": None, **intake}
+    unknown = intake.pop("unknown_tags", pipeline.unknown_tags)
+    statistics = RunStatistics(window_ms=500)
+    return RunSummary(
+        roster_rows=1,
+        consents=ConsentFigures().summarise(),
+        frames=frames,
+        ambiguous=[],
+        merged=[],
+        distances_off=[],
+        senses={},
+        latency_ms=statistics.summarise_latencies(),
+        intake=extend(RunIntake, replace(pipeline, unknown_tags=unknown), **intake),
+        camera=CameraFigures(focal_px=525.0, focal_from="topics", frames_before=0),
+        records=1,
+        stored_bytes=1_000,
+        spool_peak_bytes=1_000,
+        uploads_refused={},
+        final_gap_max_s=0.5,
+    )
