@@ -54,7 +54,7 @@ help:
 	@echo 'make test-fast     unit and property tests only'
 	@echo 'make test-long     all tests (an hour); TEST_EFFORT=10 searches ten times as long'
 	@echo 'make lint types    ruff; mypy'
-	@echo 'make docs          write the reference pages that are made from code'
+	@echo 'make docs          write what is made from code and catalogues'
 	@echo 'make lock          pin all requirements anew'
 	@echo 'make clean         remove .venv and what was built'
 	@echo 'make install-NAME  an extra: $(EXTRAS) fuzz'
@@ -94,6 +94,7 @@ test-long: system-packages ros2 lint types
 
 docs: $(VENV)/.develop
 	$(BIN)/blockrobot reference
+	$(BIN)/pybabel --quiet compile --directory clients/wallet/present/texts
 
 mongo-server: $(VENV)/.develop
 	$(BIN)/python -m tests.offchain.secantus

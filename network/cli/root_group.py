@@ -12,16 +12,8 @@ from clients.sdk.terminal.ascii_output import prepare_output
 from clients.sdk.terminal.lazy_group import LazyGroup
 from clients.sdk.terminal.process_guard import guard_process
 from clients.sdk.terminal.safe_output import safe_streams
-from clients.sdk.terminal.terminal import EXIT_FAILED, fail
+from clients.sdk.terminal.terminal import EXIT_FAILED, fail, wants_json
 from consensus.errors import BlockRobotError
-
-JSON_OPTION = "--json"
-
-
-def wants_json(arguments: Sequence[str]) -> bool:
-    """Return whether --json is present, even in an unparsable line."""
-    options = arguments[: arguments.index("--")] if "--" in arguments else arguments
-    return JSON_OPTION in options
 
 
 class RootGroup(LazyGroup):

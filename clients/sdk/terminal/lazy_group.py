@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 import pkgutil
 from collections.abc import Mapping, Sequence
+from gettext import gettext as _
+from gettext import ngettext
 from typing import Any, NamedTuple
 
 import click
@@ -48,7 +50,7 @@ class LazyGroup(click.Group):
         return [name for name, place in self.places.items() if not place.hidden]
 
     def command_sections(self) -> Mapping[str, Sequence[str]]:
-        return {"Commands": self.visible_commands()}
+        return {_("Commands"): self.visible_commands()}
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         width = max(map(len, self.visible_commands()))
@@ -70,9 +72,12 @@ class LazyGroup(click.Group):
     def _say_unknown(self, name: str, ctx: click.Context) -> str:
         alike = sorted(self.commands_meant(ctx), key=lambda meant: -_likeness(name, meant))
         near = [meant for meant in alike if _likeness(name, meant) >= _LIKE_MIN][:_ALIKE_MAX_COUNT]
+        said = _("No such command {name!r}.").format(name=name)
+        if not near:
+            return said
         guesses = ", ".join(map(repr, near))
-        hint = {0: "", 1: f" Did you mean {guesses}?"}.get(len(near), f" (Did you mean one of: {guesses}?)")
-        return f"No such command {name!r}.{hint}"
+        hint = ngettext("Did you mean {possibility}?", "(Did you mean one of: {possibilities}?)", len(near))
+        return f"{said} {hint.format(possibility=guesses, possibilities=guesses)}"
 
     def commands_meant(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - a root group looks further
         return list(self.places)

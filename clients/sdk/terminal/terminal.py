@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from consensus.chain.genesis import Genesis
 
 EXIT_FAILED = exit_codes.EXIT_FAILED
+JSON_OPTION = "--json"
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -75,7 +76,13 @@ def load_genesis(path: Path) -> Genesis:
 
 
 def json_option(command: F) -> F:
-    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")(command)
+    return click.option(JSON_OPTION, "as_json", is_flag=True, help="Print one JSON object.")(command)
+
+
+def wants_json(arguments: Sequence[str]) -> bool:
+    """Return whether --json is present, even in an unparsable line."""
+    options = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    return JSON_OPTION in options
 
 
 def write_json(value: Any) -> str:

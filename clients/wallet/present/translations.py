@@ -22,7 +22,7 @@ LANGUAGE_VARIABLE = "BLOCKROBOT_LANGUAGE"
 ONE, OTHER = "one", "other"
 _META_KEY = "blockrobot.language"
 _BECAUSE = "because"
-_FOLDER = Path(__file__).with_name("texts")
+FOLDER = Path(__file__).with_name("texts")
 
 Form = str | Mapping[str, str]
 """A text, or its plural forms: `one` and `other`, chosen by the value that is called `count`."""
@@ -46,7 +46,7 @@ def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, Form]:
 @functools.cache
 def load(language: str) -> Mapping[str, Form]:
     """Return texts by dotted keys (`records.none`)."""
-    return MappingProxyType(_flatten(tomllib.loads((_FOLDER / f"{language}.toml").read_text(encoding="utf-8"))))
+    return MappingProxyType(_flatten(tomllib.loads((FOLDER / f"{language}.toml").read_text(encoding="utf-8"))))
 
 
 def _known(wanted: str) -> str | None:
