@@ -35,32 +35,19 @@ F = TypeVar("F", bound=Callable[..., Any])
 console = SafeConsole(highlight=False, emoji=False, soft_wrap=True)
 error_console = SafeConsole(highlight=False, emoji=False, soft_wrap=True, stderr=True)
 
-_PLATFORMS_WITHOUT_XDG = frozenset({"darwin", "win32", "cygwin"})
-_KEPT_AT_HOME = ("network", "wallets", "robots")
 _PLAIN_ROWS_COUNT = 100
 _SAYING_KEY = "blockrobot.say_error"
 _ANSWERS_KEY = "blockrobot.answers"
 
 
 def home_folder() -> Path:
-    """Return BLOCKROBOT_HOME, else below $XDG_DATA_HOME, or legacy $XDG_CONFIG_HOME if only that has data."""
+    """Return BLOCKROBOT_HOME, else the platform's folder for data."""
     named = os.environ.get("BLOCKROBOT_HOME")
     if named:
         return Path(named)
-    former = Path(click.get_app_dir("blockrobot"))
-    if sys.platform in _PLATFORMS_WITHOUT_XDG:
-        return former
-    given = Path(os.environ.get("XDG_DATA_HOME") or "")
-    # The XDG specification has relative paths ignored. `expanduser` never raises, as click's own place never does.
-    data = given if given.is_absolute() else Path(os.path.expanduser("~/.local/share"))  # noqa: PTH111
-    present = data / "blockrobot"
-    return former if _is_home(former) and not _is_home(present) else present
+    from platformdirs import user_data_path  # noqa: PLC0415 - help needs none
 
-
-def _is_home(folder: Path) -> bool:
-    """Return whether a folder holds irreplaceable data, not just caches."""
-    # `Path.exists` raises for a place that may not be entered; this one takes it for empty.
-    return any(os.path.exists(folder / name) for name in _KEPT_AT_HOME)  # noqa: PTH110
+    return user_data_path("blockrobot", appauthor=False)
 
 
 def load_genesis(path: Path) -> Genesis:
