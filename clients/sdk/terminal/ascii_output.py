@@ -6,33 +6,15 @@ import codecs
 import io
 import os
 import sys
-import unicodedata
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, TextIO
+from encodings import ascii as ascii_encoding
+from typing import TextIO
 
 from consensus.visible_text import escape_controls
 
-if TYPE_CHECKING:
-    from typing_extensions import Buffer
-
 PLAIN_ENCODING = "blockrobot-plain"
 STRANGE_MAX_CHARS = 1_000
-_LINES = str.maketrans(
-    dict.fromkeys("─━═╌┄", "-")
-    | dict.fromkeys("│┃║╎┆", "|")
-    | dict.fromkeys("┌┐└┘├┤┬┴┼╭╮╯╰╔╗╚╝╠╣╦╩╬┏┓┗┛┡┩╇╪╞╡┠┨┯┷", "+")
-    | {"–": "-", "—": "-", "…": "...", "’": "'", "‘": "'", "“": '"', "”": '"', "→": "->", "←": "<-", "×": "x", "·": "-"}
-    | {"•": "*", "●": "*", "✓": "x", "✔": "x", "▀": "#", "▄": "#", "█": "#", "º": "o", "ª": "a"}
-)
-
 _SPACES = dict.fromkeys(map(ord, "\n\r\t"), " ")
-
-
-def to_plain(text: str) -> str:
-    """Return ASCII: unaccented letters, lines as `-|+`, else `?`."""
-    bare = unicodedata.normalize("NFKD", text.translate(_LINES))
-    kept = "".join(letter for letter in bare if not unicodedata.combining(letter))
-    return kept.encode("ascii", "replace").decode("ascii")
 
 
 def printable(text: str, max_chars: int = STRANGE_MAX_CHARS) -> str:
@@ -40,33 +22,29 @@ def printable(text: str, max_chars: int = STRANGE_MAX_CHARS) -> str:
     return escape_controls(text[:max_chars].translate(_SPACES), "")[:max_chars]
 
 
-class _Encoder(codecs.IncrementalEncoder):
-    def encode(self, text: str, final: bool = False) -> bytes:  # noqa: ARG002 - codecs' signature
-        return to_plain(text).encode("ascii")
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """Return what stands for letters that ASCII lacks; see codecs.register_error."""
+    from anyascii import anyascii  # noqa: PLC0415 - most outputs need none
 
-
-class _Decoder(codecs.IncrementalDecoder):
-    def decode(self, data: Buffer, final: bool = False) -> str:  # noqa: ARG002 - codecs' signature
-        return _decode(data)[0]
-
-
-def _encode(text: str, errors: str = "strict") -> tuple[bytes, int]:  # noqa: ARG001 - codecs' signature
-    return to_plain(text).encode("ascii"), len(text)
-
-
-def _decode(data: Buffer, errors: str = "strict", /) -> tuple[str, int]:  # noqa: ARG001 - codecs' signature
-    read = bytes(data)
-    return read.decode("ascii", "replace"), len(read)
+    assert isinstance(error, UnicodeEncodeError)
+    return anyascii(error.object[error.start : error.end]), error.end
 
 
 def _find(name: str) -> codecs.CodecInfo | None:
+    """Return ASCII under a name of its own: click writes UTF-8 to an output whose encoding is called ASCII."""
     if name.replace("_", "-") != PLAIN_ENCODING:
         return None
+    codec = ascii_encoding.Codec()
     return codecs.CodecInfo(
-        _encode, _decode, incrementalencoder=_Encoder, incrementaldecoder=_Decoder, name=PLAIN_ENCODING
+        codec.encode,
+        codec.decode,
+        incrementalencoder=ascii_encoding.IncrementalEncoder,
+        incrementaldecoder=ascii_encoding.IncrementalDecoder,
+        name=PLAIN_ENCODING,
     )
 
 
+codecs.register_error(PLAIN_ENCODING, _plain)
 codecs.register(_find)
 
 
@@ -86,4 +64,4 @@ def is_utf8(stream: TextIO, environment: Mapping[str, str] | None = None) -> boo
 def prepare_output() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and not is_utf8(stream):
-            stream.reconfigure(encoding=PLAIN_ENCODING)
+            stream.reconfigure(encoding=PLAIN_ENCODING, errors=PLAIN_ENCODING)

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from io import BytesIO
 
 import numpy as np
+from anyascii import anyascii
 from PIL import Image, ImageDraw, ImageFont
 
 from clients.sdk.pictures.depth_colours import draw_legend
-from clients.sdk.terminal.ascii_output import to_plain
 
 TILES_MAX_COUNT = 48
 FRAMES_MAX_COUNT = 180
@@ -94,7 +94,7 @@ def draw_sheet(tiles: Sequence[Tile], title: str, captions: Sequence[str]) -> by
     if legend:
         sheet.paste(legend, (GAP_PX, bottom))
     pen = ImageDraw.Draw(sheet)
-    pen.text((GAP_PX + 2, 8), to_plain(title), fill=_INK, font=ImageFont.load_default(14))
+    pen.text((GAP_PX + 2, 8), anyascii(title), fill=_INK, font=ImageFont.load_default(14))
     font = ImageFont.load_default(12)
     for number, (tile, caption) in enumerate(zip(tiles, captions, strict=True)):
         left = GAP_PX + number % columns * (TILE_WIDTH_PX + GAP_PX)
