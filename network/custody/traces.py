@@ -226,8 +226,6 @@ def _read_sqlite_parts(config: NodeConfig, record_id: bytes) -> list[tuple[bytes
     path = config.custody_dir / DATABASE_FILE_NAME
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5)) as database:
-            if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'parts'").fetchone():
-                return []
             select = "SELECT grant_id, slot, wrapped FROM parts WHERE record_id = ?"
             return database.execute(select, (record_id,)).fetchall()
     except sqlite3.Error as error:

@@ -1,10 +1,10 @@
-"""What every custody store keeps of shares, in one suite, and how a store of a former format comes to hold any."""
+"""What every custody store keeps of shares, and what it makes of a store that is not whole or not its own."""
 
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
-from functools import partialmethod
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from pymongo.asynchronous.collection import AsyncCollection
 from pymongo.errors import ConnectionFailure
 
 from consensus.errors import BlockRobotError
-from node.custody.stores import mongo_store, sqlite_store
+from node.custody.stores import sqlite_store
 from node.custody.stores.custody_store import (
     BlockEffects,
     Checkpoint,
@@ -23,7 +23,6 @@ from node.custody.stores.custody_store import (
     FrameRow,
     Grant,
     RecordFacts,
-    VisitRestrictions,
 )
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.share_store import PartPlace, PartRow, ShareRow
@@ -149,133 +148,35 @@ async def test_a_request_keeps_the_share_under_which_it_was_made(store: CustodyS
     assert await store.grants_of_owner(OWNER) == [own, hers]
 
 
-# Former formats
-
-
-def connect(uri: str) -> MongoClient[dict[str, Any]]:
-    return MongoClient(uri)
-
-
-def make_older(path: Path, version: int) -> None:
-    """Take out of an embedded store what a former format did not have."""
-    with sqlite3.connect(path / DATABASE_FILE_NAME) as database:
-        database.execute("DROP INDEX outbox_by_contract")
-        database.execute("CREATE INDEX outbox_by_height ON outbox (status, height, kind, subject, part)")
-        if version < 5:
-            database.executescript("DROP INDEX clips_by_robot; DROP TABLE day_uses;")
-            database.executescript("ALTER TABLE clips DROP COLUMN robot; ALTER TABLE clips DROP COLUMN size_bytes;")
-        if version < 4:
-            database.execute("DROP INDEX shares_by_owner")
-        if version < 3:
-            database.executescript("DROP TABLE shares; DROP TABLE parts; ALTER TABLE grants DROP COLUMN share;")
-            database.execute("DROP INDEX missing_by_owner")
-        if version == 1:
-            database.executescript("DROP TABLE standings;")
+@pytest.mark.parametrize("version", [sqlite_store.FORMAT_VERSION - 1, sqlite_store.FORMAT_VERSION + 1])
+async def test_an_embedded_store_of_another_format_is_refused_untouched(tmp_path: Path, version: int) -> None:
+    async with SqliteStore(tmp_path):
+        pass
+    with closing(sqlite3.connect(tmp_path / DATABASE_FILE_NAME)) as database:
         database.execute(f"PRAGMA user_version = {version}")
-    database.close()
+        with pytest.raises(BlockRobotError, match=f"STORE_UNAVAILABLE.*format {version}"):
+            await SqliteStore(tmp_path).__aenter__()
+        assert database.execute("PRAGMA user_version").fetchone() == (version,)
 
 
-@pytest.mark.parametrize("version", [1, 2, 3, 4, 5])
-async def test_an_embedded_store_of_a_former_format_is_brought_to_this_one(tmp_path: Path, version: int) -> None:
-    asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
-    async with SqliteStore(tmp_path) as store:
-        await store.apply(BlockEffects(grants=(asked,)))
-    make_older(tmp_path, version)
-    for _ in range(2):
-        async with SqliteStore(tmp_path) as store:
-            assert await store.grant(asked.access_id) == asked
-            await store.put_part(part(1, 1, 10))
-            await store.apply(BlockEffects(standings=(VisitRestrictions(OWNER),)))
-            assert await store.standings([OWNER]) == {OWNER: VisitRestrictions(OWNER)}
-            assert (await store.counts()).parts == 1
-    with sqlite3.connect(tmp_path / DATABASE_FILE_NAME) as database:
-        for table, key in (("missing", "record_id"), ("shares", "grant_id")):
-            asked_for = f"EXPLAIN QUERY PLAN SELECT * FROM {table} WHERE owner = x'' ORDER BY {key}"
-            assert f"{table}_by_owner" in str(database.execute(asked_for).fetchall())
-        asked_for = "EXPLAIN QUERY PLAN SELECT * FROM outbox WHERE status = '' AND contract = '' ORDER BY height, kind"
-        assert "outbox_by_contract" in str(database.execute(asked_for).fetchall())
-    database.close()
-
-
-@pytest.mark.parametrize("version", [1, 2, 3, 4, 5])
-async def test_an_embedded_store_that_was_cut_off_anywhere_on_its_way_begins_that_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: int
-) -> None:
-    """Each statement fails once; what went before it is undone with it."""
-    asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
-    steps = " ".join(sqlite_store.MIGRATIONS[older] for older in range(version, sqlite_store.FORMAT_VERSION))
-    statements = [statement for statement in steps.split(";") if statement.strip()]
-    for place in range(len(statements) + 1):
-        folder = tmp_path / str(place)
-        async with SqliteStore(folder) as store:
-            await store.apply(BlockEffects(grants=(asked,)))
-        make_older(folder, version)
-        cut = [*statements[:place], " SELECT it_was_cut_off_here"]
-        with monkeypatch.context() as meanwhile:
-            later = range(version + 1, sqlite_store.FORMAT_VERSION)
-            broken = {version: ";".join(cut) + ";", **dict.fromkeys(later, "")}
-            meanwhile.setattr(sqlite_store, "MIGRATIONS", broken)
-            with pytest.raises(BlockRobotError, match=r"STORE_UNAVAILABLE.*it_was_cut_off_here") as refusal:
-                await SqliteStore(folder).__aenter__()
-        async with SqliteStore(folder) as store:
-            assert await store.grant(asked.access_id) == asked
-            assert await store.shares_of(OWNER) == []
-        assert refusal.value.code == "STORE_UNAVAILABLE", "and it is kept until here: it locks nobody out"
-
-
-async def test_a_networked_store_that_was_cut_off_on_its_way_begins_that_again(
+async def test_a_networked_store_that_was_cut_off_while_it_was_made_is_made_on(
     mongo_database: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its mark comes last: whatever was made before is found there, and made no second time."""
-    asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
     real, made = AsyncCollection.create_index, 0
 
-    async def cut_off(self: Any, fields: Any, *, place: int) -> Any:
+    async def cut_off(self: Any, fields: Any) -> Any:
         nonlocal made
-        if made == place:
+        if made == 7:
             raise ConnectionFailure("it was cut off here")
         made += 1
         return await real(self, fields)
 
-    for place in (0, 7, sum(map(len, mongo_store._INDEXES.values())) - 1):
-        async with MongoStore(mongo_database) as store:
-            await store.apply(BlockEffects(grants=(asked,)))
-        make_networked_older(mongo_database, 1)
-        made = 0
-        with monkeypatch.context() as meanwhile:
-            meanwhile.setattr(AsyncCollection, "create_index", partialmethod(cut_off, place=place))
-            with pytest.raises(BlockRobotError, match="STORE_UNAVAILABLE"):
-                await MongoStore(mongo_database).__aenter__()
-        with connect(mongo_database) as client:
-            assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 1}
-        async with MongoStore(mongo_database) as store:
-            assert await store.grant(asked.access_id) == asked
-            assert await store.shares_of(OWNER) == []
-        with connect(mongo_database) as client:
-            assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 4}
-
-
-def make_networked_older(uri: str, version: int) -> None:
-    """Take out of a networked store what a former format did not have."""
-    with connect(uri) as client:
-        database = client.get_default_database()
-        database["grants"].update_many({}, {"$unset": {"share": ""}})
-        for name in ("shares", "parts", *(("standings",) if version == 1 else ())):
-            database.drop_collection(name)
-        database["format"].update_one({}, {"$set": {"version": version}})
-
-
-@pytest.mark.parametrize("version", [1, 2, 3])
-async def test_a_networked_store_of_a_former_format_is_brought_to_this_one(mongo_database: str, version: int) -> None:
-    asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(AsyncCollection, "create_index", cut_off)
+        with pytest.raises(BlockRobotError, match="STORE_UNAVAILABLE"):
+            await MongoStore(mongo_database).__aenter__()
+    with MongoClient[dict[str, Any]](mongo_database) as client:
+        assert client.get_default_database()["format"].find_one() is None
     async with MongoStore(mongo_database) as store:
-        await store.apply(BlockEffects(grants=(asked,)))
-    make_networked_older(mongo_database, version)
-    async with MongoStore(mongo_database) as store:
-        assert await store.grant(asked.access_id) == asked
-        await store.put_part(part(1, 1, 10))
-        assert [slot async for slot in store.slots_in_use()] == [10]
-    with connect(mongo_database) as client:
-        assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 4}
-        names = client.get_default_database()["parts"].index_information()
-    assert {"slot_1", "record_id_1__id_1", "owner_1__id_1", "grant_id_1__id_1"} <= set(names)
+        assert await store.shares_of(OWNER) == []

@@ -6,7 +6,6 @@ Counts change on the event loop; call `save` in a thread.
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections import Counter
 from contextlib import suppress
@@ -17,8 +16,6 @@ from clients.robot.recording.sealed_file import TEMPORARY_PREFIX, read_sealed, s
 from clients.robot.recording.spool import Spool, number_of
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
-
-_EVERY_CLIP = sys.maxsize
 
 
 class VisitCount(Wire, frozen=True):
@@ -33,12 +30,6 @@ class VisitCounts(Wire, frozen=True):
 
     visits: tuple[VisitCount, ...]
     counted_up_to: int
-
-
-class _FormerCounts(Wire, frozen=True):
-    """Content of older files, where clips were counted before spooling."""
-
-    visits: tuple[VisitCount, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +59,7 @@ class OpenVisits:
         if not self._path.exists():
             return VisitCounts(visits=(), counted_up_to=0)
         try:
-            content = read_sealed(self._path, self._key)
-            with suppress(BlockRobotError):
-                return decode(content, VisitCounts)
-            return VisitCounts(visits=decode(content, _FormerCounts).visits, counted_up_to=_EVERY_CLIP)
+            return decode(read_sealed(self._path, self._key), VisitCounts)
         except BlockRobotError:
             raise BlockRobotError("SPOOL_DAMAGED", f"The list of open visits {self._path.name} was changed.") from None
 

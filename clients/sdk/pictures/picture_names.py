@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import re
 
-PICTURE_NAME = (
-    r"(?:picture-[0-9]{4,}\.frame-)?(?P<frame>[0-9]{8,})\.(?:depth\.png|png|rgb\.png|rgb\.jpg|label\.json|wav)"
-)
-"""An expression for all that `name_picture` returns, and for what earlier versions wrote: the robot's frame alone."""
+PICTURE_NAME = r"picture-[0-9]{4,}\.frame-(?P<frame>[0-9]{8,})\.(?:depth\.png|png|rgb\.png|rgb\.jpg|label\.json|wav)"
+"""An expression for all that `name_picture` returns."""
 _PICTURE = re.compile(PICTURE_NAME)
 
 
@@ -17,7 +15,6 @@ def name_picture(index: int, sequence: int, suffix: str) -> str:
 
 
 def is_picture_name(name: str) -> bool:
-    """Return whether wallets write, or wrote, such names."""
     return _PICTURE.fullmatch(name) is not None
 
 

@@ -82,8 +82,8 @@ def clip_row(found: Document) -> ClipRow:
         owner=found["owner"],
         expires_at_ms=found["expires_at_ms"],
         height=found["height"],
-        robot=bytes(found.get("robot", b"")),
-        size_bytes=found.get("size_bytes", 0),
+        robot=found["robot"],
+        size_bytes=found["size_bytes"],
     )
 
 
@@ -178,7 +178,7 @@ def grant_document(grant: Grant) -> Document:
 
 
 def grant_row(found: Document) -> Grant:
-    return Grant(found["_id"], found["owner"], tuple(found["records"]), found["height"], found.get("share", b""))
+    return Grant(found["_id"], found["owner"], tuple(found["records"]), found["height"], found["share"])
 
 
 def outbox_document(row: OutboxRow) -> Document:

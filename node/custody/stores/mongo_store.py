@@ -45,7 +45,6 @@ from node.custody.stores.mongo_uploads import BY_ROBOT, MongoUploads
 Order = Sequence[tuple[str, int]]
 
 FORMAT_VERSION = 4
-FORMER_VERSIONS = (1, 2, 3)
 SERVER_SELECTION_MAX_MS = 3_000
 MAJORITY_MAX_MS = 20_000
 SOCKET_MAX_MS = 30_000
@@ -126,17 +125,17 @@ def _connect(uri: str) -> tuple[AsyncMongoClient[Document], AsyncDatabase[Docume
 
 
 async def _check_format(database: AsyncDatabase[Document]) -> None:
-    """Mark a database of a new or former format, after its indexes exist."""
+    """Mark a new database, after its indexes exist. Raises STORAGE_DAMAGED for a foreign one."""
     found = await database["format"].find_one({"_id": _ONE})
     if found is None and set(await database.list_collection_names()) - {"format", *_INDEXES}:
         raise BlockRobotError("STORAGE_DAMAGED", "The store's database has collections but no mark of their format.")
-    if found is not None and found.get("version") not in {FORMAT_VERSION, *FORMER_VERSIONS}:
+    if found is not None and found.get("version") != FORMAT_VERSION:
         detail = f"The store has format {found.get('version')!r}, not {FORMAT_VERSION}."
         raise BlockRobotError("STORAGE_DAMAGED", detail)
     for collection, indexes in _INDEXES.items():
         for fields in indexes:
             await database[collection].create_index(list(fields))
-    if found is None or found["version"] != FORMAT_VERSION:
+    if found is None:
         await database["format"].replace_one({"_id": _ONE}, {"version": FORMAT_VERSION}, upsert=True)
 
 

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from node.custody.stores.sqlite_shares import SHARES_BY_OWNER, SHARES_SCHEMA
+from node.custody.stores.sqlite_shares import SHARES_SCHEMA
 from node.custody.stores.sqlite_uploads import UPLOADS_SCHEMA
 
 FORMAT_VERSION = 6
 
-_STANDINGS = "CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;"
-
-_MISSING_BY_OWNER = "CREATE INDEX missing_by_owner ON missing (owner, record_id);"
-_OUTBOX_BY_CONTRACT = "CREATE INDEX outbox_by_contract ON outbox (status, contract, height, kind, subject, part);"
 SCHEMA = f"""
 CREATE TABLE clips (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, valid_until_ms INTEGER NOT NULL,
     status TEXT NOT NULL, commitment_leaves BLOB NOT NULL, ciphertext_leaves BLOB NOT NULL,
@@ -29,32 +23,21 @@ CREATE TABLE missing (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, owner BLOB
     height INTEGER NOT NULL, erased_frames BLOB NOT NULL) WITHOUT ROWID;
 CREATE INDEX missing_by_height ON missing (height, record_id);
 CREATE INDEX missing_by_expiry ON missing (expires_at_ms);
-{_MISSING_BY_OWNER}
+CREATE INDEX missing_by_owner ON missing (owner, record_id);
 CREATE TABLE grants (access_id BLOB PRIMARY KEY, owner BLOB NOT NULL, records BLOB NOT NULL,
     height INTEGER NOT NULL, share BLOB NOT NULL DEFAULT x'') WITHOUT ROWID;
 CREATE INDEX grants_by_owner ON grants (owner, access_id);
-{_STANDINGS}
+CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;
 CREATE TABLE outbox (kind TEXT NOT NULL, subject BLOB NOT NULL, part INTEGER NOT NULL, contract TEXT NOT NULL,
     entry TEXT NOT NULL, arguments BLOB NOT NULL, height INTEGER NOT NULL, status TEXT NOT NULL,
     plan BLOB NOT NULL, PRIMARY KEY (kind, subject, part)) WITHOUT ROWID;
-{_OUTBOX_BY_CONTRACT}
+CREATE INDEX outbox_by_contract ON outbox (status, contract, height, kind, subject, part);
 CREATE TABLE backgrounds (digest BLOB PRIMARY KEY, content BLOB NOT NULL);
 CREATE TABLE checkpoint (one INTEGER PRIMARY KEY CHECK (one = 1), height INTEGER NOT NULL,
     block_id BLOB NOT NULL, timestamp_ms INTEGER NOT NULL);
 {SHARES_SCHEMA}
-{SHARES_BY_OWNER}
 {UPLOADS_SCHEMA}
 """
-
-MIGRATIONS: Mapping[int, str] = {
-    1: _STANDINGS,
-    2: f"ALTER TABLE grants ADD COLUMN share BLOB NOT NULL DEFAULT x''; {_MISSING_BY_OWNER} {SHARES_SCHEMA}",
-    3: SHARES_BY_OWNER,
-    4: "ALTER TABLE clips ADD COLUMN robot BLOB NOT NULL DEFAULT x''; "
-    f"ALTER TABLE clips ADD COLUMN size_bytes INTEGER NOT NULL DEFAULT 0; {UPLOADS_SCHEMA}",
-    5: f"DROP INDEX IF EXISTS outbox_by_height; {_OUTBOX_BY_CONTRACT}",
-}
-"""What makes the next format of a store of this one. Earlier formats lack tables, columns and indexes, and nothing else."""
 
 CLIP_COLUMNS = (
     "record_id, txid, valid_until_ms, status, commitment_leaves, ciphertext_leaves, owner, expires_at_ms, height, "

@@ -18,10 +18,9 @@ CREATE INDEX parts_by_record ON parts (record_id);
 CREATE INDEX parts_by_owner ON parts (owner);
 CREATE INDEX parts_by_valid_until ON parts (status, valid_until_ms);
 CREATE INDEX parts_by_slot ON parts (slot);
+CREATE INDEX shares_by_owner ON shares (owner, grant_id);
 """
-"""The tables of shares, as format 3 has them."""
-
-SHARES_BY_OWNER = "CREATE INDEX shares_by_owner ON shares (owner, grant_id);"
+"""The tables of shares."""
 """What format 4 has besides."""
 
 _RECORD_ID_BYTES = 16

@@ -46,7 +46,6 @@ from node.custody.stores.sqlite_rows import (
 from node.custody.stores.sqlite_schema import (
     CLIP_COLUMNS,
     FORMAT_VERSION,
-    MIGRATIONS,
     MISSING_COLUMNS,
     OUTBOX_COLUMNS,
     SCHEMA,
@@ -151,15 +150,12 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return database
 
     def _prepare(self, database: sqlite3.Connection) -> None:
-        """Migrate to this format in one transaction. Raises STORE_UNAVAILABLE for a foreign one."""
+        """Create the tables in one transaction. Raises STORE_UNAVAILABLE for a foreign database."""
         for setting in ("journal_mode = WAL", "synchronous = FULL", "secure_delete = ON", "temp_store = MEMORY"):
             database.execute(f"PRAGMA {setting}").fetchall()
         version = database.execute("PRAGMA user_version").fetchone()[0]
         if version == 0:
             database.executescript(f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
-        elif version in MIGRATIONS:
-            steps = " ".join(MIGRATIONS[older] for older in range(version, FORMAT_VERSION))
-            database.executescript(f"BEGIN IMMEDIATE; {steps} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
         elif version != FORMAT_VERSION:
             raise BlockRobotError("STORE_UNAVAILABLE", f"The store has format {version}, not {FORMAT_VERSION}.")
 

@@ -11,9 +11,8 @@ import pytest
 from clients.robot.recording import unclosed_visits
 from clients.robot.recording.sealed_file import seal_content
 from clients.robot.recording.spool import Spool
-from clients.robot.recording.unclosed_visits import OpenVisits, VisitCount, _FormerCounts
+from clients.robot.recording.unclosed_visits import OpenVisits
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import encode
 from tests.unit.clients.robot.counted import note
 from tests.unit.clients.robot.test_spool import KEY, clip
 
@@ -123,17 +122,6 @@ def test_a_clip_that_cannot_be_read_stops_no_robot_at_its_start(tmp_path: Path) 
     killed = Life(tmp_path)
     (tmp_path / "spool" / killed.store(1, ANN, is_saved=False)).write_bytes(b"damaged")
     assert Life(tmp_path).visits.counts == {}
-
-
-def test_of_a_file_of_before_every_clip_in_the_spool_is_counted_already(tmp_path: Path) -> None:
-    """Its robot counted a clip first and spooled it then."""
-    Life(tmp_path).store(1, ANN)
-    former = seal_content("open-visits", KEY, encode(_FormerCounts(visits=(VisitCount(owner=ANN, record_count=2),))))
-    (tmp_path / "open-visits").write_bytes(former)
-    life = Life(tmp_path)
-    assert life.visits.counts == {ANN: 2}
-    life.store(2, BOB, is_saved=False)
-    assert Life(tmp_path).visits.counts == {ANN: 2, BOB: 1}
 
 
 def test_a_thread_that_saves_sees_no_half_of_a_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

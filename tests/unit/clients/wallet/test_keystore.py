@@ -13,7 +13,7 @@ import pytest
 from nacl import pwhash
 
 from clients.sdk.passphrase import PassphraseCost
-from clients.wallet.store.keystore import Keystore, KnownVisit, WalletContent
+from clients.wallet.store.keystore import Keystore, KnownVisit
 from consensus.errors import BlockRobotError
 
 WORDS = "abandon " * 23 + "art"
@@ -148,8 +148,3 @@ def test_no_secret_shows_when_a_wallet_is_printed(path: Path) -> None:
         assert "abandon" not in shown
         assert repr(VISIT.owner) not in shown
         assert "tea" not in shown.replace("Keystore", "")
-
-
-def test_an_older_wallet_opens_with_what_is_new_left_empty() -> None:
-    old = msgspec.msgpack.encode({"words": WORDS})
-    assert msgspec.msgpack.decode(old, type=WalletContent).visits == []

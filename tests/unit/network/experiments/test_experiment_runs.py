@@ -45,8 +45,6 @@ def earlier(out: Path) -> Path:
     (folder / "events.jsonl").touch()
     record = folder / "pictures" / "patient-a" / ("0a" * 32)
     record.mkdir(parents=True)
-    (record / "00000012.png").touch()
-    (record / "00000012.depth.png").touch()
     (record / "picture-0003.frame-00000012.png").touch()
     (record / "picture-0003.frame-00000012.depth.png").touch()
     (folder / "network" / "nodes" / "node-1" / "ledger").mkdir(parents=True)
