@@ -97,7 +97,8 @@ def test_help_in_portuguese_shows_the_options_and_commands_of_the_english_one(wo
     english, told = helped(*arguments), helped(*arguments, LANG="pt_PT.UTF-8")
 
     def names(page: str, heading: str) -> list[str]:
-        rows = page[page.index(f"{heading}:\n") :].splitlines()
+        # click keeps the help option as the first context of this process spelt it
+        rows = page[page.index(f"{heading}:\n") :].replace("-h, ", "").splitlines()
         return [row.split()[0].rstrip(",") for row in rows if row.startswith("  ") and row[2:3].strip()]
 
     assert names(told, "Opções") == names(english, "Options") != []
