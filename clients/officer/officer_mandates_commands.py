@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -16,13 +15,14 @@ from clients.officer.mandate_papers import (
     read_receipt,
 )
 from clients.sdk.failover import SURE_REFUSALS
+from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import APPROVED, PROPOSED, Mandate, Mandates
-from clients.wallet.present.mandate_json_fields import mandate_json
+from clients.wallet.present.mandate_answers import MandateProposalAnswer, MandatesAnswer, mandate_answer
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from consensus.members.handles import encode_short
@@ -71,9 +71,10 @@ def _print_mandate(mandate: Mandate) -> None:
         console.print(f"  Next: {steps[mandate.status]}")
 
 
-def _tell(mandate: Mandate, line: str, *, as_json: bool, **more: Any) -> None:
+def _tell(mandate: Mandate, line: str, *, as_json: bool, receipt: Path | None = None) -> None:
     if as_json:
-        print_json({"ok": True, **mandate_json(mandate), **more})
+        answer = mandate_answer(mandate)
+        print_answer(answer if receipt is None else extend(MandateProposalAnswer, answer, receipt=str(receipt)))
         return
     console.print(line)
     _print_mandate(mandate)
@@ -138,7 +139,7 @@ def propose(
 
     place, proposed = run_with_wallet(ctx, lambda opened: main(Mandates(opened)))
     line = f"Proposed. A second officer has {APPROVE_MS // _DAY_MS} days to agree. The papers' receipt: {place}"
-    _tell(proposed, line, as_json=as_json, receipt=str(place))
+    _tell(proposed, line, as_json=as_json, receipt=place)
 
 
 @mandates.command()
@@ -188,7 +189,7 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
     found = run_with_wallet(ctx, lambda opened: Mandates(opened).read_all())
     shown = [mandate for mandate in found if everything or mandate.is_open]
     if as_json:
-        print_json({"ok": True, "mandates": [mandate_json(mandate) for mandate in shown]})
+        print_answer(MandatesAnswer(mandates=[mandate_answer(mandate) for mandate in shown]))
         return
     if not shown:
         console.print("There is no mandate." + ("" if everything else " (--all: those that are over, too.)"))

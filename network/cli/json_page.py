@@ -13,8 +13,8 @@ from clients.robot.cli.robot_answers import ANSWERS as ROBOT
 from clients.sdk.terminal.json_answers import AnswersByCommand, list_kinds, write_schema
 from clients.sdk.terminal.json_fields import CommandAnswer, write_section
 from clients.wallet.present.json_fields import ANSWERS as WALLET
-from clients.wallet.present.mandate_json_fields import OFFICER_ANSWERS as OFFICER_MANDATES
-from clients.wallet.present.mandate_json_fields import WALLET_ANSWERS as WALLET_MANDATES
+from clients.wallet.present.mandate_answers import OFFICER_ANSWERS as OFFICER_MANDATES
+from clients.wallet.present.mandate_answers import WALLET_ANSWERS as WALLET_MANDATES
 from clients.wallet.present.sharing_json_fields import ANSWERS as SHARING
 from network.cli.cluster.cluster_answers import ANSWERS as NETWORK
 from network.cli.cluster.status_answers import ANSWERS as STATUS
@@ -28,7 +28,8 @@ SCHEMA = "json-output.schema.json"
 TYPED: Mapping[str, AnswersByCommand] = {
     "A network on this machine": {**STATUS, **NETWORK},
     "Checking a bundle": BUNDLE,
-    "Data protection officers": OFFICER,
+    "The wallet": WALLET_MANDATES,
+    "Data protection officers": {**OFFICER, **OFFICER_MANDATES},
     "The registrar": REGISTRAR,
     "The robot": ROBOT,
     "Governing and keeping a network": {**GOVERNING, **NODES, **TOOLS},
@@ -36,8 +37,7 @@ TYPED: Mapping[str, AnswersByCommand] = {
 """The answers of commands, under the headings of the page."""
 
 SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
-    "The wallet": (*WALLET, *SHARING, *WALLET_MANDATES),
-    "Data protection officers": OFFICER_MANDATES,
+    "The wallet": (*WALLET, *SHARING),
 }
 """What is listed, under the headings of the page."""
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import ACTIVE, APPROVED, OPEN, Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.mandate_json_fields import mandate_json
+from clients.wallet.present.mandate_answers import MandateAct, OwnMandate, OwnMandatesAnswer, mandate_answer
 from clients.wallet.present.translations import code_text, purposes_text, text
 from consensus.members.handles import encode_short
 from consensus.state.mandates import ActRow
@@ -26,16 +25,21 @@ def mandates() -> None:
     """
 
 
-def _act_json(act: ActRow) -> dict[str, Any]:
-    return {
-        "kind": act.kind,
-        "time_ms": act.time,
-        "height": act.height,
-        "txid": act.txid.hex(),
-        "purposes": act.data["purposes"],
-        "sensors": act.data["sensors"],
-        "period_until_ms": act.data["until_ms"] or None,
-    }
+def _act_answer(act: ActRow) -> MandateAct:
+    return MandateAct(
+        kind=act.kind,
+        time_ms=act.time,
+        height=act.height,
+        txid=act.txid.hex(),
+        purposes=act.data["purposes"],
+        sensors=act.data["sensors"],
+        period_until_ms=act.data["until_ms"] or None,
+    )
+
+
+def _own_answer(mandate: Mandate, trail: list[ActRow], own: bytes) -> OwnMandate:
+    role = "representative" if mandate.state.representative == own else "represented"
+    return extend(OwnMandate, mandate_answer(mandate), role=role, trail=[_act_answer(act) for act in trail])
 
 
 def _print_mandate(opened: Wallet, mandate: Mandate, trail: list[ActRow]) -> None:
@@ -85,13 +89,8 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
         trails = [await handling.trail(mandate) for mandate in found]
         if as_json:
             own = opened.store.content.handle
-            rows = [
-                mandate_json(mandate)
-                | {"role": "representative" if mandate.state.representative == own else "represented"}
-                | {"trail": [_act_json(act) for act in trail]}
-                for mandate, trail in zip(found, trails, strict=True)
-            ]
-            print_json({"ok": True, "mandates": rows})
+            rows = [_own_answer(mandate, trail, own) for mandate, trail in zip(found, trails, strict=True)]
+            print_answer(OwnMandatesAnswer(mandates=rows))
             return
         if not found:
             console.print(text("mandates.none"))
@@ -123,7 +122,7 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
 
     after = run_with_wallet(ctx, action)
     if as_json:
-        print_json({"ok": True, **mandate_json(after)})
+        print_answer(mandate_answer(after))
         return
     console.print(text("mandates.accepted", until=show_moment(after.state.until_ms)))
     console.print("  " + text("mandates.to_act", other=encode_short(after.state.handle)))
@@ -148,6 +147,6 @@ def end(ctx: click.Context, mandate: str, as_json: bool) -> None:
 
     after = run_with_wallet(ctx, action)
     if as_json:
-        print_json({"ok": True, **mandate_json(after)})
+        print_answer(mandate_answer(after))
         return
     console.print(text("mandates.ended"))

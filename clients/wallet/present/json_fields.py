@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind
-from clients.wallet.present.mandate_json_fields import SPOKEN_FOR
+
+SPOKEN_FOR = (
+    Field("for", Kind.HEX, "the handle of the person for whom it was said", null="if for oneself"),
+    Field("mandate_id", Kind.HEX, "the mandate under which it was said", null="if for oneself"),
+)
 
 VISIT = Field("visit", Kind.HEX, "the visit's name: its first owner key")
 TXID = Field("txid", Kind.HEX, "the transaction")
