@@ -10,13 +10,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import click
+from msgspec import UNSET
 
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json, problem_json
+from clients.sdk.terminal.json_answers import Problem
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer, problem_json
 from clients.wallet.cli.shell_completion import complete_records
 from clients.wallet.cli.wallet_context import run_with_wallet
-from clients.wallet.commands.share_commands import share_json, tell_copies, tell_recipients
+from clients.wallet.commands.share_commands import own_share, tell_copies, tell_recipients
 from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.present.sharing_answers import EraseAnswer, ErasureRequest
 from clients.wallet.present.translations import WrongUsage, text
 from clients.wallet.records.erasure import Erasing, ErasureReport, missing_pictures
 from clients.wallet.records.viewing import name_places
@@ -145,7 +148,7 @@ def erase(
     wish = _Wish(() if everything else record_ids, frame_indexes, wait, yes, as_json)
     done = run_with_wallet(ctx, functools.partial(_erase, wish))
     if as_json:
-        _print_json(done)
+        print_answer(_erase_answer(done), ok=done.late is None)
     else:
         _print_done(done, is_told=not yes)
     if done.late is None:
@@ -180,26 +183,22 @@ async def _erase(wish: _Wish, opened: Wallet) -> _Done:
     return done
 
 
-def _print_json(done: _Done) -> None:
-    rows = [
-        {
-            "erasure_id": report.erasure_id.hex(),
-            "status": report.state.status,
-            "custodians": [custodian.hex() for custodian in report.state.custodians],
-            "confirmed": [custodian.hex() for custodian in report.state.receipts],
-        }
-        for report in done.reports
-    ]
+def _erase_answer(done: _Done) -> EraseAnswer:
     now_ms = time.time_ns() // 1_000_000
-    told = {
-        "erasures": rows,
-        "left_out_numbers": [index + 1 for index in done.left_out],
-        "recipients": [share_json(each, now_ms) for each in done.recipients],
-    }
-    if done.late is None:
-        print_json({"ok": True, **told})
-    else:
-        print_json({"ok": False, "error": problem_json(done.late), **told})
+    return EraseAnswer(
+        error=UNSET if done.late is None else Problem(**problem_json(done.late)),
+        erasures=[
+            ErasureRequest(
+                erasure_id=report.erasure_id.hex(),
+                status=report.state.status,
+                custodians=[custodian.hex() for custodian in report.state.custodians],
+                confirmed=[custodian.hex() for custodian in report.state.receipts],
+            )
+            for report in done.reports
+        ],
+        left_out_numbers=[index + 1 for index in done.left_out],
+        recipients=[own_share(each, now_ms) for each in done.recipients],
+    )
 
 
 def _print_done(done: _Done, *, is_told: bool) -> None:

@@ -8,18 +8,28 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json, status_line
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.commands.account.rotate_commands import unreadable_words
-from clients.wallet.commands.view_commands import missing_rooms_json, tell_missing_rooms
+from clients.wallet.commands.view_commands import list_missing_rooms, tell_missing_rooms
 from clients.wallet.ledger.visit_audit import AuditEntry, Finding, audit_visit, findings_of
 from clients.wallet.ledger.visit_scan import find_record
 from clients.wallet.ledger.wallet import VisitReport, Wallet
+from clients.wallet.present.record_answers import FetchedRecord, FrameStatus
+from clients.wallet.present.sharing_answers import (
+    ConfirmDeletedAnswer,
+    InboxAnswer,
+    LookAnswer,
+    LookAtOwn,
+    ReceivedShare,
+    ShareNotice,
+    UnreadShare,
+    VisitAlarm,
+)
 from clients.wallet.present.translations import code_text, describe_error, refusal, text
 from clients.wallet.records.leftover_files import find_earlier_of, tell_earlier
 from clients.wallet.records.picture_files import delete_frames, write_frames
@@ -88,25 +98,25 @@ def copies_left(receipt: Receipt, records: Sequence[bytes]) -> list[Path]:
     return [place for place in places if place.exists()]
 
 
-def receipt_json(receipt: Receipt) -> dict[str, Any]:
+def received_share(receipt: Receipt) -> ReceivedShare:
     grant = receipt.grant
-    return {
-        "grant_id": grant.grant_id.hex(),
-        "visit": grant.row.owner.hex(),
-        "records": [record_id.hex() for record_id in grant.row.records],
-        "purpose": grant.row.purpose,
-        "shared_at_ms": grant.row.time,
-        "until_ms": grant.row.until_ms,
-        "open": receipt.is_open,
-        "looked": receipt.looked,
-        "to_look": [record_id.hex() for record_id in receipt.to_look],
-        "notices": [
-            {"record_id": notice.record_id.hex(), "kind": notice.kind, "confirmed": notice.confirmed}
+    return ReceivedShare(
+        grant_id=grant.grant_id.hex(),
+        visit=grant.row.owner.hex(),
+        records=[record_id.hex() for record_id in grant.row.records],
+        purpose=grant.row.purpose,
+        shared_at_ms=grant.row.time,
+        until_ms=grant.row.until_ms,
+        open=receipt.is_open,
+        looked=receipt.looked,
+        to_look=[record_id.hex() for record_id in receipt.to_look],
+        notices=[
+            ShareNotice(record_id=notice.record_id.hex(), kind=notice.kind, confirmed=notice.confirmed)
             for notice in receipt.notices
         ],
-        "to_confirm": [record_id.hex() for record_id in receipt.to_confirm],
-        "copies": [str(place) for place in copies_left(receipt, grant.row.records)],
-    }
+        to_confirm=[record_id.hex() for record_id in receipt.to_confirm],
+        copies=[str(place) for place in copies_left(receipt, grant.row.records)],
+    )
 
 
 def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
@@ -138,8 +148,9 @@ def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
     return lines
 
 
-def unread_json(unread: Unread) -> dict[str, Any]:
-    return {"grant_id": unread.received.grant_id.hex(), "code": unread.error.code, "detail": unread.error.detail}
+def unread_share(unread: Unread) -> UnreadShare:
+    error = unread.error
+    return UnreadShare(grant_id=unread.received.grant_id.hex(), code=error.code, detail=error.detail)
 
 
 def unread_line(unread: Unread, language: str | None = None) -> str:
@@ -156,6 +167,25 @@ def _print_alarms(alarms: Sequence[VisitReport]) -> None:
             console.print(f"[red]{text('inbox.unreadable', name=name, what=unreadable_words(report))}[/red]")
 
 
+def _inbox_answer(found: Inbox) -> InboxAnswer:
+    return InboxAnswer(
+        received=[received_share(each) for each in found.receipts],
+        unread=[unread_share(each) for each in found.unread],
+        alarms=[visit_alarm(report) for report in found.alarms],
+        reads_new=found.reads_new,
+        looks=[_look_at_own(entry) for entry in found.looks],
+        changed_records=[record_id.hex() for _, (record_id, _, _) in found.changed],
+    )
+
+
+def visit_alarm(report: VisitReport) -> VisitAlarm:
+    return VisitAlarm(
+        visit=report.visit.owner.hex(),
+        missing_records=report.missing_count,
+        unreadable_records=[record_id.hex() for record_id in report.unreadable_ids],
+    )
+
+
 @click.command()
 @json_option
 @click.pass_context
@@ -168,25 +198,7 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
     """
     found = run_with_wallet(ctx, read_inbox)
     if as_json:
-        alarms = [
-            {
-                "visit": report.visit.owner.hex(),
-                "missing_records": report.missing_count,
-                "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
-            }
-            for report in found.alarms
-        ]
-        print_json(
-            {
-                "ok": True,
-                "received": [receipt_json(each) for each in found.receipts],
-                "unread": [unread_json(each) for each in found.unread],
-                "alarms": alarms,
-                "reads_new": found.reads_new,
-                "looks": [_look_json(entry) for entry in found.looks],
-                "changed_records": [record_id.hex() for _, (record_id, _, _) in found.changed],
-            }
-        )
+        print_answer(_inbox_answer(found))
         return
     if not found.reads_new:
         console.print(text("inbox.no_member"))
@@ -215,15 +227,15 @@ def _changed_line(entry: AuditEntry, finding: Finding) -> str:
     return text("inbox.changed", name=name, count=len(frames), frames=name_places(frames), moment=moment)
 
 
-def _look_json(entry: AuditEntry) -> dict[str, Any]:
-    return {
-        "visit": entry.owner.hex(),
-        "grant_id": entry.data["grant"].hex(),
-        "records": entry.data["records"],
-        "purpose": entry.data["purpose"],
-        "time_ms": entry.time_ms,
-        "height": entry.height,
-    }
+def _look_at_own(entry: AuditEntry) -> LookAtOwn:
+    return LookAtOwn(
+        visit=entry.owner.hex(),
+        grant_id=entry.data["grant"].hex(),
+        records=entry.data["records"],
+        purpose=entry.data["purpose"],
+        time_ms=entry.time_ms,
+        height=entry.height,
+    )
 
 
 def _print_looks(looks: Sequence[AuditEntry]) -> None:
@@ -312,17 +324,14 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
 
     views, left_out, earlier, missing = run_with_wallet(ctx, action)
     if as_json:
-        rows = [
-            {
-                "record_id": view.record_id.hex(),
-                "custodians": list(view.custodians),
-                "frames": [{"number": frame.index + 1, "status": frame.status} for frame in view.frames],
-            }
-            for view in views
-        ]
-        barred = [record_id.hex() for record_id in left_out]
-        files = {"out": str(out), "earlier": [str(path) for path in earlier]}
-        print_json({"ok": True, "records": rows, "restricted": barred, **files, **missing_rooms_json(missing)})
+        answer = LookAnswer(
+            records=[_fetched_record(view) for view in views],
+            restricted=[record_id.hex() for record_id in left_out],
+            out=str(out),
+            earlier=[str(path) for path in earlier],
+            missing_rooms=list_missing_rooms(missing),
+        )
+        print_answer(answer)
         return
     for view in views:
         shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
@@ -336,6 +345,14 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     console.print(text("look.written", out=out))
     tell_missing_rooms(missing)
     tell_earlier(earlier)
+
+
+def _fetched_record(view: SharedView) -> FetchedRecord:
+    return FetchedRecord(
+        record_id=view.record_id.hex(),
+        custodians=list(view.custodians),
+        frames=[FrameStatus(number=frame.index + 1, status=frame.status) for frame in view.frames],
+    )
 
 
 def _ask_whether_deleted(places: Sequence[Path], records_count: int, *, yes: bool) -> None:
@@ -384,7 +401,7 @@ def confirm_deleted(
     if as_json:
         deleted = [str(place) for place in places if not place.exists()]
         records = [record_id.hex() for record_id in chosen]
-        print_json({"ok": True, "records": records, "deleted": deleted, "kept": [str(path) for path in kept]})
+        print_answer(ConfirmDeletedAnswer(records=records, deleted=deleted, kept=[str(path) for path in kept]))
         return
     for folder in dict.fromkeys(path.parent for path in kept):
         names = ", ".join(path.name for path in kept if path.parent == folder)

@@ -7,16 +7,24 @@ import functools
 import re
 import time
 from collections.abc import Sequence
-from typing import Any
 
 import click
 
 from clients.sdk.terminal.qr_codes import read_given
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json, status_line
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.present.sharing_answers import (
+    GranteeLook,
+    HandleAnswer,
+    MadeShare,
+    OwnShare,
+    RevokeAnswer,
+    ShareAnswer,
+    SharesAnswer,
+)
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, WrongUsage, code_text, language_in_use, text
 from clients.wallet.sharing.chain_grants import find_by_prefix
 from clients.wallet.sharing.outgoing_shares import (
@@ -93,17 +101,17 @@ def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, unti
     )
 
 
-def shared_json(shared: Shared) -> dict[str, Any]:
-    return {
-        "grant_id": shared.grant_id.hex(),
-        "visit": shared.visit.owner.hex(),
-        "records": [record_id.hex() for record_id in shared.records],
-        "left_out": [record_id.hex() for record_id in shared.left_out],
-        "until_ms": shared.until_ms,
-        "pictures": shared.pictures_count,
-        "custodians": list(shared.custodians),
-        "custodians_away": list(shared.absent),
-    }
+def made_share(shared: Shared) -> MadeShare:
+    return MadeShare(
+        grant_id=shared.grant_id.hex(),
+        visit=shared.visit.owner.hex(),
+        records=[record_id.hex() for record_id in shared.records],
+        left_out=[record_id.hex() for record_id in shared.left_out],
+        until_ms=shared.until_ms,
+        pictures=shared.pictures_count,
+        custodians=list(shared.custodians),
+        custodians_away=list(shared.absent),
+    )
 
 
 def tell_of_first(error: BlockRobotError, done: Sequence[Shared], language: str = DEFAULT_LANGUAGE) -> BlockRobotError:
@@ -217,33 +225,33 @@ def share(
 
     grantee, done = run_with_wallet(ctx, action)
     if as_json:
-        rows, who = [shared_json(shared) for shared in done], grantee.member
-        print_json({"ok": True, "handle": who.handle.hex(), "role": who.role, "purpose": purpose, "shared": rows})
+        rows, who = [made_share(shared) for shared in done], grantee.member
+        print_answer(ShareAnswer(handle=who.handle.hex(), role=who.role, purpose=purpose, shared=rows))
         return
     for shared in done:
         _print_shared(shared, grantee)
 
 
-def share_json(share_: Share, now_ms: int) -> dict[str, Any]:
+def own_share(share_: Share, now_ms: int) -> OwnShare:
     grant, given = share_.grant, share_.given
-    return {
-        "grant_id": grant.grant_id.hex(),
-        "visit": share_.visit.owner.hex(),
-        "records": [record_id.hex() for record_id in grant.row.records],
-        "handle": None if given is None else given.handle.hex(),
-        "name": None if given is None else given.label or None,
-        "purpose": grant.row.purpose,
-        "shared_at_ms": grant.row.time,
-        "until_ms": grant.row.until_ms,
-        "status": _status(share_, now_ms),
-        "looks": [
-            {"time_ms": look.time_ms, "records": look.records_count, "custodians_released": look.released_count}
+    return OwnShare(
+        grant_id=grant.grant_id.hex(),
+        visit=share_.visit.owner.hex(),
+        records=[record_id.hex() for record_id in grant.row.records],
+        handle=None if given is None else given.handle.hex(),
+        name=None if given is None else given.label or None,
+        purpose=grant.row.purpose,
+        shared_at_ms=grant.row.time,
+        until_ms=grant.row.until_ms,
+        status=_status(share_, now_ms),
+        looks=[
+            GranteeLook(time_ms=look.time_ms, records=look.records_count, custodians_released=look.released_count)
             for look in share_.looks
         ],
-        "confirmed_deleted": [record_id.hex() for record_id in grant.row.records if record_id in share_.confirmed],
-        "cut": [record_id.hex() for record_id in grant.row.records if record_id in share_.cut],
-        "erased": [record_id.hex() for record_id in grant.row.records if record_id in share_.erased],
-    }
+        confirmed_deleted=[record_id.hex() for record_id in grant.row.records if record_id in share_.confirmed],
+        cut=[record_id.hex() for record_id in grant.row.records if record_id in share_.cut],
+        erased=[record_id.hex() for record_id in grant.row.records if record_id in share_.erased],
+    )
 
 
 def _status(share_: Share, now_ms: int) -> str:
@@ -300,7 +308,7 @@ def shares(ctx: click.Context, as_json: bool) -> None:
 
     found, now_ms = run_with_wallet(ctx, action), time.time_ns() // 1_000_000
     if as_json:
-        print_json({"ok": True, "shares": [share_json(each, now_ms) for each in found]})
+        print_answer(SharesAnswer(shares=[own_share(each, now_ms) for each in found]))
         return
     if not found:
         console.print(text("shares.none"))
@@ -346,8 +354,13 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
 
     ended, txid = run_with_wallet(ctx, action)
     if as_json:
-        told = {"grant_id": ended.grant.grant_id.hex(), "txid": None if txid is None else txid.hex()}
-        print_json({"ok": True, **told, "looks": len(ended.looks), "already_ended": txid is None})
+        answer = RevokeAnswer(
+            grant_id=ended.grant.grant_id.hex(),
+            txid=None if txid is None else txid.hex(),
+            looks=len(ended.looks),
+            already_ended=txid is None,
+        )
+        print_answer(answer)
         return
     if txid is None:
         console.print(text("revoke.already"))
@@ -374,7 +387,7 @@ def handle(ctx: click.Context, as_json: bool) -> None:
 
     own, role = run_with_wallet(ctx, action)
     if as_json:
-        print_json({"ok": True, "handle": own.hex(), "short": encode_short(own), "role": role})
+        print_answer(HandleAnswer(handle=own.hex(), short=encode_short(own), role=role))
         return
     digits = own.hex()
     console.print(encode_short(own))

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import aclosing
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json, status_line
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.shell_completion import complete_records
 from clients.wallet.cli.wallet_context import on_abort, read_only_wallet, run_with_wallet
 from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.present.record_answers import FrameStatus, MissingRoom, VerifyAnswer, ViewAnswer, ViewedRecord
 from clients.wallet.present.translations import describe_error, text, withheld_text
 from clients.wallet.records.album import Album
 from clients.wallet.records.leftover_files import find_earlier, find_earlier_of, tell_earlier
@@ -45,19 +45,19 @@ async def _view_all(
     return views
 
 
-def _view_json(view: RecordView) -> dict[str, Any]:
-    return {
-        "record_id": view.entry.record_id.hex(),
-        "verdict": view.verdict,
-        "frames_counted": view.frames_counted,
-        "frames_committed": len(view.frames),
-        "custodians": list(view.custodians),
-        "frames": [{"number": frame.index + 1, "status": frame.status} for frame in view.frames],
-    }
+def _viewed_record(view: RecordView) -> ViewedRecord:
+    return ViewedRecord(
+        record_id=view.entry.record_id.hex(),
+        verdict=view.verdict,
+        frames_counted=view.frames_counted,
+        frames_committed=len(view.frames),
+        custodians=list(view.custodians),
+        frames=[FrameStatus(number=frame.index + 1, status=frame.status) for frame in view.frames],
+    )
 
 
-def missing_rooms_json(missing: Mapping[bytes, BlockRobotError]) -> dict[str, Any]:
-    return {"missing_rooms": [{"sha256": digest.hex(), "code": error.code} for digest, error in missing.items()]}
+def list_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> list[MissingRoom]:
+    return [MissingRoom(sha256=digest.hex(), code=error.code) for digest, error in missing.items()]
 
 
 def tell_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> None:
@@ -140,9 +140,14 @@ def view(
         views = run_with_wallet(ctx, action)
     earlier = _find_earlier(album, views, of_all=not record_ids)
     if as_json:
-        rows = [_view_json(view) for view in views]
-        files = {"sheets": [str(path) for path in sheets], "earlier": [str(path) for path in earlier]}
-        print_json({"ok": True, "records": rows, "out": str(out), **files, **missing_rooms_json(album.missing_rooms)})
+        answer = ViewAnswer(
+            records=[_viewed_record(view) for view in views],
+            out=str(out),
+            sheets=[str(path) for path in sheets],
+            earlier=[str(path) for path in earlier],
+            missing_rooms=list_missing_rooms(album.missing_rooms),
+        )
+        print_answer(answer)
         return
     _print_views(views)
     if any(frame.status == STATUS_OK for view in views for frame in view.frames):
@@ -175,7 +180,7 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
 
     views = run_with_wallet(ctx, action)
     if as_json:
-        print_json({"ok": True, "records": [_view_json(view) for view in views], "out": None})
+        print_answer(VerifyAnswer(records=[_viewed_record(view) for view in views]))
         return
     _print_views(views)
     if views:

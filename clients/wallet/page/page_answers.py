@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
+import msgspec
 from aiohttp import web
 
 from clients.wallet.page.jobs import Job
@@ -61,7 +61,7 @@ def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
         try:
             response = await answer(session, request)
         except BlockRobotError as error:
-            body = json.dumps(problem_json(error, language_of(request)), ensure_ascii=False).encode()
+            body = msgspec.json.encode(problem_json(error, language_of(request)))
             return web.Response(status=error.entry.status, body=body, content_type=PROBLEM_TYPE)
         if not response.prepared:
             block = verified_block(session.wallet)
@@ -71,9 +71,9 @@ def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
     return handle
 
 
-def answer_json(value: Mapping[str, Any], status: int = 200) -> web.Response:
-    body = json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode()
-    return web.Response(status=status, body=body, content_type="application/json")
+def answer_json(value: Mapping[str, Any] | msgspec.Struct, status: int = 200) -> web.Response:
+    """Return a JSON object. Structs may be anywhere in it."""
+    return web.Response(status=status, body=msgspec.json.encode(value), content_type="application/json")
 
 
 def accepted(job: Job) -> web.Response:

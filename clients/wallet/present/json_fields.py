@@ -29,39 +29,6 @@ _SAID = (
 )
 """A word about one visit, as `rights_commands.said_json` tells it."""
 
-_FRAMES = Field(
-    "frames",
-    Kind.ROWS,
-    "each picture, label or sound",
-    fields=(
-        Field("number", Kind.COUNT, "its place in the record, from 1, as `wallet erase --frames` takes it"),
-        Field("status", Kind.TEXT, "`ok`, `corrupted`, `erased`, or `notice` (a note of what was withheld)"),
-    ),
-)
-_VIEWED = Field(
-    "records",
-    Kind.ROWS,
-    "each record that was fetched",
-    fields=(
-        Field("record_id", Kind.HEX, "the record"),
-        Field("verdict", Kind.TEXT, "`verified` if everything held, else `corrupted`"),
-        Field("frames_counted", Kind.COUNT, "how many the robot counted, by what it sealed to you"),
-        Field("frames_committed", Kind.COUNT, "how many it committed to on the chain"),
-        Field("custodians", Kind.TEXTS, "names of the custodians that released it"),
-        _FRAMES,
-    ),
-)
-
-MISSING_ROOMS = Field(
-    "missing_rooms",
-    Kind.ROWS,
-    "each empty frame that nobody had; its pictures show the person alone",
-    fields=(
-        Field("sha256", Kind.HEX, "the frame"),
-        Field("code", Kind.TEXT, "why: `EMPTY_FRAME_WITHDRAWN` if the chain proves it, else what a custodian refused"),
-    ),
-)
-
 _RECORD = (
     Field("record_id", Kind.HEX, "the record"),
     VISIT,
@@ -322,20 +289,6 @@ _READING = (
             Field("matching_records", Kind.COUNT, "how many records are asked for, on all pages"),
             Field("all_records", Kind.COUNT, "how many there are"),
         ),
-    ),
-    CommandAnswer(
-        ("wallet view",),
-        (
-            _VIEWED,
-            Field("out", Kind.TEXT, "the folder of the pictures"),
-            Field("sheets", Kind.TEXTS, "contact sheets and animations that were written"),
-            Field("earlier", Kind.TEXTS, "files of earlier looks that are still there, and not of this one"),
-            MISSING_ROOMS,
-        ),
-    ),
-    CommandAnswer(
-        ("wallet verify",),
-        (_VIEWED, Field("out", Kind.TEXT, "no folder: nothing is written", null="always")),
     ),
     CommandAnswer(
         ("wallet audit",),

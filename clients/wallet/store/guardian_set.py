@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import msgspec
 
 from clients.wallet.present.translations import WrongUsage
@@ -27,17 +25,6 @@ class GuardianSet(msgspec.Struct):
     @property
     def is_whole(self) -> bool:
         return self.handed_count == len(self.guardians)
-
-
-def set_json(one: GuardianSet, present_era: int) -> dict[str, Any]:
-    return {
-        "identifier": one.identifier,
-        "made_at_ms": one.made_at_ms,
-        "threshold": one.threshold,
-        "guardians": one.guardians,
-        "handed_over": one.handed_count,
-        "words_in_force": one.era == present_era,
-    }
 
 
 def require_names(names: tuple[str, ...]) -> None:

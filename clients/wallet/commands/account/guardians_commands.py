@@ -10,17 +10,19 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
+from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import (
     ask_for_enter,
     console,
     handle_errors,
     is_at_terminal,
     json_option,
-    print_json,
+    print_answer,
 )
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.commands.account.guardians_recover_commands import check, recover
+from clients.wallet.present.guardian_answers import GuardiansAnswer, GuardianShares, GuardiansSplitAnswer
 from clients.wallet.present.translations import WrongUsage, text
 from clients.wallet.recovery.guardian_lines import guardian_lines
 from clients.wallet.recovery.guardian_sheets import require_no_sheets, write_sheets
@@ -34,7 +36,7 @@ from clients.wallet.recovery.slip39_shares import (
     show_identifier,
     split_words,
 )
-from clients.wallet.store.guardian_set import GuardianSet, require_names, set_json
+from clients.wallet.store.guardian_set import GuardianSet, require_names
 from clients.wallet.store.keystore import Keystore, WalletContent
 from clients.wallet.store.wallet_lock import claim_wallet, lock_or_read_only, require_wallet
 from consensus.errors import BlockRobotError
@@ -57,6 +59,17 @@ def _opened(ctx: click.Context) -> Iterator[Keystore]:
     passphrase = read_passphrase(from_keyring=False)
     with claim_wallet(path):
         yield Keystore.open(path, passphrase)
+
+
+def _shares_answer(one: GuardianSet, present_era: int) -> GuardianShares:
+    return GuardianShares(
+        identifier=one.identifier,
+        made_at_ms=one.made_at_ms,
+        threshold=one.threshold,
+        guardians=one.guardians,
+        handed_over=one.handed_count,
+        words_in_force=one.era == present_era,
+    )
 
 
 @click.group(invoke_without_command=True)
@@ -85,7 +98,7 @@ def list_(ctx: click.Context, as_json: bool) -> None:
     content = _read(ctx)
     era = len(content.former)
     if as_json:
-        print_json({"ok": True, "sets": [set_json(one, era) for one in content.guardian_sets]})
+        print_answer(GuardiansAnswer(sets=[_shares_answer(one, era) for one in content.guardian_sets]))
         return
     for sentence, at_ms in guardian_lines(content):
         console.print(escape(sentence if at_ms is None else f"{show_moment(at_ms)}  {sentence}"))
@@ -175,7 +188,8 @@ def split(
         content.guardian_sets.append(one)
         sheets = _write(store, one, shares, out) if out else _show(store, one, shares, checked=checked)
     if as_json:
-        print_json({"ok": True, **set_json(one, len(content.former)), "sheets": [str(path) for path in sheets]})
+        made = _shares_answer(one, len(content.former))
+        print_answer(extend(GuardiansSplitAnswer, made, sheets=[str(path) for path in sheets]))
     elif out:
         console.print(text("guardians.sheets", count=len(sheets), folder=escape(str(out)), threshold=needed))
     else:

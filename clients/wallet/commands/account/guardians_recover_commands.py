@@ -8,9 +8,9 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
+from msgspec import UNSET
 from rich.markup import escape
 from shamir_mnemonic import Share
 
@@ -24,12 +24,13 @@ from clients.sdk.terminal.terminal import (
     handle_errors,
     is_at_terminal,
     json_option,
-    print_json,
+    print_answer,
     status_line,
 )
 from clients.wallet.cli.wallet_context import read_new_passphrase, run_made
 from clients.wallet.commands.account.new_commands import guess_cost
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.guardian_answers import GuardiansCheckAnswer, GuardianShare, GuardiansRecoverAnswer
 from clients.wallet.present.translations import WrongUsage, say_error, text
 from clients.wallet.recovery.guardian_sheets import SHEET_MAX_BYTES, read_written, take_written
 from clients.wallet.recovery.mnemonic_handover import print_words, word_lines, write_words
@@ -141,9 +142,8 @@ def check(file: Path, as_json: bool) -> None:
     else:
         share = _read_file(file, as_json=as_json)
     if as_json:
-        print_json(
-            {"ok": True, "identifier": share.identifier, "sheet": share.index + 1, "threshold": share.member_threshold}
-        )
+        number = share.index + 1
+        print_answer(GuardiansCheckAnswer(identifier=share.identifier, sheet=number, threshold=share.member_threshold))
         return
     _tell_whole(share)
     console.print(text("guardians.checked", threshold=share.member_threshold))
@@ -332,7 +332,7 @@ def recover(
     """
     path, genesis_path = ctx.obj
     _require_possible(files, words_file, only=only, show=show, as_json=as_json)
-    done: dict[str, Any] = {}
+    member, standing, known = "", "", False
     with contextlib.nullcontext() if only else _place(ctx, path, words_file):
         replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
         gathering, words = _gather(files, as_json=as_json)
@@ -347,18 +347,23 @@ def recover(
             known = restore_wallet(path, words, replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
             member = derive_keys(words).identity.public_key.hex()
             standing = _ask_network(path, passphrase, genesis_path, gathering)
-            done = {"wallet": str(path), "member": member, "words_checked": known, "standing": standing}
     if as_json:
-        left_out = [{"identifier": share.identifier, "sheet": share.index + 1} for share in gathering.misfits()]
-        written = str(words_file) if words_file else None
-        print_json({"ok": True, **done, "words_file": written, "left_out": left_out})
+        answer = GuardiansRecoverAnswer(
+            wallet=UNSET if only else str(path),
+            member=UNSET if only else member,
+            words_checked=UNSET if only else known,
+            standing=UNSET if only else standing,
+            words_file=str(words_file) if words_file else None,
+            left_out=[GuardianShare(identifier=each.identifier, sheet=each.index + 1) for each in gathering.misfits()],
+        )
+        print_answer(answer)
         return
     if words_file is not None:
         console.print(text("guardians.words_file", path=escape(str(words_file))))
     if show:
         print_words(text("new.words"), words)
     if not only:
-        _tell_recovered(path, done["standing"], has_former=bool(former))
+        _tell_recovered(path, standing, has_former=bool(former))
 
 
 def _tell_recovered(path: Path, standing: str, *, has_former: bool) -> None:

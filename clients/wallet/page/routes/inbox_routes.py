@@ -2,17 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from aiohttp import web
 
-from clients.wallet.commands.inbox_commands import read_inbox, receipt_json, receipt_lines, unread_json, unread_line
+from clients.sdk.terminal.json_answers import Hex, extend
+from clients.wallet.commands.inbox_commands import (
+    read_inbox,
+    receipt_lines,
+    received_share,
+    unread_line,
+    unread_share,
+    visit_alarm,
+)
 from clients.wallet.page.page_answers import answer_json, language_of, route
 from clients.wallet.page.routes.reading_routes import told_erasure
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
+from clients.wallet.present.sharing_answers import ReceivedShare, UnreadShare, VisitAlarm
 from clients.wallet.present.translations import DEFAULT_LANGUAGE
 from pages.local_page import LocalRoute
+
+
+class ToldReceived(ReceivedShare, frozen=True, kw_only=True):
+    """A grant that one received, for the page."""
+
+    lines: list[str]
+
+
+class ToldUnread(UnreadShare, frozen=True, kw_only=True):
+    """A grant that could not be read, for the page."""
+
+    line: str
+
+
+class ToldAlarm(VisitAlarm, frozen=True, kw_only=True):
+    """What is wrong with a visit, for the page."""
+
+    corrupted_records: list[Hex]
+    sentence: str
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
@@ -43,14 +69,19 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
             "reads_new": found.reads_new,
             "looks": sorted(looks, key=lambda look: look["time_ms"], reverse=True),
             "alarms": alarms,
-            "received": [receipt_json(each) | {"lines": receipt_lines(each, language)} for each in found.receipts],
-            "unread": [unread_json(each) | {"line": unread_line(each, language)} for each in found.unread],
+            "received": [
+                extend(ToldReceived, received_share(each), lines=receipt_lines(each, language))
+                for each in found.receipts
+            ],
+            "unread": [
+                extend(ToldUnread, unread_share(each), line=unread_line(each, language)) for each in found.unread
+            ],
             "overdue": [told_erasure(each) for each in erasures if any(word.overdue for word in each.custodians)],
         }
     )
 
 
-def _alarm(part: VisitPart) -> dict[str, Any]:
+def _alarm(part: VisitPart) -> ToldAlarm:
     report, corrupted = part.report, [record_id.hex() for record_id in part.corrupted_ids]
     told = []
     if report.missing_count:
@@ -59,10 +90,4 @@ def _alarm(part: VisitPart) -> dict[str, Any]:
         told.append(f"{len(report.unreadable_ids)} records do not open with your keys. Ask the hospital why.")
     if corrupted:
         told.append(f"{len(corrupted)} records are not as the robot took them, as you found. Ask the hospital why.")
-    return {
-        "visit": report.visit.owner.hex(),
-        "missing_records": report.missing_count,
-        "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
-        "corrupted_records": corrupted,
-        "sentence": " ".join(told),
-    }
+    return extend(ToldAlarm, visit_alarm(report), corrupted_records=corrupted, sentence=" ".join(told))

@@ -9,9 +9,10 @@ from typing import Any
 from aiohttp import web
 
 from clients.sdk.pictures.depth_colours import scale_json
+from clients.sdk.terminal.json_answers import extend
 from clients.wallet.cli.wallet_context import member_gone_line
 from clients.wallet.commands.account.rotate_commands import words_lines
-from clients.wallet.commands.share_commands import share_json, share_lines
+from clients.wallet.commands.share_commands import own_share, share_lines
 from clients.wallet.ledger.visit_audit import AuditEntry, findings_of, records_of
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.audit_story import event_json
@@ -32,6 +33,7 @@ from clients.wallet.page.record_seals import verified_block
 from clients.wallet.page.request_fields import Asked, read_id
 from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
+from clients.wallet.present.sharing_answers import OwnShare
 from clients.wallet.present.translations import LANGUAGES, language_in_use, section
 from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, erasure_json, erasure_lines
 from clients.wallet.recovery.guardian_lines import guardian_lines
@@ -323,10 +325,23 @@ async def _story(session: PageSession, request: web.Request) -> web.Response:
     return answer_json({"total": len(trail), "next": str(end) if end < len(trail) else None, "events": events})
 
 
-def told_share(share: Share, now_ms: int, language: str) -> dict[str, Any]:
-    grant = share.grant
-    more = {"who": share.name_in(language), "purpose_sentence": PURPOSES.get(grant.row.purpose, grant.row.purpose)}
-    return share_json(share, now_ms) | more | {"lines": share_lines(share, now_ms)}
+class ToldShare(OwnShare, frozen=True, kw_only=True):
+    """A grant of one's own, for the page."""
+
+    who: str
+    purpose_sentence: str
+    lines: list[str]
+
+
+def told_share(share: Share, now_ms: int, language: str) -> ToldShare:
+    purpose = share.grant.row.purpose
+    return extend(
+        ToldShare,
+        own_share(share, now_ms),
+        who=share.name_in(language),
+        purpose_sentence=PURPOSES.get(purpose, purpose),
+        lines=share_lines(share, now_ms),
+    )
 
 
 async def _shares(session: PageSession, request: web.Request) -> web.Response:

@@ -7,7 +7,7 @@ from typing import Any
 
 from aiohttp import web
 
-from clients.wallet.commands.share_commands import explain, share_each, shared_json
+from clients.wallet.commands.share_commands import explain, made_share, share_each
 from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.page.jobs import Job
@@ -102,7 +102,7 @@ async def _share(session: PageSession, request: web.Request) -> web.Response:
         sharing, grantee, entries = await wish.find(session.wallet, session.snapshot)
         done = await share_each(sharing, entries, grantee, wish.purpose, wish.until_ms, job.tell, language=language)
         count = sum(len(shared.records) for shared in done)
-        return {"shared": [shared_json(shared) for shared in done], "sentence": f"{count} records are shared."}
+        return {"shared": [made_share(shared) for shared in done], "sentence": f"{count} records are shared."}
 
     return accepted(session.jobs.start("share", work))
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from clients.wallet.commands.view_commands import missing_rooms_json, tell_missing_rooms
+from clients.wallet.commands.view_commands import list_missing_rooms, tell_missing_rooms
 from clients.wallet.ledger.visit_audit import Finding
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.records.viewing import VERDICT_WHEN_CANCELLED_MAX_S, RecordView, Viewing, finding_of
@@ -311,4 +311,4 @@ def test_why_pictures_are_shown_without_the_room_is_told_once_for_each_reason(
     tell_missing_rooms(missing)
     told = " ".join(capsys.readouterr().out.split())
     assert (told.count("An empty room is missing"), told.count("was withdrawn")) == (2, 1)
-    assert [row["code"] for row in missing_rooms_json(missing)["missing_rooms"]][2] == "NODE_UNREACHABLE"
+    assert [room.code for room in list_missing_rooms(missing)][2] == "NODE_UNREACHABLE"
