@@ -12,12 +12,14 @@ from clients.registrar.registrar_answers import ANSWERS as REGISTRAR
 from clients.robot.cli.robot_answers import ANSWERS as ROBOT
 from clients.sdk.terminal.json_answers import AnswersByCommand, list_kinds, write_schema
 from clients.sdk.terminal.json_fields import CommandAnswer, write_section
+from clients.wallet.present.consent_answers import ANSWERS as CONSENT
 from clients.wallet.present.guardian_answers import ANSWERS as GUARDIANS
-from clients.wallet.present.json_fields import ANSWERS as WALLET
 from clients.wallet.present.mandate_answers import OFFICER_ANSWERS as OFFICER_MANDATES
 from clients.wallet.present.mandate_answers import WALLET_ANSWERS as WALLET_MANDATES
 from clients.wallet.present.record_answers import ANSWERS as RECORDS
+from clients.wallet.present.rights_answers import ANSWERS as RIGHTS
 from clients.wallet.present.sharing_answers import ANSWERS as SHARING
+from clients.wallet.present.wallet_answers import ANSWERS as WALLET
 from network.cli.cluster.cluster_answers import ANSWERS as NETWORK
 from network.cli.cluster.status_answers import ANSWERS as STATUS
 from network.cli.governance.governance_answers import ANSWERS as GOVERNING
@@ -30,7 +32,7 @@ SCHEMA = "json-output.schema.json"
 TYPED: Mapping[str, AnswersByCommand] = {
     "A network on this machine": {**STATUS, **NETWORK},
     "Checking a bundle": BUNDLE,
-    "The wallet": {**RECORDS, **SHARING, **GUARDIANS, **WALLET_MANDATES},
+    "The wallet": {**WALLET, **CONSENT, **RECORDS, **RIGHTS, **SHARING, **GUARDIANS, **WALLET_MANDATES},
     "Data protection officers": {**OFFICER, **OFFICER_MANDATES},
     "The registrar": REGISTRAR,
     "The robot": ROBOT,
@@ -38,9 +40,7 @@ TYPED: Mapping[str, AnswersByCommand] = {
 }
 """The answers of commands, under the headings of the page."""
 
-SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
-    "The wallet": WALLET,
-}
+SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {}
 """What is listed, under the headings of the page."""
 
 NOT_LISTED: Mapping[str, str] = {

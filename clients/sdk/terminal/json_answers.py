@@ -44,7 +44,7 @@ class AnswerLine(Answer, frozen=True, kw_only=True):
 A = TypeVar("A", bound=Answer)
 
 
-def extend(kind: type[A], part: Answer, **more: Any) -> A:
+def extend(kind: type[A], part: Answer, /, **more: Any) -> A:
     """Return an answer with all fields of `part`, which is of a class that `kind` extends, and more. Raises TypeError."""
     return kind(**{name: getattr(part, name) for name in part.__struct_fields__}, **more)
 

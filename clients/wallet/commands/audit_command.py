@@ -5,12 +5,13 @@ from __future__ import annotations
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_all, records_of
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.audit_story import event_sentence
+from clients.wallet.present.record_answers import AuditAnswer, AuditEvent, ProbeAnswer
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, language_in_use, text
 from clients.wallet.records.erasure_status import custodian_names
 from consensus.errors import BlockRobotError
@@ -35,19 +36,19 @@ def audit(ctx: click.Context, as_json: bool) -> None:
     entries, names = run_with_wallet(ctx, action)
     if as_json:
         rows = [
-            {
-                "visit": entry.owner.hex(),
-                "index": entry.index,
-                "record_id": entry.record_id.hex(),
-                "kind": entry.kind,
-                "time_ms": entry.time_ms,
-                "height": entry.height,
-                "records": [record_id.hex() for record_id in records_of(entry)],
-                "detail": describe_event(entry.kind, entry.data, DEFAULT_LANGUAGE),
-            }
+            AuditEvent(
+                visit=entry.owner.hex(),
+                index=entry.index,
+                record_id=entry.record_id.hex(),
+                kind=entry.kind,
+                time_ms=entry.time_ms,
+                height=entry.height,
+                records=[record_id.hex() for record_id in records_of(entry)],
+                detail=describe_event(entry.kind, entry.data, DEFAULT_LANGUAGE),
+            )
             for entry in entries
         ]
-        print_json({"ok": True, "entries": rows})
+        print_answer(AuditAnswer(entries=rows))
         return
     if not entries:
         console.print(text("audit.nothing"))
@@ -88,7 +89,7 @@ def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
 
     refusals = run_with_wallet(ctx, action)
     if as_json:
-        print_json({"ok": True, "refusals": refusals})
+        print_answer(ProbeAnswer(refusals=refusals))
     else:
         for name, code in refusals.items():
             console.print(f"{name}: {code}")

@@ -9,19 +9,28 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 
 from clients.bundle.checks.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet
 from clients.wallet.commands.notice_commands import Receipted, require_said, take_receipt, tell_first
-from clients.wallet.consent.consent_by_mandate import FOR_ONESELF, Represented, find_represented, for_option, handle_of
-from clients.wallet.consent.consent_choices import DEPTH, Choice, Choices, Consenting, Word, choice_json, round_period
+from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
+from clients.wallet.consent.consent_choices import DEPTH, Choice, Choices, Consenting, Word, choice_answer, round_period
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.consent.receipt_fetching import ConsentReceipts, Receipts
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.consent_answers import (
+    ConsentGiveAnswer,
+    ConsentListAnswer,
+    ConsentReceiptsAnswer,
+    ConsentWordAnswer,
+    ReceiptNotHad,
+)
 from clients.wallet.present.translations import WrongUsage, code_text, describe_error, purposes_text, text
 from consensus.bounded_text import read_json_text
 from consensus.members.handles import encode_short
@@ -75,7 +84,7 @@ async def _tell(
     *,
     person: Represented | None,
     as_json: bool,
-    more: dict[str, Any],
+    answer: ConsentWordAnswer,
 ) -> None:
     """Print the final statement before fetching its receipt. Statements for a represented person have none."""
     if not as_json:
@@ -84,13 +93,31 @@ async def _tell(
         console.print(f"{line}\n  {text('consent.holds_from', height=word.from_height)} {next_step}")
     receipted = Receipted(None, None) if person is not None else await take_receipt(opened, word.txid)
     if as_json:
-        place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height, "count": word.count}
-        spoken_for = FOR_ONESELF if person is None else person.as_json()
-        print_json({"ok": True, **place, **more, **spoken_for, **receipted.as_json()})
+        receipt, error_code = receipted.fetched, receipted.error_code
+        print_answer(msgspec.structs.replace(answer, receipt=receipt, receipt_error=error_code))
     elif person is not None:
         console.print("  " + text("mandates.in_trail"))
     else:
         console.print(f"  {escape(receipted.line())}")
+
+
+def _word_answer(
+    word: Word, status: str, purposes: Collection[str], sensors: Collection[str], person: Represented | None
+) -> ConsentWordAnswer:
+    """Return an answer without the receipt, which is fetched last."""
+    return extend(
+        ConsentWordAnswer,
+        spoken_for(person),
+        txid=word.txid.hex(),
+        height=word.height,
+        from_height=word.from_height,
+        count=word.count,
+        status=status,
+        purposes=list(purposes),
+        sensors=list(sensors),
+        receipt=None,
+        receipt_error=None,
+    )
 
 
 def _named(codes: tuple[str, ...], kind: str, known: Mapping[str, str], none: str) -> str:
@@ -140,7 +167,7 @@ def give(
     async def action(opened: Wallet) -> None:
         notices, person = Notices(opened), await find_represented(opened, whom)
         told = await (notices.current() if person is None else notices.of_organisation(person.organisation))
-        notice = told.as_json() if person is not None or notices.is_new(told) else None
+        notice = told.answer() if person is not None or notices.is_new(told) else None
         told.require_named(purposes, chosen)
         if notice is not None:
             require_said(yes=yes)
@@ -155,19 +182,23 @@ def give(
             height=height,
             seen_height=told.height,
         )
-        line, more = _given(purposes, chosen, from_ms, last_ms)
+        answer = extend(
+            ConsentGiveAnswer,
+            _word_answer(word, GIVEN, purposes, chosen, person),
+            period_from_ms=from_ms or None,
+            period_until_ms=last_ms or None,
+            notice=notice,
+        )
+        line = _given(purposes, chosen, from_ms, last_ms)
         next_step = text("consent.take_back") if person is None else ""
-        more |= {"notice": notice}
-        await _tell(opened, word, line, next_step, person=person, as_json=as_json, more=more)
+        await _tell(opened, word, line, next_step, person=person, as_json=as_json, answer=answer)
         if person is None:
             notices.note_consented(told)
 
     run_with_wallet(ctx, action)
 
 
-def _given(
-    purposes: tuple[str, ...], sensors: tuple[str, ...], from_ms: int, until_ms: int
-) -> tuple[str, dict[str, Any]]:
+def _given(purposes: tuple[str, ...], sensors: tuple[str, ...], from_ms: int, until_ms: int) -> str:
     period = " " + text("consent.from", moment=show_moment(from_ms)) if from_ms else ""
     period += " " + text("consent.until", moment=show_moment(until_ms)) if until_ms else text("consent.open_end")
     named = {
@@ -177,9 +208,7 @@ def _given(
     line = text("consent.given", **named) + period
     if DEPTH not in sensors:
         line += "\n  " + text("consent.needs_depth", purpose=" --purpose ".join(purposes))
-    more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(sensors)}
-    more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
-    return line, more
+    return line
 
 
 def _say_no(
@@ -194,7 +223,6 @@ def _say_no(
     as_json: bool,
 ) -> None:
 
-    more = {"status": status, "purposes": list(purposes), "sensors": list(sensors)}
     named = _named(purposes, "purpose", PURPOSES, text("consent.everything"))
     what = text(key, purposes=named, sensors=_named(sensors, "sensor", SENSORS, text("consent.every_sensor")))
 
@@ -203,7 +231,8 @@ def _say_no(
         word: Word = await act(Consenting(opened, handle_of(person)))(list(purposes), list(sensors))
         line = what if word.count else text("consent.nothing_given")
         next_step = text("consent.after_no") if person is None else ""
-        await _tell(opened, word, line, next_step, person=person, as_json=as_json, more=more)
+        answer = _word_answer(word, status, purposes, sensors, person)
+        await _tell(opened, word, line, next_step, person=person, as_json=as_json, answer=answer)
 
     run_with_wallet(ctx, action)
 
@@ -271,7 +300,7 @@ def list_choices(
         if (not purposes or row.purpose in purposes) and (not sensors or row.sensor in sensors)
     ]
     if as_json:
-        print_json({"ok": True, "height": found.height, "choices": [choice_json(row) for row in rows]})
+        print_answer(ConsentListAnswer(height=found.height, choices=[choice_answer(row) for row in rows]))
         return
     if not rows:
         console.print(text("consent.none"))
@@ -336,8 +365,9 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
         write_new_file(out, content)
     if as_json:
         rows = [read_json_text(entry.document) for entry in found.entries]
-        missing = [{"txid": txid.hex(), "code": error.code} for txid, error in found.missing]
-        print_json({"ok": True, "receipts": rows, "missing": missing, "file": None if out is None else str(out)})
+        missing = [ReceiptNotHad(txid=txid.hex(), code=error.code) for txid, error in found.missing]
+        file = None if out is None else str(out)
+        print_answer(ConsentReceiptsAnswer(receipts=rows, missing=missing, file=file))
         return
     if not found.checked:
         console.print(text("receipts.none"))

@@ -6,7 +6,6 @@ import re
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
@@ -16,11 +15,12 @@ from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
 from clients.wallet.export.export_building import Exporting, Plan, Wanted
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.record_answers import ExportAnswer, ExportProblem
 from clients.wallet.present.translations import WrongUsage, describe_error, language_in_use, section, text
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES
@@ -141,32 +141,31 @@ def export(
     with on_abort(ctx, lambda: text("export.stopped", out=out) if begun else ""):
         verdict = run_with_wallet(ctx, action)
     if as_json:
-        print_json(bundle_json(out, verdict))
+        print_answer(export_answer(out, verdict))
     else:
         _print(out, verdict)
 
 
-def bundle_json(out: Path, verdict: Verdict) -> dict[str, Any]:
-    """Return a bundle's contents and gaps as JSON."""
+def export_answer(out: Path, verdict: Verdict) -> ExportAnswer:
+    """Return a bundle's contents and gaps."""
     problems = verdict.manifest.problems
-    return {
-        "ok": True,
-        "file": str(out),
-        "bytes": out.stat().st_size,
-        "is_complete": not problems,
-        "visits": len(verdict.visits),
-        "records": len(verdict.records),
-        "pictures": count_pictures(verdict.frames),
-        "audit_entries": verdict.events,
-        "accesses": verdict.accesses,
-        "erasures": verdict.erasures,
-        "consent_receipts": len(verdict.consents.history),
-        "signed_consent_receipts": len(verdict.signed),
-        "proved_until_height": verdict.as_of_height,
-        "genesis_id": verdict.manifest.genesis_id,
-        "problems": [{"record_id": each.record_id, "code": each.code, "sentence": each.sentence} for each in problems],
-        "not_proved": unproved(verdict),
-    }
+    return ExportAnswer(
+        file=str(out),
+        bytes=out.stat().st_size,
+        is_complete=not problems,
+        visits=len(verdict.visits),
+        records=len(verdict.records),
+        pictures=count_pictures(verdict.frames),
+        audit_entries=verdict.events,
+        accesses=verdict.accesses,
+        erasures=verdict.erasures,
+        consent_receipts=len(verdict.consents.history),
+        signed_consent_receipts=len(verdict.signed),
+        proved_until_height=verdict.as_of_height,
+        genesis_id=verdict.manifest.genesis_id,
+        problems=[ExportProblem(record_id=each.record_id, code=each.code, sentence=each.sentence) for each in problems],
+        not_proved=unproved(verdict),
+    )
 
 
 def _say_progress(hear: Heard) -> Heard:
@@ -180,17 +179,17 @@ def say_problem(code: str, sentence: str, language: str | None = None) -> str:
 
 
 def _print(out: Path, verdict: Verdict) -> None:
-    told = bundle_json(out, verdict)
+    told = export_answer(out, verdict)
     console.print(
         text(
             "export.done",
             out=out,
-            visits=text("count.visits", count=told["visits"]),
-            records=text("count.records", count=told["records"]),
-            pictures=text("records.pictures", count=told["pictures"]),
-            events=text("count.events", count=told["audit_entries"]),
-            megabytes=f"{told['bytes'] / 1e6:.1f}",
-            height=told["proved_until_height"],
+            visits=text("count.visits", count=told.visits),
+            records=text("count.records", count=told.records),
+            pictures=text("records.pictures", count=told.pictures),
+            events=text("count.events", count=told.audit_entries),
+            megabytes=f"{told.bytes / 1e6:.1f}",
+            height=told.proved_until_height,
         )
     )
     for problem in verdict.manifest.problems:

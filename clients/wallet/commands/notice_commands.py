@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import Any
 
 import click
+from msgspec import UNSET
 from rich.markup import escape
 
 from clients.bundle.checks.consent_receipts import CheckedReceipt
 from clients.sdk.terminal.qr_codes import read_given
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.consent.notice_reading import Notices, Told
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.consent_answers import FetchedReceipt, RegisterAnswer
 from clients.wallet.present.translations import WrongUsage, describe_error, refusal, text
 from consensus.errors import BlockRobotError
 from consensus.rights.consent_receipts import FIRST_SENSORS
@@ -61,12 +62,17 @@ class Receipted:
     receipt: CheckedReceipt | None
     refusal: BlockRobotError | None
 
-    def as_json(self) -> dict[str, Any]:
+    @property
+    def fetched(self) -> FetchedReceipt | None:
         if self.receipt is None:
-            return {"receipt": None, "receipt_error": self.refusal.code if self.refusal else None}
+            return None
         published = self.receipt.published
         version = None if published is None else published.row.version
-        return {"receipt": {"signed_by": self.receipt.node, "notice_version": version}, "receipt_error": None}
+        return FetchedReceipt(signed_by=self.receipt.node, notice_version=version)
+
+    @property
+    def error_code(self) -> str | None:
+        return None if self.receipt is not None or self.refusal is None else self.refusal.code
 
     def line(self) -> str:
         if self.receipt is None:
@@ -103,7 +109,7 @@ def notice(ctx: click.Context, as_json: bool) -> None:
         notices = Notices(opened)
         told = await notices.current()
         if as_json:
-            print_json({"ok": True, **told.as_json()})
+            print_answer(told.answer())
         else:
             _show_with_changes(told)
         notices.note_shown(told)
@@ -163,9 +169,15 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
             console.print(_registered_line(purposes))
         receipted = await take_receipt(opened, done.txid) if purposes and done.txid else None
         if as_json:
-            more = {"notice": told.as_json(), **({} if receipted is None else receipted.as_json())}
-            more |= {"txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)}
-            print_json({"ok": True, **more})
+            answer = RegisterAnswer(
+                notice=told.answer(),
+                receipt=UNSET if receipted is None else receipted.fetched,
+                receipt_error=UNSET if receipted is None else receipted.error_code,
+                txid=done.txid.hex(),
+                member=done.member.hex(),
+                purposes=list(purposes),
+            )
+            print_answer(answer)
         elif receipted is not None:
             console.print(f"  {escape(receipted.line())}{_unseen(receipted, told)}")
         if receipted is None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 from rich.markup import escape
 
 from clients.bundle.checks.chain_proofs import ProvedChain
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.record_answers import KeptConfirmation, KeptProblem, KeptReceipt, ReceiptsAnswer
 from clients.wallet.present.translations import describe_error, language_in_use, text
 from clients.wallet.records.erasure_status import custodian_names
 from clients.wallet.store.kept_proofs import CheckedProof, check_all
@@ -47,19 +46,19 @@ def _line(proof: CheckedProof, names: dict[bytes, str]) -> str:
     return f"{line} {text('kept.confirmed', names=told, height=proof.proved_height)}"
 
 
-def _row(proof: CheckedProof) -> dict[str, Any]:
+def _kept_receipt(proof: CheckedProof) -> KeptReceipt:
     receipts = {} if proof.erasure is None else proof.erasure.receipts
-    return {
-        "txid": proof.receipt.txid.hex(),
-        "kind": _kind(proof),
-        "height": proof.height,
-        "time_ms": proof.time_ms,
-        "proved_height": proof.proved_height,
-        "confirmed": [
-            {"custodian": key.hex(), "destroyed_frames": each.destroyed_frames, "time_ms": each.time}
+    return KeptReceipt(
+        txid=proof.receipt.txid.hex(),
+        kind=_kind(proof),
+        height=proof.height,
+        time_ms=proof.time_ms,
+        proved_height=proof.proved_height,
+        confirmed=[
+            KeptConfirmation(custodian=key.hex(), destroyed_frames=each.destroyed_frames, time_ms=each.time)
             for key, each in receipts.items()
         ],
-    }
+    )
 
 
 @click.command("receipts")
@@ -86,10 +85,9 @@ def receipts(ctx: click.Context, as_json: bool) -> None:
     problems = [each for each in found if isinstance(each, BlockRobotError)]
     proofs.sort(key=lambda each: (each.height, each.index))
     if as_json:
-        told = [{"code": error.code, "detail": error.detail} for error in problems]
-        print_json(
-            {"ok": True, "receipts": [_row(each) for each in proofs], "problems": told, "dropped": dropped_count}
-        )
+        told = [KeptProblem(code=error.code, detail=error.detail) for error in problems]
+        kept = [_kept_receipt(each) for each in proofs]
+        print_answer(ReceiptsAnswer(receipts=kept, problems=told, dropped=dropped_count))
         return
     for proof in proofs:
         console.print(escape(_line(proof, names)))

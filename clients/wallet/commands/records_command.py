@@ -8,16 +8,19 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json, status_line
+from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
-from clients.wallet.commands.account.rotate_commands import print_words, unreadable_words, words_json
+from clients.wallet.commands.account.rotate_commands import former_visits, print_words, unreadable_words
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.ledger.mandates import Mandates
 from clients.wallet.ledger.record_filter import Filter, Page, Shown, read_filter, select
 from clients.wallet.ledger.robot_names import RobotNames, read_robot_names, tell_robot
+from clients.wallet.ledger.visit_status import VisitRights
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.present.record_answers import RecordRow, RecordsAnswer, VisitRow
 from clients.wallet.present.translations import code_text, text, withheld_text
-from clients.wallet.present.visit_status_text import print_standing, standing_json
+from clients.wallet.present.visit_status_text import print_standing, standing_answer
 from clients.wallet.store.keystore import WalletContent
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.notices import NoticeRow
@@ -28,50 +31,41 @@ NARROW_COLUMNS = 60
 _THINGS = {"emotion": "records.estimates", "audio": "records.sounds"}
 
 
-def _entry_json(entry: RecordEntry) -> dict[str, Any]:
+def _record_row(entry: RecordEntry, standing: VisitRights) -> RecordRow:
     meta = entry.metadata
-    return {
-        "record_id": entry.record_id.hex(),
-        "visit": entry.visit.owner.hex(),
-        "status": entry.state.status,
-        "sensor": meta.sensor,
-        "started_at_ms": meta.started_at_ms,
-        "ended_at_ms": meta.ended_at_ms,
-        "frames": entry.pictures_count,
-        "erased_numbers": [index + 1 for index in entry.state.erased_frames],
-        "index_in_visit": meta.index_in_visit,
-        "expires_at_ms": entry.state.expires_at_ms,
-        "withheld": dict(meta.withheld),
-    }
+    return RecordRow(
+        record_id=entry.record_id.hex(),
+        visit=entry.visit.owner.hex(),
+        status=entry.state.status,
+        sensor=meta.sensor,
+        started_at_ms=meta.started_at_ms,
+        ended_at_ms=meta.ended_at_ms,
+        frames=entry.pictures_count,
+        erased_numbers=[index + 1 for index in entry.state.erased_frames],
+        index_in_visit=meta.index_in_visit,
+        expires_at_ms=entry.state.expires_at_ms,
+        withheld=dict(meta.withheld),
+        restricted=standing.restricts(entry.record_id),
+    )
 
 
-def _report_json(shown: Shown, names: RobotNames) -> dict[str, Any]:
+def _visit_row(shown: Shown, names: RobotNames) -> VisitRow:
     report = shown.report
     named = names.get(report.visit.robot)
-    return {
-        "visit": report.visit.owner.hex(),
-        "robot": report.visit.robot.hex(),
-        "robot_name": "" if named is None else named.name,
-        "robot_place": "" if named is None else named.place,
-        "closed": report.closed,
-        "missing_records": report.missing_count,
-        "erased_records": [record_id.hex() for record_id in report.erased_ids],
-        "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
-        "needs_former_words": report.needs_former_words,
-        "records": [
-            _entry_json(entry) | {"restricted": report.standing.restricts(entry.record_id)} for entry in shown.records
-        ],
-        **standing_json(report.standing),
-    }
-
-
-def _page_json(page: Page) -> dict[str, int]:
-    return {
-        "page": page.number,
-        "pages": page.pages_count,
-        "matching_records": page.matching_count,
-        "all_records": page.records_count,
-    }
+    return extend(
+        VisitRow,
+        standing_answer(report.standing),
+        visit=report.visit.owner.hex(),
+        robot=report.visit.robot.hex(),
+        robot_name="" if named is None else named.name,
+        robot_place="" if named is None else named.place,
+        closed=report.closed,
+        missing_records=report.missing_count,
+        erased_records=[record_id.hex() for record_id in report.erased_ids],
+        unreadable_records=[record_id.hex() for record_id in report.unreadable_ids],
+        needs_former_words=report.needs_former_words,
+        records=[_record_row(entry, report.standing) for entry in shown.records],
+    )
 
 
 def _line(entry: RecordEntry) -> str:
@@ -179,10 +173,18 @@ def records(
     reports, changed, mandate_id, content, names = run_with_wallet(ctx, action)
     page = select(reports, wanted, number, per_page)
     if as_json:
-        version = None if changed is None else changed.version
-        visits = [_report_json(shown, names) for shown in page.visits]
-        told = {"notice_changed_to": version, "visits": visits, **words_json(content), **_page_json(page)}
-        print_json({"ok": True, "mandate_id": mandate_id.hex() if mandate_id else None, **told})
+        answer = extend(
+            RecordsAnswer,
+            former_visits(content),
+            notice_changed_to=None if changed is None else changed.version,
+            mandate_id=mandate_id.hex() if mandate_id else None,
+            visits=[_visit_row(shown, names) for shown in page.visits],
+            page=page.number,
+            pages=page.pages_count,
+            matching_records=page.matching_count,
+            all_records=page.records_count,
+        )
+        print_answer(answer)
         return
     print_words(content)
     if changed is not None:

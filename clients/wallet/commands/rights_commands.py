@@ -10,12 +10,22 @@ from typing import Any
 import click
 
 from clients.sdk.new_files import new_file
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import require_new, run_with_wallet
-from clients.wallet.consent.consent_by_mandate import FOR_ONESELF, Represented, find_represented, for_option, handle_of
+from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
 from clients.wallet.consent.rights_requests import Chosen, Rights, Said, choose, write_correction
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.rights_answers import (
+    CorrectAnswer,
+    LiftAnswer,
+    ObjectAnswer,
+    RestrictAnswer,
+    RestrictedVisit,
+    VisitWord,
+    WrongPersonAnswer,
+)
 from clients.wallet.present.translations import WrongUsage, purposes_text, text
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
@@ -48,14 +58,14 @@ async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str
     return choose(await opened.records(), record_ids, visits)
 
 
-def said_json(said: Said) -> dict[str, Any]:
-    return {
-        "visit": said.visit.owner.hex(),
-        "records": [record_id.hex() for record_id in said.record_ids],
-        "txid": said.txid.hex(),
-        "height": said.height,
-        "time_ms": said.time_ms,
-    }
+def _visit_word(said: Said) -> VisitWord:
+    return VisitWord(
+        visit=said.visit.owner.hex(),
+        records=[record_id.hex() for record_id in said.record_ids],
+        txid=said.txid.hex(),
+        height=said.height,
+        time_ms=said.time_ms,
+    )
 
 
 def _name(said: Said) -> str:
@@ -99,8 +109,10 @@ def restrict(
 
     words = _all_of(run_with_wallet(ctx, action))
     if as_json:
-        rows = [said_json(said) | {"kept_until_ms": said.data["until_ms"] or None} for said in words]
-        print_json({"ok": True, "ground": ground, "restricted": rows})
+        rows = [
+            extend(RestrictedVisit, _visit_word(said), kept_until_ms=said.data["until_ms"] or None) for said in words
+        ]
+        print_answer(RestrictAnswer(ground=ground, restricted=rows))
         return
     for said in words:
         line = text("rights.restricted", what=_name(said))
@@ -129,7 +141,7 @@ def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...
 
     words = _all_of(run_with_wallet(ctx, action))
     if as_json:
-        print_json({"ok": True, "lifted": [said_json(said) for said in words]})
+        print_answer(LiftAnswer(lifted=[_visit_word(said) for said in words]))
     for said in () if as_json else words:
         console.print(text("rights.lifted", what=_name(said)))
 
@@ -171,9 +183,9 @@ def object_to(
 
     height, words, person = run_with_wallet(ctx, action)
     if as_json:
-        rows = [said_json(said) for said in words]
-        spoken_for = FOR_ONESELF if person is None else person.as_json()
-        print_json({"ok": True, "purposes": list(purposes), "from_height": height, "visits": rows, **spoken_for})
+        visits = [_visit_word(said) for said in words]
+        answer = extend(ObjectAnswer, spoken_for(person), purposes=list(purposes), from_height=height, visits=visits)
+        print_answer(answer)
         return
     if person is not None:
         console.print(text("mandates.said_for", name=encode_short(person.handle)))
@@ -232,8 +244,8 @@ def correct(
         if file is not None:
             file.write(write_correction(correction))
     if as_json:
-        number = {"number": said.data["number"], "out": None if out is None else str(out)}
-        print_json({"ok": True, "kind": kind, **said_json(said), **number})
+        place = None if out is None else str(out)
+        print_answer(extend(CorrectAnswer, _visit_word(said), kind=kind, number=said.data["number"], out=place))
         return
     console.print(text("rights.corrected", number=said.data["number"] + 1, what=_name(said)))
     console.print("  " + (text("rights.hand_over", path=out) if out else text("rights.not_handed")))
@@ -263,8 +275,11 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
     said = run_with_wallet(ctx, action)
     breach_id, due_ms = said.data["breach_id"].hex(), said.data["due_ms"]
     if as_json:
-        told = {"breach_id": breach_id, "organisation": said.data["org"], "due_ms": due_ms}
-        print_json({"ok": True, **said_json(said), **told})
+        organisation = said.data["org"]
+        answer = extend(
+            WrongPersonAnswer, _visit_word(said), breach_id=breach_id, organisation=organisation, due_ms=due_ms
+        )
+        print_answer(answer)
         return
     console.print(text("rights.wrong_person", organisation=said.data["org"], moment=show_moment(due_ms)))
     console.print("  " + text("rights.no_officer"))

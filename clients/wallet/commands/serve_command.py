@@ -12,13 +12,14 @@ from pathlib import Path
 
 import click
 
+from clients.sdk.terminal.json_answers import Problem
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     console,
     handle_errors,
     json_option,
     load_genesis,
-    print_json,
+    print_answer,
     problem_json,
 )
 from clients.wallet.cli.invocation import called
@@ -29,6 +30,7 @@ from clients.wallet.page.page import make_page, page_folder
 from clients.wallet.page.passphrase_check import ATTEMPTS_MAX_COUNT
 from clients.wallet.page.session import PageSession
 from clients.wallet.present.translations import say_error, text
+from clients.wallet.present.wallet_answers import ServeAnswer, UnfinishedRequest
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.wallet_lock import claim_wallet, require_wallet
 from pages.local_page import LocalPage
@@ -80,8 +82,11 @@ def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool
 
 def _tell_unfinished(session: PageSession, *, as_json: bool) -> None:
     if as_json and (session.unfinished or session.was_not_begun):
-        told = [{"kind": kind, "error": error and problem_json(error)} for kind, error in session.unfinished]
-        print_json({"ok": False, "unfinished": told, "not_begun": session.was_not_begun})
+        told = [
+            UnfinishedRequest(kind=kind, error=None if error is None else Problem(**problem_json(error)))
+            for kind, error in session.unfinished
+        ]
+        print_answer(ServeAnswer(unfinished=told, not_begun=session.was_not_begun), ok=False)
         return
     for kind, error in session.unfinished:
         is_left = error is None and kind in DECISIONS
@@ -127,7 +132,7 @@ def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
     """Print the URL and open the page; the URL alone gives no access."""
     opened = not no_browser and open_in_browser(file)
     if as_json:
-        print_json({"ok": True, "url": url, "redirect_file": str(file), "browser_opened": opened})
+        print_answer(ServeAnswer(url=url, redirect_file=str(file), browser_opened=opened))
         sys.stdout.flush()
         return
     if opened:

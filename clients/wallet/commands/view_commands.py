@@ -180,7 +180,7 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
 
     views = run_with_wallet(ctx, action)
     if as_json:
-        print_answer(VerifyAnswer(records=[_viewed_record(view) for view in views]))
+        print_answer(VerifyAnswer(records=[_viewed_record(view) for view in views], out=None))
         return
     _print_views(views)
     if views:

@@ -9,6 +9,7 @@ import click
 
 from clients.wallet.ledger.mandates import Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.mandate_answers import SpokenFor
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +25,11 @@ class Represented:
         """The mandate's end; no consent may last longer."""
         return int(self.mandate.state.until_ms)
 
-    def as_json(self) -> dict[str, Any]:
-        return {"for": self.handle.hex(), "mandate_id": self.mandate.mandate_id.hex()}
 
-
-FOR_ONESELF: dict[str, Any] = {"for": None, "mandate_id": None}
-"""What a program is told where one speaks for oneself."""
+def spoken_for(person: Represented | None) -> SpokenFor:
+    if person is None:
+        return SpokenFor(for_=None, mandate_id=None)
+    return SpokenFor(for_=person.handle.hex(), mandate_id=person.mandate.mandate_id.hex())
 
 
 def for_option(command: Any) -> Any:

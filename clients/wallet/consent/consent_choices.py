@@ -5,9 +5,9 @@ under the person's handle.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.consent_answers import ConsentChoice
 from clients.wallet.store.kept_proofs import keep_receipt
 from consensus.limits import TIME_BUCKET_MS
 from consensus.rights.consents import GIVEN, Step, find_consent, read_choices
@@ -145,16 +145,16 @@ def _choice(purpose: str, sensor: str, steps: tuple[Step, ...], height: int, tim
     return Choice(purpose, sensor, holds, steps[-1])
 
 
-def choice_json(choice: Choice) -> dict[str, Any]:
+def choice_answer(choice: Choice) -> ConsentChoice:
     last = choice.last
-    return {
-        "purpose": choice.purpose,
-        "sensor": choice.sensor,
-        "holds_now": choice.holds,
-        "status": last.status,
-        "from_height": last.height,
-        "since_ms": last.since_ms,
-        "period_from_ms": last.from_ms or None,
-        "period_until_ms": last.until_ms or None,
-        "mandate_id": last.mandate.hex() or None,
-    }
+    return ConsentChoice(
+        purpose=choice.purpose,
+        sensor=choice.sensor,
+        holds_now=choice.holds,
+        status=last.status,
+        from_height=last.height,
+        since_ms=last.since_ms,
+        period_from_ms=last.from_ms or None,
+        period_until_ms=last.until_ms or None,
+        mandate_id=last.mandate.hex() or None,
+    )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from clients.sdk.chain.notices import organisation_of_card, public_values
 from clients.sdk.chain.proved_rows import proved_row
 from clients.sdk.proof_checks import ProvedState
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.consent_answers import NoticeAnswer
 from clients.wallet.present.translations import language_in_use, refusal, section, text
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code
@@ -77,17 +77,17 @@ class Told:
         whose = text("notice.own_words", language=language, organisation=self.organisation)
         return [*tell_notice(self.published.notice, labels), whose]
 
-    def as_json(self) -> dict[str, Any]:
+    def answer(self) -> NoticeAnswer:
         row = None if self.published is None else self.published.row
-        return {
-            "organisation": self.organisation,
-            "version": self.version,
-            "hash": None if row is None else row.digest.hex(),
-            "published_at_ms": None if row is None else row.time_ms,
-            "consented_version": None if self.before is None else self.before.version,
-            "changes": list(self.changes),
-            "lines": [] if self.published is None else tell_notice(self.published.notice),
-        }
+        return NoticeAnswer(
+            organisation=self.organisation,
+            version=self.version,
+            hash=None if row is None else row.digest.hex(),
+            published_at_ms=None if row is None else row.time_ms,
+            consented_version=None if self.before is None else self.before.version,
+            changes=list(self.changes),
+            lines=[] if self.published is None else tell_notice(self.published.notice),
+        )
 
 
 class Notices:

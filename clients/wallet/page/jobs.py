@@ -6,9 +6,10 @@ import asyncio
 import contextlib
 import logging
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+
+import msgspec
 
 from clients.wallet.present.translations import refusal
 from consensus.errors import BlockRobotError
@@ -21,7 +22,9 @@ DECISIONS = frozenset({"register", "consent", "share", "revoke", "erase"})
 TOLD = DECISIONS | {"export"}
 """Kinds of jobs of which she is to know that they came to nothing, though the page is gone that would have said so."""
 _log = logging.getLogger("wallet.page")
-Work = Callable[["Job"], Awaitable[dict[str, Any]]]
+Result = Mapping[str, object]
+"""What a job came to, ready to be encoded; Structs may be anywhere in it."""
+Work = Callable[["Job"], Awaitable[Result]]
 
 
 @dataclass
@@ -36,8 +39,8 @@ class Job:
     step: str = ""
     done: int = 0
     of: int = 0
-    receipts: list[dict[str, Any]] | None = None
-    result: dict[str, Any] | None = None
+    receipts: Sequence[msgspec.Struct] | None = None
+    result: Result | None = None
     error: BlockRobotError | None = None
     ended_ms: int = 0
     changed: asyncio.Event = field(default_factory=asyncio.Event, repr=False)

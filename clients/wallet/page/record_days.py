@@ -13,7 +13,7 @@ from typing import Any
 from clients.wallet.ledger.robot_names import RobotNames, tell_robot
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.wallet_snapshot import Snapshot, VisitPart
-from clients.wallet.present.visit_status_text import standing_json, standing_lines
+from clients.wallet.present.visit_status_text import standing_answer, standing_lines
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 
@@ -173,6 +173,6 @@ def visit_json(part: VisitPart, language: str | None = None) -> dict[str, Any]:
         "erased_records": len(report.erased_ids),
         "unreadable_records": len(report.unreadable_ids),
         "needs_former_words": report.needs_former_words,
-        "standing": standing_json(report.standing),
+        "standing": standing_answer(report.standing),
         "standing_lines": standing_lines(report.standing, language),
     }

@@ -19,9 +19,6 @@ class SpokenFor(Answer, frozen=True, kw_only=True):
     mandate_id: Annotated[Hex | None, doc("The mandate under which it was said; null if for oneself")]
 
 
-FOR_ONESELF = SpokenFor(for_=None, mandate_id=None)
-
-
 class MandateAnswer(Answer, frozen=True, kw_only=True):
     """A mandate, or a proposal of one."""
 

@@ -3,42 +3,34 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 from clients.sdk.terminal.terminal import console
 from clients.wallet.ledger.visit_status import VisitRights
+from clients.wallet.present.record_answers import ErasedByOfficers, VisitBreachEnd, VisitRestriction, VisitStanding
 from clients.wallet.present.translations import code_text, purposes_text, text
 from consensus.rights.lost_keys import LOST_KEY_REASONS
 from pages.moments import show_moment
 
 
-def standing_json(standing: VisitRights) -> dict[str, Any]:
+def standing_answer(standing: VisitRights) -> VisitStanding:
     row, end = standing.restriction, standing.breach_end
-    return {
-        "restriction": None
+    return VisitStanding(
+        restriction=None
         if row is None
-        else {"ground": row.ground, "whole_visit": row.whole, "kept_until_ms": row.until_ms or None},
-        "objected_purposes": list(standing.objections),
-        "corrections": standing.corrections_count,
-        "breach_id": standing.breach_id.hex() or None,
-        "breach_end": None
+        else VisitRestriction(ground=row.ground, whole_visit=row.whole, kept_until_ms=row.until_ms or None),
+        objected_purposes=list(standing.objections),
+        corrections=standing.corrections_count,
+        breach_id=standing.breach_id.hex() or None,
+        breach_end=None
         if end is None
-        else {
-            "breach_id": end.breach_id.hex(),
-            "outcome": end.outcome,
-            "reason": end.reason,
-            "time_ms": end.time_ms,
-        },
-        "erased_by_officers": [
-            {
-                "proposal_id": one.proposal_id.hex(),
-                "reason": one.reason,
-                "records": one.records,
-                "time_ms": one.time_ms,
-            }
+        else VisitBreachEnd(breach_id=end.breach_id.hex(), outcome=end.outcome, reason=end.reason, time_ms=end.time_ms),
+        erased_by_officers=[
+            ErasedByOfficers(
+                proposal_id=one.proposal_id.hex(), reason=one.reason, records=one.records, time_ms=one.time_ms
+            )
             for one in standing.officers
         ],
-    }
+    )
 
 
 def print_standing(standing: VisitRights) -> None:

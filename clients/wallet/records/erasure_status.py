@@ -10,10 +10,11 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.record_answers import CustodianWord, ErasureRow, ErasuresAnswer
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, language_in_use, text
 from clients.wallet.records.erasure import Erasing, ErasureReport
 from clients.wallet.store.keystore import KnownVisit
@@ -95,26 +96,26 @@ def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes
     return ErasureProgress(report, asked.time_ms, records, tuple(asked.data.get("frames", ())), tuple(words))
 
 
-def erasure_json(erasure: ErasureProgress) -> dict[str, Any]:
-    return {
-        "erasure_id": erasure.report.erasure_id.hex(),
-        "visit": erasure.report.visit.owner.hex(),
-        "asked_at_ms": erasure.asked_at_ms,
-        "records": erasure.records_count,
-        "frames": list(erasure.frames),
-        "status": erasure.report.state.status,
-        "custodians": [
-            {
-                "name": word.name,
-                "confirmed_at_ms": word.confirmed_at_ms,
-                "destroyed_frames": word.destroyed_frames,
-                "remains": word.remains,
-                "remains_until_ms": word.remains_until_ms,
-                "overdue": word.overdue,
-            }
+def erasure_row(erasure: ErasureProgress) -> ErasureRow:
+    return ErasureRow(
+        erasure_id=erasure.report.erasure_id.hex(),
+        visit=erasure.report.visit.owner.hex(),
+        asked_at_ms=erasure.asked_at_ms,
+        records=erasure.records_count,
+        frames=list(erasure.frames),
+        status=erasure.report.state.status,
+        custodians=[
+            CustodianWord(
+                name=word.name,
+                confirmed_at_ms=word.confirmed_at_ms,
+                destroyed_frames=word.destroyed_frames,
+                remains=word.remains,
+                remains_until_ms=word.remains_until_ms,
+                overdue=word.overdue,
+            )
             for word in erasure.custodians
         ],
-    }
+    )
 
 
 def erasure_lines(
@@ -162,7 +163,7 @@ def erasures(ctx: click.Context, as_json: bool) -> None:
 
     found, names = run_with_wallet(ctx, action)
     if as_json:
-        print_json({"ok": True, "erasures": [erasure_json(each) for each in found]})
+        print_answer(ErasuresAnswer(erasures=[erasure_row(each) for each in found]))
         return
     if not found:
         console.print(text("erasures.none"))

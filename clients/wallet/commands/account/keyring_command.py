@@ -8,10 +8,11 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import called
 from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.present.translations import text
+from clients.wallet.present.wallet_answers import KeyringForgetAnswer, KeyringStoreAnswer
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.passphrase_sources import forget_in_keyring, load_keyring, store_in_keyring
 from clients.wallet.store.wallet_lock import require_wallet
@@ -43,7 +44,7 @@ def store(ctx: click.Context, as_json: bool) -> None:
     Keystore.open(path, passphrase)
     weak = store_in_keyring(path, passphrase)
     if as_json:
-        print_json({"ok": True, "wallet": str(path), "weak_keyring": weak})
+        print_answer(KeyringStoreAnswer(wallet=str(path), weak_keyring=weak))
         return
     console.print(text("keyring.stored", command=called()))
     if weak is not None:
@@ -62,6 +63,6 @@ def forget(ctx: click.Context, as_json: bool) -> None:
     path: Path = ctx.obj[0]
     forget_in_keyring(path)
     if as_json:
-        print_json({"ok": True, "wallet": str(path)})
+        print_answer(KeyringForgetAnswer(wallet=str(path)))
     else:
         console.print(text("keyring.forgotten"))

@@ -11,9 +11,10 @@ import click
 from nacl import pwhash
 
 from clients.sdk.passphrase import PassphraseCost
-from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_answer
 from clients.wallet.cli.wallet_context import on_abort, read_new_passphrase
 from clients.wallet.present.translations import WrongUsage, say_error, text
+from clients.wallet.present.wallet_answers import NewWalletAnswer, RestoreAnswer
 from clients.wallet.recovery.mnemonic_handover import print_words, show_and_check, write_words
 from clients.wallet.recovery.wallet_restore import read_words, require_distinct, restore_wallet
 from clients.wallet.store.keystore import Keystore
@@ -88,7 +89,7 @@ def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphras
         Keystore.create(path, words, passphrase, guess_cost(fast_passphrase))
     member = derive_keys(words).identity.public_key.hex()
     if as_json:
-        print_json({"ok": True, "wallet": str(path), "member": member})
+        print_answer(NewWalletAnswer(wallet=str(path), member=member))
         return
     if words_file is not None:
         console.print(text("new.words_file", path=words_file))
@@ -128,7 +129,7 @@ def restore(
         known = restore_wallet(path, read_words(words), replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
     if as_json:
         member = keys.identity.public_key.hex()
-        print_json({"ok": True, "wallet": str(path), "member": member, "words_checked": known})
+        print_answer(RestoreAnswer(wallet=str(path), member=member, words_checked=known))
         return
     console.print(text("restore.done", path=path))
     if not former:

@@ -9,16 +9,19 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_json
+from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_answer
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import STOLEN_PAGE, on_abort, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import VisitReport, Wallet
 from clients.wallet.present.linking_notice import tell_linked_moves
+from clients.wallet.present.record_answers import FormerVisits
 from clients.wallet.present.translations import WrongUsage, text
+from clients.wallet.present.wallet_answers import LeaveAnswer, RotateAnswer, TransferAnswer
 from clients.wallet.recovery.key_rotation import Rotating, Transferred
 from clients.wallet.recovery.mnemonic_handover import show_and_check, write_words
-from clients.wallet.store.keystore import WalletContent
+from clients.wallet.store.keystore import KnownVisit, WalletContent
 from consensus.errors import BlockRobotError
 
 CHECKED_COUNT = 1
@@ -65,13 +68,13 @@ async def _transfer(
     return await rotating.transfer_all(over_s, _tell_progress, keep_shares=keep_shares)
 
 
-def _transferred_json(done: Transferred) -> dict[str, Any]:
-    return {
-        "transferred": [visit.owner.hex() for visit in done.done],
-        "taken_visits": [visit.owner.hex() for visit in done.taken],
-        "stuck_visits": [visit.owner.hex() for visit in done.stuck],
-        "ended_shares": [grant_id.hex() for grant_id in done.ended],
-    }
+def _transfer_answer(done: Transferred) -> TransferAnswer:
+    return TransferAnswer(
+        transferred=[visit.owner.hex() for visit in done.done],
+        taken_visits=[visit.owner.hex() for visit in done.taken],
+        stuck_visits=[visit.owner.hex() for visit in done.stuck],
+        ended_shares=[grant_id.hex() for grant_id in done.ended],
+    )
 
 
 def _tell_transferred(done: Transferred) -> None:
@@ -109,16 +112,16 @@ def unreadable_words(report: VisitReport) -> str:
     return text("former.needed" if report.needs_former_words else "former.unreadable", count=len(report.unreadable_ids))
 
 
-def words_json(content: WalletContent) -> dict[str, Any]:
-    """Return visits not controlled by the present mnemonic, as JSON."""
-    return {
-        "taken_visits": [visit.owner.hex() for visit in content.visits if visit.taken],
-        "exposed_visits": [visit.owner.hex() for visit in exposed(content)],
-        "stuck_visits": [visit.owner.hex() for visit in content.visits if visit.stuck and not visit.taken],
-    }
+def former_visits(content: WalletContent) -> FormerVisits:
+    """Return visits not controlled by the present mnemonic."""
+    return FormerVisits(
+        taken_visits=[visit.owner.hex() for visit in content.visits if visit.taken],
+        exposed_visits=[visit.owner.hex() for visit in exposed(content)],
+        stuck_visits=[visit.owner.hex() for visit in content.visits if visit.stuck and not visit.taken],
+    )
 
 
-def exposed(content: WalletContent) -> list[Any]:
+def exposed(content: WalletContent) -> list[KnownVisit]:
     """Return visits that former mnemonics control and that can be replaced."""
     present = len(content.former)
     return [visit for visit in content.visits if visit.era != present and not visit.taken and not visit.stuck]
@@ -229,7 +232,8 @@ def rotate(
     if as_json:
         if done.refusal is not None:
             raise done.refusal
-        print_json({"ok": True, "words_file": str(words_file) if words_file else None, **_transferred_json(done)})
+        file = str(words_file) if words_file else None
+        print_answer(extend(RotateAnswer, _transfer_answer(done), words_file=file))
         return
     _tell_transferred(done)
     console.print(text("rotate.done"))
@@ -258,7 +262,7 @@ def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool
     if as_json:
         if done.refusal is not None:
             raise done.refusal
-        print_json({"ok": True, **_transferred_json(done)})
+        print_answer(_transfer_answer(done))
         return
     _tell_transferred(done)
 
@@ -278,7 +282,7 @@ def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
     ask_or_say(text("leave.ask"), yes=yes, as_json=as_json)
     height = run_with_wallet(ctx, lambda opened: Rotating(opened).leave())
     if as_json:
-        print_json({"ok": True, "height": height or None})
+        print_answer(LeaveAnswer(height=height or None))
     elif height:
         console.print(text("leave.done", height=height))
     else:

@@ -11,7 +11,7 @@ from aiohttp import web
 from clients.sdk.pictures.depth_colours import Depth
 from clients.wallet.ledger.visit_audit import audit_visit, findings_of
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.page.jobs import Job
+from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.meeting_looks import LOOK_NAME_MAX_CHARS
 from clients.wallet.page.open_clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, OpenClip, little_endian, size_of
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, query_of, route
@@ -53,7 +53,7 @@ async def _open(session: PageSession, request: web.Request) -> web.Response:
 
     language = language_of(request)
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         job.tell("asking on the ledger", 0, len(entries))
         now = await _as_of_now(session, entries)
         wanted = [entry for entry in now.values() if entry.state.status == "active"]
@@ -101,7 +101,7 @@ async def _judge(session: PageSession, request: web.Request) -> web.Response:
     """Write an open clip's verdict without refetching."""
     clip, language = _clip_of(session, request), language_of(request)
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         job.tell("asking on the ledger", 0, len(clip.views))
         visit = clip.views[0].entry.visit
         await Viewing(session.wallet).put_verdicts(visit, [finding_of(view) for view in clip.views])

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 from aiohttp import web
 
+from clients.sdk.terminal.json_answers import extend
 from clients.wallet.commands.notice_commands import take_receipt
-from clients.wallet.consent.consent_choices import Consenting, Word, choice_json, round_period
+from clients.wallet.consent.consent_choices import Consenting, Word, choice_answer, round_period
 from clients.wallet.consent.notice_reading import Notices, Told
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
-from clients.wallet.page.jobs import Job
+from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.session import PageSession
+from clients.wallet.present.consent_answers import ConsentChoice, NoticeAnswer
 from clients.wallet.present.translations import refusal
 from consensus.errors import BlockRobotError
 from consensus.rights.consents import GIVEN
@@ -34,8 +37,21 @@ def routes(session: PageSession) -> list[LocalRoute]:
     ]
 
 
-def _told(notices: Notices, told: Told, request: web.Request) -> dict[str, Any]:
-    return told.as_json() | {"must_show": notices.is_new(told), "lines": told.words(language_of(request))}
+class ToldNotice(NoticeAnswer, frozen=True, kw_only=True):
+    """A notice, for the page."""
+
+    must_show: bool
+
+
+class ToldChoice(ConsentChoice, frozen=True, kw_only=True):
+    """The last word on a purpose and a sensor, for the page."""
+
+    lacks_depth: bool
+
+
+def _told(notices: Notices, told: Told, request: web.Request) -> ToldNotice:
+    answer = extend(ToldNotice, told.answer(), must_show=notices.is_new(told))
+    return msgspec.structs.replace(answer, lines=told.words(language_of(request)))
 
 
 async def _consents(session: PageSession, request: web.Request) -> web.Response:
@@ -45,13 +61,13 @@ async def _consents(session: PageSession, request: web.Request) -> web.Response:
     known = [code for code in wallet.genesis.purposes if code not in OWN_PURPOSES]
     askable = told.askable(known)
     grounds = {code: ground for code, ground in told.other_grounds().items() if code in known}
-    spoken = {row["purpose"] for row in map(choice_json, found.rows)}
+    spoken = {row.purpose for row in found.rows}
     lacking = found.lacking_depth
     shown = [code for code in known if code in askable or code in grounds or code in spoken]
     return answer_json(
         {
             "height": found.height,
-            "choices": [choice_json(row) | {"lacks_depth": row in lacking} for row in found.rows],
+            "choices": [extend(ToldChoice, choice_answer(row), lacks_depth=row in lacking) for row in found.rows],
             "purposes": {code: PURPOSES.get(code, code) for code in shown},
             "askable": askable,
             "grounds": grounds,
@@ -92,7 +108,7 @@ async def _give(session: PageSession, request: web.Request) -> web.Response:
     if until_ms and period[1] <= max(period[0], session.now_ms()):
         raise refusal("REQUEST_INVALID", "consent_over")
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         wallet = session.wallet
         notices = Notices(wallet)
         job.tell("reading what you are told")
@@ -119,7 +135,7 @@ async def _refuse(session: PageSession, request: web.Request) -> web.Response:
     if not purposes:
         raise refusal("REQUEST_INVALID", "consent_refuse")
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         job.tell("writing it into the ledger")
         return await _said(session, job, await Consenting(session.wallet).refuse(purposes, sensors), "refused")
 
@@ -131,7 +147,7 @@ async def _withdraw(session: PageSession, request: web.Request) -> web.Response:
     purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
     asked.end()
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         job.tell("writing it into the ledger")
         return await _said(session, job, await Consenting(session.wallet).withdraw(purposes, sensors), "withdrawn")
 
@@ -148,7 +164,8 @@ async def _said(session: PageSession, job: Job, word: Word, status: str) -> dict
         "count": word.count,
         "status": status,
         "sentence": f"It holds from block {word.from_height} on.",
-        **receipted.as_json(),
+        "receipt": receipted.fetched,
+        "receipt_error": receipted.error_code,
         "receipt_sentence": receipted.line(),
     }
 

@@ -7,16 +7,18 @@ from typing import Any
 
 from aiohttp import web
 
+from clients.sdk.terminal.json_answers import Hex, extend
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.page.jobs import Job
+from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.record_days import Wanted, kind_of, kinds_json, read_zone, select
 from clients.wallet.page.request_fields import Asked
 from clients.wallet.page.routes.reading_routes import told_erasure, told_share
 from clients.wallet.page.session import PageSession
+from clients.wallet.present.record_answers import CustodianWord
 from clients.wallet.present.translations import refusal
 from clients.wallet.records.erasure import Erasing, missing_pictures, split_erased
-from clients.wallet.records.erasure_status import ErasureProgress, find_erasures_of
+from clients.wallet.records.erasure_status import ErasureProgress, erasure_row, find_erasures_of
 from clients.wallet.records.viewing import name_places
 from clients.wallet.sharing.outgoing_shares import Sharing
 from clients.wallet.store.keystore import KnownVisit
@@ -90,7 +92,7 @@ async def _erase(session: PageSession, request: web.Request) -> web.Response:
     entries, frames = _named(session, ids, frames)
     await session.gate.require(passphrase)
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         return await _erase_and_follow(session, job, entries, frames, language_of(request))
 
     return accepted(session.jobs.start("erase", work))
@@ -132,13 +134,19 @@ async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[b
     return found
 
 
+class ToldWord(CustodianWord, frozen=True, kw_only=True):
+    """What a custodian said of an erasure, for the page."""
+
+    erasure_id: Hex
+
+
 def _tell_receipts(job: Job, found: list[ErasureProgress]) -> None:
     rows = [
-        {"erasure_id": each["erasure_id"], **custodian}
-        for each in map(told_erasure, found)
-        for custodian in each["custodians"]
+        extend(ToldWord, word, erasure_id=each.erasure_id)
+        for each in map(erasure_row, found)
+        for word in each.custodians
     ]
     if rows == job.receipts:
         return
     job.receipts = rows
-    job.tell("waiting for receipts", sum(row["confirmed_at_ms"] is not None for row in rows), len(rows))
+    job.tell("waiting for receipts", sum(row.confirmed_at_ms is not None for row in rows), len(rows))

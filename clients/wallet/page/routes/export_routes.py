@@ -9,6 +9,7 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from aiohttp import web
 from aiohttp.abc import AbstractStreamWriter
 
@@ -16,9 +17,9 @@ from clients.bundle.checks.bundle_check import Verdict
 from clients.bundle.proving import Heard
 from clients.bundle.writing import Contents, write_bundle
 from clients.wallet.cli.invocation import verify_command
-from clients.wallet.commands.export_command import bundle_json, bundle_warning, say_problem
+from clients.wallet.commands.export_command import bundle_warning, export_answer, say_problem
 from clients.wallet.export.export_building import Exporting, Wanted
-from clients.wallet.page.jobs import Job
+from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.request_fields import Asked
 from clients.wallet.page.session import KeptFile, PageSession
@@ -67,7 +68,7 @@ async def _export(session: PageSession, request: web.Request) -> web.Response:
     await session.gate.require(passphrase)
     language = language_of(request)
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         return await _write(session, job, wanted, language, at_once=now)
 
     return accepted(session.jobs.start("export", work, stoppable=True))
@@ -89,20 +90,26 @@ async def _write(session: PageSession, job: Job, wanted: Wanted, language: str, 
     name = secrets.token_hex(8)
     path = session.folder / f"export-{name}.zip"
     verdict = await _write_until_stopped(path, contents, heard)
-    told = bundle_json(path, verdict)
+    told = export_answer(path, verdict)
     session.keep_export(name, path)
     day = show_day(now_ms)
     saved = f"blockrobot-{day}.zip"
-    kept = ("bytes", "is_complete", "visits", "records", "pictures", "audit_entries", "problems", "proved_until_height")
     return {
         "export": name,
         "name": saved,
         "check": verify_command(saved),
-        **{key: told[key] for key in kept},
+        "bytes": told.bytes,
+        "is_complete": told.is_complete,
+        "visits": told.visits,
+        "records": told.records,
+        "pictures": told.pictures,
+        "audit_entries": told.audit_entries,
+        "proved_until_height": told.proved_until_height,
         "problems": [
-            each | {"sentence": say_problem(each["code"], each["sentence"], language)} for each in told["problems"]
+            msgspec.structs.replace(each, sentence=say_problem(each.code, each.sentence, language))
+            for each in told.problems
         ],
-        "lines": [f"Missing: {problem['sentence']}" for problem in told["problems"]],
+        "lines": [f"Missing: {problem.sentence}" for problem in told.problems],
     }
 
 

@@ -33,9 +33,10 @@ from clients.wallet.page.record_seals import verified_block
 from clients.wallet.page.request_fields import Asked, read_id
 from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
+from clients.wallet.present.record_answers import ErasureRow
 from clients.wallet.present.sharing_answers import OwnShare
 from clients.wallet.present.translations import LANGUAGES, language_in_use, section
-from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, erasure_json, erasure_lines
+from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, erasure_lines, erasure_row
 from clients.wallet.recovery.guardian_lines import guardian_lines
 from clients.wallet.sharing.outgoing_shares import Share
 from consensus.errors import BlockRobotError
@@ -355,8 +356,14 @@ async def _shares(session: PageSession, request: web.Request) -> web.Response:
     )
 
 
-def told_erasure(erasure: ErasureProgress) -> dict[str, Any]:
-    return erasure_json(erasure) | {"lines": erasure_lines(erasure)}
+class ToldErasure(ErasureRow, frozen=True, kw_only=True):
+    """A request to erase, for the page."""
+
+    lines: list[str]
+
+
+def told_erasure(erasure: ErasureProgress) -> ToldErasure:
+    return extend(ToldErasure, erasure_row(erasure), lines=erasure_lines(erasure))
 
 
 async def _erasures(session: PageSession, _request: web.Request) -> web.Response:

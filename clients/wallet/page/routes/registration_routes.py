@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
-from typing import Any
 
+import msgspec
 from aiohttp import web
 
 from clients.sdk.terminal.qr_codes import read_qr
 from clients.wallet.consent.notice_reading import Notices, Told
-from clients.wallet.page.jobs import Job
+from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.session import PageSession
 from consensus.errors import BlockRobotError
@@ -53,7 +53,8 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     role = decode_card_code(code).role
     async with session.hold() as wallet:
         told = await Notices(wallet).for_card(code)
-    return answer_json({"role": role, "notice": told.as_json() | {"lines": told.words(language_of(request))}})
+    notice = msgspec.structs.replace(told.answer(), lines=told.words(language_of(request)))
+    return answer_json({"role": role, "notice": notice})
 
 
 def _what_is(told: Told) -> tuple[str, int, str]:
@@ -73,7 +74,7 @@ async def _register(session: PageSession, request: web.Request) -> web.Response:
     decode_card_code(code)
     await session.gate.require(passphrase)
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         notices = Notices(session.wallet)
         job.tell("reading what you are told")
         told = await notices.for_card(code)

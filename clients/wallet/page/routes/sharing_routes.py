@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from aiohttp import web
 
 from clients.wallet.commands.share_commands import explain, made_share, share_each
 from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.page.jobs import Job
+from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.request_fields import Asked
 from clients.wallet.page.session import PageSession
@@ -97,7 +96,7 @@ async def _share(session: PageSession, request: web.Request) -> web.Response:
     await session.gate.require(passphrase)
     language = language_of(request)
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         await session.read(fresh=True)
         sharing, grantee, entries = await wish.find(session.wallet, session.snapshot)
         done = await share_each(sharing, entries, grantee, wish.purpose, wish.until_ms, job.tell, language=language)
@@ -113,7 +112,7 @@ async def _revoke(session: PageSession, request: web.Request) -> web.Response:
     if not found:
         raise refusal("NOT_FOUND", "share_none")
 
-    async def work(job: Job) -> dict[str, Any]:
+    async def work(job: Job) -> Result:
         job.tell("writing it into the ledger")
         txid = await Sharing(session.wallet).revoke(found[0])
         return {"txid": txid.hex(), "looks": len(found[0].looks), "sentence": "This share is ended."}

@@ -22,8 +22,8 @@ from clients.wallet.records.erasure_status import (
     ErasureProgress,
     custodian_names,
     describe_erasure,
-    erasure_json,
     erasure_lines,
+    erasure_row,
     erasures,
 )
 from clients.wallet.store.keystore import Keystore, KnownVisit
@@ -172,9 +172,9 @@ async def test_what_remains_of_erased_pictures_is_said_until_when(world: World) 
     assert "2 pictures of a record: erased everywhere." in lines[0]
     remains = "what remains is check numbers, which prove the other pictures and show nothing, until"
     assert all(remains in line for line in lines[1:])
-    described = erasure_json(erasure)
-    assert [word["overdue"] for word in described["custodians"]] == [False, False]
-    assert described["custodians"][0]["destroyed_frames"] == 2
+    described = erasure_row(erasure)
+    assert [word.overdue for word in described.custodians] == [False, False]
+    assert described.custodians[0].destroyed_frames == 2
 
 
 async def test_a_custodian_without_a_name_is_told_by_its_key(world: World) -> None:
@@ -200,7 +200,7 @@ async def test_in_portuguese_the_same_is_said_with_what_remains_and_who_is_late(
     assert "2 imagens de uma gravação: " in head
     assert "2 imagens destruídas; o que lá fica: números de controlo" in first
     assert second.endswith(" ainda não confirmou.")
-    assert erasure_json(erasure)["custodians"][0]["name"] == "node-1 of ward"
+    assert erasure_row(erasure).custodians[0].name == "node-1 of ward"
 
 
 def test_the_command_speaks_portuguese_and_its_json_stays_as_it_is(

@@ -350,7 +350,7 @@ def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monk
     told = Told("hospital", PublishedNotice(row, notice), 7)
     assert section("notice.line", "en") == NOTICE_LINES
     english = [line.strip() for line in told.lines()[1:-1]]
-    assert english == tell_notice(notice) == told.as_json()["lines"]
+    assert english == tell_notice(notice) == told.answer().lines
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
     head, *lines, last = told.lines()
     assert head.startswith("O que a organização hospital lhe comunica")
@@ -360,7 +360,7 @@ def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monk
         assert line.strip().partition(":")[0] != before.partition(":")[0]
     assert "  O seu direito (art. 17): " in "\n".join(lines)
     assert last == "  Atrás de cada título estão as palavras de hospital, tal como as publicou: não se traduzem."
-    assert told.as_json()["lines"] == english, "programs are told the same in every language"
+    assert told.answer().lines == english, "programs are told the same in every language"
 
 
 def test_where_the_page_is_stands_in_portuguese(
