@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from clients.sdk.terminal.json_answers import Answer, Hex
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_audit import AuditEntry
 from clients.wallet.present.translations import code_text, purposes_text, text
@@ -21,28 +22,43 @@ _TONES = {
 }
 
 
-def event_json(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> dict[str, Any]:
+class ToldEvent(Answer, frozen=True, kw_only=True):
+    """An event of the audit, for the page."""
+
+    visit: Hex
+    record_id: Hex | None
+    kind: str
+    time_ms: int
+    height: int
+    index: int
+    data: Mapping[str, Any]
+    sentence: str
+    tone: str
+    who: str
+
+
+def tell_event(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> ToldEvent:
     """Return an event; `names` are custodians' by key."""
     data = _named(entry, names, language)
-    return {
-        "visit": entry.owner.hex(),
-        "record_id": entry.record_id.hex() or None,
-        "kind": entry.kind,
-        "time_ms": entry.time_ms,
-        "height": entry.height,
-        "index": entry.index,
-        "data": data,
-        "sentence": _sentence(entry, data, language),
-        "tone": _tone(entry),
-        "who": _who(entry),
-    }
+    return ToldEvent(
+        visit=entry.owner.hex(),
+        record_id=entry.record_id.hex() or None,
+        kind=entry.kind,
+        time_ms=entry.time_ms,
+        height=entry.height,
+        index=entry.index,
+        data=data,
+        sentence=_sentence(entry, data, language),
+        tone=_tone(entry),
+        who=_who(entry),
+    )
 
 
 def event_sentence(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> str:
     return _sentence(entry, _named(entry, names, language), language)
 
 
-def _named(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> dict[str, Any]:
+def _named(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> Mapping[str, Any]:
     data = {name: plain(value) for name, value in entry.data.items()}
     custodian = entry.data.get("custodian")
     if isinstance(custodian, bytes):

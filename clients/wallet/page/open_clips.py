@@ -5,15 +5,15 @@ from __future__ import annotations
 import secrets
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from clients.sdk.pictures.depth_colours import Depth
 from clients.sdk.pictures.rendition_files import own_depth, own_pixels, sense_file
 from clients.sdk.pictures.rendition_picture import colourise, compose_on, decode_depth_png
+from clients.sdk.terminal.json_answers import Answer, Hex
 from clients.wallet.page.record_days import kind_of
-from clients.wallet.page.record_seals import Seal, seal_json
+from clients.wallet.page.record_seals import Seal, ToldSeal, tell_seal
 from clients.wallet.present.translations import describe_error
 from clients.wallet.records.viewing import FrameView, RecordView
 from consensus.errors import BlockRobotError
@@ -24,6 +24,40 @@ CLIP_MAX_BYTES = 64 << 20
 """Records are added to a clip until it holds so much: it never holds more than that and one record."""
 RECORDS_MAX_COUNT = 80
 _TYPES = {"rgb.png": "image/png", "rgb.jpg": "image/jpeg", "wav": "audio/wav", "label.json": "application/json"}
+
+
+class ToldReason(Answer, frozen=True, kw_only=True):
+    """Why empty frames are missing, for the page."""
+
+    code: str
+    sentence: str
+
+
+class ToldFrame(Answer, frozen=True, kw_only=True):
+    """A frame of a clip, for the page; `own` is where its own picture lies."""
+
+    number: int
+    record_id: Hex
+    index: int
+    sequence: int | None
+    captured_at_ms: int | None
+    status: str
+    kind: str | None
+    holds: str
+    width: int
+    height: int
+    own: list[int] | None
+
+
+class ToldClip(Answer, frozen=True, kw_only=True):
+    """A clip, for the page."""
+
+    clip: str
+    visit: Hex
+    records: list[Hex]
+    seals: list[ToldSeal]
+    missing_rooms: list[ToldReason]
+    frames: list[ToldFrame]
 
 
 @dataclass
@@ -85,40 +119,40 @@ class OpenClip:
     def own_png(self, number: int) -> bytes:
         return own_pixels(self.rendition(number))
 
-    def as_json(self, language: str | None = None) -> dict[str, Any]:
-        return {
-            "clip": self.name,
-            "visit": self.views[0].entry.visit.owner.hex(),
-            "records": [view.entry.record_id.hex() for view in self.views],
-            "seals": [seal_json(seal, language) for seal in self.seals],
-            "missing_rooms": _reasons(self.missing_rooms, language),
-            "frames": [_frame_json(number, view, frame) for number, (view, frame) in enumerate(self.frames)],
-        }
+    def told(self, language: str | None = None) -> ToldClip:
+        return ToldClip(
+            clip=self.name,
+            visit=self.views[0].entry.visit.owner.hex(),
+            records=[view.entry.record_id.hex() for view in self.views],
+            seals=[tell_seal(seal, language) for seal in self.seals],
+            missing_rooms=_reasons(self.missing_rooms, language),
+            frames=[_tell_frame(number, view, frame) for number, (view, frame) in enumerate(self.frames)],
+        )
 
 
-def _reasons(missing: Mapping[bytes, BlockRobotError], language: str | None) -> list[dict[str, str]]:
+def _reasons(missing: Mapping[bytes, BlockRobotError], language: str | None) -> list[ToldReason]:
     told = {error.code: describe_error(error, language)[0] for error in missing.values()}
-    return [{"code": code, "sentence": sentence} for code, sentence in told.items()]
+    return [ToldReason(code=code, sentence=sentence) for code, sentence in told.items()]
 
 
-def _frame_json(number: int, view: RecordView, frame: FrameView) -> dict[str, Any]:
+def _tell_frame(number: int, view: RecordView, frame: FrameView) -> ToldFrame:
     rendition, meta = frame.rendition, view.entry.metadata
     is_shown = rendition is not None and bool(rendition.pixels)
-    return {
-        "number": number,
-        "record_id": view.entry.record_id.hex(),
-        "index": frame.index,
-        "sequence": None if rendition is None else rendition.sequence,
-        "captured_at_ms": None if rendition is None else rendition.captured_at_ms,
-        "status": frame.status,
-        "kind": _kind(rendition) if rendition is not None and is_shown else None,
-        "holds": kind_of(view.entry),
-        "width": meta.width if rendition is None else rendition.width,
-        "height": meta.height if rendition is None else rendition.height,
-        "own": [rendition.x, rendition.y, rendition.box_width, rendition.box_height]
+    return ToldFrame(
+        number=number,
+        record_id=view.entry.record_id.hex(),
+        index=frame.index,
+        sequence=None if rendition is None else rendition.sequence,
+        captured_at_ms=None if rendition is None else rendition.captured_at_ms,
+        status=frame.status,
+        kind=_kind(rendition) if rendition is not None and is_shown else None,
+        holds=kind_of(view.entry),
+        width=meta.width if rendition is None else rendition.width,
+        height=meta.height if rendition is None else rendition.height,
+        own=[rendition.x, rendition.y, rendition.box_width, rendition.box_height]
         if rendition is not None and rendition.box_width
         else None,
-    }
+    )
 
 
 def size_of(view: RecordView) -> int:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 import msgspec
 from aiohttp import web
 
-from clients.wallet.page.jobs import Job
+from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.record_seals import verified_block
 from clients.wallet.page.request_fields import Asked
 from clients.wallet.page.session import PageSession
@@ -28,18 +27,30 @@ def language_of(request: web.Request) -> str:
     return wanted if wanted in LANGUAGES else language_in_use()
 
 
-def problem_json(error: BlockRobotError, language: str) -> dict[str, Any]:
+class ProblemDocument(msgspec.Struct, frozen=True, kw_only=True):
+    """A problem document (RFC 9457)."""
+
+    type: str
+    title: str
+    status: int
+    code: str
+    detail: str
+    next_step: str
+    retryable: bool
+
+
+def tell_problem(error: BlockRobotError, language: str) -> ProblemDocument:
     """Return a localised problem document (RFC 9457)."""
     detail, next_step = describe_error(error, language)
-    return {
-        "type": f"urn:blockrobot:error:{error.code}",
-        "title": error.entry.meaning,
-        "status": error.entry.status,
-        "code": error.code,
-        "detail": detail,
-        "next_step": next_step,
-        "retryable": error.entry.retryable,
-    }
+    return ProblemDocument(
+        type=f"urn:blockrobot:error:{error.code}",
+        title=error.entry.meaning,
+        status=error.entry.status,
+        code=error.code,
+        detail=detail,
+        next_step=next_step,
+        retryable=error.entry.retryable,
+    )
 
 
 def _note_use(session: PageSession, request: web.Request, *, is_use: bool) -> None:
@@ -61,7 +72,7 @@ def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
         try:
             response = await answer(session, request)
         except BlockRobotError as error:
-            body = msgspec.json.encode(problem_json(error, language_of(request)))
+            body = msgspec.json.encode(tell_problem(error, language_of(request)))
             return web.Response(status=error.entry.status, body=body, content_type=PROBLEM_TYPE)
         if not response.prepared:
             block = verified_block(session.wallet)
@@ -71,7 +82,7 @@ def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
     return handle
 
 
-def answer_json(value: Mapping[str, Any] | msgspec.Struct, status: int = 200) -> web.Response:
+def answer_json(value: Mapping[str, object] | msgspec.Struct, status: int = 200) -> web.Response:
     """Return a JSON object. Structs may be anywhere in it."""
     return web.Response(status=status, body=msgspec.json.encode(value), content_type="application/json")
 
@@ -88,17 +99,33 @@ def query_of(request: web.Request) -> Asked:
     return Asked(request.query)
 
 
-def job_json(job: Job, language: str) -> dict[str, Any]:
-    told: dict[str, Any] = {
-        "job": job.name,
-        "kind": job.kind,
-        "revision": job.revision,
-        "state": job.state,
-        "step": job.step,
-        "done": job.done,
-        "of": job.of,
-        "stoppable": job.is_stoppable and not job.is_over,
-        "result": job.result,
-        "error": None if job.error is None else problem_json(job.error, language),
-    }
-    return told if job.receipts is None else told | {"receipts": job.receipts}
+class ToldJob(msgspec.Struct, frozen=True, kw_only=True):
+    """How far a job is."""
+
+    job: str
+    kind: str
+    revision: int
+    state: str
+    step: str
+    done: int
+    of: int
+    stoppable: bool
+    result: Result | None
+    error: ProblemDocument | None
+    receipts: Sequence[msgspec.Struct] | msgspec.UnsetType
+
+
+def tell_job(job: Job, language: str) -> ToldJob:
+    return ToldJob(
+        job=job.name,
+        kind=job.kind,
+        revision=job.revision,
+        state=job.state,
+        step=job.step,
+        done=job.done,
+        of=job.of,
+        stoppable=job.is_stoppable and not job.is_over,
+        result=job.result,
+        error=None if job.error is None else tell_problem(job.error, language),
+        receipts=msgspec.UNSET if job.receipts is None else job.receipts,
+    )

@@ -6,13 +6,14 @@ import collections
 import datetime
 import re
 import zoneinfo
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from clients.sdk.terminal.json_answers import Answer, Hex
 from clients.wallet.ledger.robot_names import RobotNames, tell_robot
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.wallet_snapshot import Snapshot, VisitPart
+from clients.wallet.present.record_answers import VisitStanding
 from clients.wallet.present.visit_status_text import standing_answer, standing_lines
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
@@ -91,88 +92,164 @@ def select(snapshot: Snapshot, wanted: Wanted) -> list[tuple[VisitPart, RecordEn
     return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
 
 
-def row_json(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNames) -> dict[str, Any]:
+class RecordShown(Answer, frozen=True, kw_only=True):
+    """A record of a list, for the page."""
+
+    record_id: Hex
+    visit: Hex
+    robot: Hex
+    robot_called: str
+    status: str
+    sensor: str
+    kind: str
+    started_at_ms: int
+    ended_at_ms: int
+    frames: int
+    erased_frames: list[int]
+    index_in_visit: int
+    expires_at_ms: int
+    withheld: Mapping[str, int]
+    restricted: bool
+    denied: bool
+    shared: int
+    verdict: str | None
+    verdict_at_ms: int | None
+    height: int
+
+
+def show_record(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNames) -> RecordShown:
     meta, state = entry.metadata, entry.state
     verdict = part.verdicts.get(entry.record_id)
-    return {
-        "record_id": entry.record_id.hex(),
-        "visit": entry.visit.owner.hex(),
-        "robot": entry.visit.robot.hex(),
-        "robot_called": tell_robot(entry.visit.robot, names),
-        "status": state.status,
-        "sensor": meta.sensor,
-        "kind": kind_of(entry),
-        "started_at_ms": meta.started_at_ms,
-        "ended_at_ms": meta.ended_at_ms,
-        "frames": entry.pictures_count,
-        "erased_frames": list(state.erased_frames),
-        "index_in_visit": meta.index_in_visit,
-        "expires_at_ms": state.expires_at_ms,
-        "withheld": dict(meta.withheld),
-        "restricted": part.report.standing.restricts(entry.record_id),
-        "denied": bool(part.report.standing.breach_id),
-        "shared": sum(share.shows(entry.record_id, now_ms) for share in part.shares),
-        "verdict": None if verdict is None else verdict.verdict,
-        "verdict_at_ms": None if verdict is None else verdict.time_ms,
-        "height": state.height,
-    }
+    return RecordShown(
+        record_id=entry.record_id.hex(),
+        visit=entry.visit.owner.hex(),
+        robot=entry.visit.robot.hex(),
+        robot_called=tell_robot(entry.visit.robot, names),
+        status=state.status,
+        sensor=meta.sensor,
+        kind=kind_of(entry),
+        started_at_ms=meta.started_at_ms,
+        ended_at_ms=meta.ended_at_ms,
+        frames=entry.pictures_count,
+        erased_frames=list(state.erased_frames),
+        index_in_visit=meta.index_in_visit,
+        expires_at_ms=state.expires_at_ms,
+        withheld=dict(meta.withheld),
+        restricted=part.report.standing.restricts(entry.record_id),
+        denied=bool(part.report.standing.breach_id),
+        shared=sum(share.shows(entry.record_id, now_ms) for share in part.shares),
+        verdict=None if verdict is None else verdict.verdict,
+        verdict_at_ms=None if verdict is None else verdict.time_ms,
+        height=state.height,
+    )
 
 
-def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str, language: str | None = None) -> dict[str, Any]:
+class RobotShown(Answer, frozen=True, kw_only=True):
+    """A robot, for the page."""
+
+    robot: Hex
+    called: str
+
+
+class DayShown(Answer, frozen=True, kw_only=True):
+    """A day that has records, for the page."""
+
+    day: str
+    records: int
+    notices: int
+    pictures: int
+    withheld: int
+    erased: int
+    unsure: int
+    corrupted: int
+    first_ms: int
+    last_ms: int
+    robots: list[Hex]
+    sensors: list[str]
+
+
+class VisitShown(Answer, frozen=True, kw_only=True):
+    """A visit and its gaps, for the page."""
+
+    visit: Hex
+    robot: Hex
+    closed: bool
+    first_ms: int
+    records: int
+    pictures: int
+    missing_records: int
+    erased_records: int
+    unreadable_records: int
+    needs_former_words: bool
+    standing: VisitStanding
+    standing_lines: list[str]
+
+
+class DaysShown(Answer, frozen=True, kw_only=True):
+    """A calendar, for the page."""
+
+    zone: str
+    days: list[DayShown]
+    robots: list[RobotShown]
+    sensors: list[str]
+    visits: list[VisitShown]
+
+
+def show_days(snapshot: Snapshot, wanted: Wanted, zone_name: str, language: str | None = None) -> DaysShown:
     """Return days with records, newest first, and visits' problems. `language` None: current."""
     days: dict[str, list[tuple[VisitPart, RecordEntry]]] = {}
     for part, entry in select(snapshot, wanted):
         days.setdefault(wanted.moment(entry).date().isoformat(), []).append((part, entry))
     everything = [entry for part in snapshot.visits for entry in part.report.records]
-    return {
-        "zone": zone_name,
-        "days": [_day_json(day, found) for day, found in sorted(days.items(), reverse=True)],
-        "robots": [
-            {"robot": robot.hex(), "called": tell_robot(robot, snapshot.robot_names)}
+    return DaysShown(
+        zone=zone_name,
+        days=[_show_day(day, found) for day, found in sorted(days.items(), reverse=True)],
+        robots=[
+            RobotShown(robot=robot.hex(), called=tell_robot(robot, snapshot.robot_names))
             for robot in sorted(snapshot.robots_asked)
         ],
-        "sensors": sorted({entry.metadata.sensor for entry in recordings(everything)}),
-        "visits": [visit_json(part, language) for part in snapshot.visits],
-    }
+        sensors=sorted({entry.metadata.sensor for entry in recordings(everything)}),
+        visits=[show_visit(part, language) for part in snapshot.visits],
+    )
 
 
-def _day_json(day: str, found: Sequence[tuple[VisitPart, RecordEntry]]) -> dict[str, Any]:
+def _show_day(day: str, found: Sequence[tuple[VisitPart, RecordEntry]]) -> DayShown:
     entries = [entry for _, entry in found]
     verdicts = [part.verdicts.get(entry.record_id) for part, entry in found]
-    return {
-        "day": day,
-        "records": len(recordings(entries)),
-        "notices": len(entries) - len(recordings(entries)),
-        "pictures": sum(entry.pictures_left_count for entry in entries),
-        "withheld": withheld_count(entries),
-        "erased": sum(len(entry.state.erased_frames) for entry in entries),
-        "unsure": sum(verdict is None for verdict in verdicts),
-        "corrupted": sum(verdict is not None and verdict.verdict == "corrupted" for verdict in verdicts),
-        "first_ms": min(entry.metadata.started_at_ms for entry in entries),
-        "last_ms": max(entry.metadata.ended_at_ms for entry in entries),
-        "robots": sorted({entry.visit.robot.hex() for entry in entries}),
-        "sensors": sorted({entry.metadata.sensor for entry in entries}),
-    }
+    return DayShown(
+        day=day,
+        records=len(recordings(entries)),
+        notices=len(entries) - len(recordings(entries)),
+        pictures=sum(entry.pictures_left_count for entry in entries),
+        withheld=withheld_count(entries),
+        erased=sum(len(entry.state.erased_frames) for entry in entries),
+        unsure=sum(verdict is None for verdict in verdicts),
+        corrupted=sum(verdict is not None and verdict.verdict == "corrupted" for verdict in verdicts),
+        first_ms=min(entry.metadata.started_at_ms for entry in entries),
+        last_ms=max(entry.metadata.ended_at_ms for entry in entries),
+        robots=sorted({entry.visit.robot.hex() for entry in entries}),
+        sensors=sorted({entry.metadata.sensor for entry in entries}),
+    )
 
 
 def withheld_count(entries: Iterable[RecordEntry]) -> int:
     return sum(count for entry in entries for _, count in entry.metadata.withheld)
 
 
-def visit_json(part: VisitPart, language: str | None = None) -> dict[str, Any]:
+def show_visit(part: VisitPart, language: str | None = None) -> VisitShown:
     report = part.report
     times = [entry.metadata.started_at_ms for entry in report.records]
-    return {
-        "visit": report.visit.owner.hex(),
-        "robot": report.visit.robot.hex(),
-        "closed": report.closed,
-        "first_ms": min(times, default=report.visit.bucket_ms),
-        "records": len(recordings(report.records)),
-        "pictures": sum(entry.pictures_left_count for entry in report.records),
-        "missing_records": report.missing_count,
-        "erased_records": len(report.erased_ids),
-        "unreadable_records": len(report.unreadable_ids),
-        "needs_former_words": report.needs_former_words,
-        "standing": standing_answer(report.standing),
-        "standing_lines": standing_lines(report.standing, language),
-    }
+    return VisitShown(
+        visit=report.visit.owner.hex(),
+        robot=report.visit.robot.hex(),
+        closed=report.closed,
+        first_ms=min(times, default=report.visit.bucket_ms),
+        records=len(recordings(report.records)),
+        pictures=sum(entry.pictures_left_count for entry in report.records),
+        missing_records=report.missing_count,
+        erased_records=len(report.erased_ids),
+        unreadable_records=len(report.unreadable_ids),
+        needs_former_words=report.needs_former_words,
+        standing=standing_answer(report.standing),
+        standing_lines=standing_lines(report.standing, language),
+    )

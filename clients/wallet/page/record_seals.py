@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
+from clients.sdk.terminal.json_answers import Answer, Hex
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import describe_error, text
 from clients.wallet.records.viewing import CHECKS, STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, name_places
@@ -31,41 +32,82 @@ class Seal:
     verdict_height: int | None = None
 
 
+class ToldCheck(Answer, frozen=True, kw_only=True):
+    """A check of a record."""
+
+    code: str
+    ok: bool
+    sentence: str
+
+
+class ToldRefusal(Answer, frozen=True, kw_only=True):
+    """A custodian that refused."""
+
+    name: str
+    code: str
+    sentence: str
+
+
+class ToldSeal(Answer, frozen=True, kw_only=True):
+    """A seal, for the page."""
+
+    record_id: Hex
+    state: str
+    sentence: str
+    checks: list[ToldCheck]
+    frames_ok: int
+    frames_shown: int
+    frames_counted: int
+    frames_committed: int
+    corrupted: list[int]
+    damaged: list[int]
+    erased: list[int]
+    custodians: list[str]
+    refused: list[ToldRefusal]
+    record_height: int
+    record_txid: Hex
+    proved_height: int
+    proved_block_id: Hex
+    proved_time_ms: int
+    checked_at_ms: int
+    verdict_height: int | None
+
+
 def verified_block(wallet: Wallet) -> VerifiedBlock:
     client = wallet.network.light_client
     return VerifiedBlock(client.header.height, client.header.timestamp_ms, sha256(client.pinned_header_bytes))
 
 
-def seal_json(seal: Seal, language: str | None = None) -> dict[str, Any]:
+def tell_seal(seal: Seal, language: str | None = None) -> ToldSeal:
     view = seal.view
     state = view.entry.state
     shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
     good = sum(frame.status == STATUS_OK for frame in shown)
-    return {
-        "record_id": view.entry.record_id.hex(),
-        "state": "good" if view.verdict == "verified" else "bad",
-        "sentence": _sentence(view, good, len(shown), language),
-        "checks": _checks(view, language),
-        "frames_ok": good,
-        "frames_shown": len(shown),
-        "frames_counted": view.frames_counted,
-        "frames_committed": len(view.frames),
-        "corrupted": view.corrupted,
-        "damaged": view.damaged,
-        "erased": [frame.index for frame in view.frames if frame.status == STATUS_ERASED],
-        "custodians": list(view.custodians),
-        "refused": [
-            {"name": name, "code": code, "sentence": describe_error(BlockRobotError(code), language)[0]}
+    return ToldSeal(
+        record_id=view.entry.record_id.hex(),
+        state="good" if view.verdict == "verified" else "bad",
+        sentence=_sentence(view, good, len(shown), language),
+        checks=_checks(view, language),
+        frames_ok=good,
+        frames_shown=len(shown),
+        frames_counted=view.frames_counted,
+        frames_committed=len(view.frames),
+        corrupted=view.corrupted,
+        damaged=view.damaged,
+        erased=[frame.index for frame in view.frames if frame.status == STATUS_ERASED],
+        custodians=list(view.custodians),
+        refused=[
+            ToldRefusal(name=name, code=code, sentence=describe_error(BlockRobotError(code), language)[0])
             for name, code in view.refused
         ],
-        "record_height": state.height,
-        "record_txid": state.txid.hex(),
-        "proved_height": seal.block.height,
-        "proved_block_id": seal.block.block_id.hex(),
-        "proved_time_ms": seal.block.time_ms,
-        "checked_at_ms": seal.checked_at_ms,
-        "verdict_height": seal.verdict_height,
-    }
+        record_height=state.height,
+        record_txid=state.txid.hex(),
+        proved_height=seal.block.height,
+        proved_block_id=seal.block.block_id.hex(),
+        proved_time_ms=seal.block.time_ms,
+        checked_at_ms=seal.checked_at_ms,
+        verdict_height=seal.verdict_height,
+    )
 
 
 def _sentence(view: RecordView, good: int, shown: int, language: str | None) -> str:
@@ -77,7 +119,7 @@ def _sentence(view: RecordView, good: int, shown: int, language: str | None) -> 
     return " ".join(told)
 
 
-def _checks(view: RecordView, language: str | None) -> list[dict[str, Any]]:
+def _checks(view: RecordView, language: str | None) -> list[ToldCheck]:
     """Return check results; frame checks only if one failed there or all passed."""
     rows = [("header_votes", ""), ("record_on_chain", "")]
     is_known = True
@@ -86,14 +128,14 @@ def _checks(view: RecordView, language: str | None) -> list[dict[str, Any]]:
         if places or is_known:
             rows.append((check, places))
         is_known = is_known and not places
-    found: list[tuple[str, bool, dict[str, Any]]] = [(code, not places, {"places": places}) for code, places in rows]
+    found: list[tuple[str, bool, Mapping[str, object]]] = [
+        (code, not places, {"places": places}) for code, places in rows
+    ]
     found.append(("complete", not view.miscounted, _counts(view)))
     return [
-        {
-            "code": code,
-            "ok": ok,
-            "sentence": text(f"seal.{'check' if ok else 'wrong'}.{code}", language=language, **values),
-        }
+        ToldCheck(
+            code=code, ok=ok, sentence=text(f"seal.{'check' if ok else 'wrong'}.{code}", language=language, **values)
+        )
         for code, ok, values in found
     ]
 

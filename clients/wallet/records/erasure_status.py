@@ -6,7 +6,6 @@ import functools
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import click
 
@@ -130,16 +129,13 @@ def erasure_lines(
     for word in erasure.custodians:
         name = word.name if names is None else names.get(word.key) or say("custodian.unnamed", key=word.key.hex()[:12])
         if word.confirmed_at_ms is not None:
-            told: dict[str, Any] = {
-                "name": name,
-                "moment": show_moment(word.confirmed_at_ms),
-                "count": word.destroyed_frames,
-            }
+            moment = show_moment(word.confirmed_at_ms)
+            confirmed = functools.partial(say, name=name, moment=moment, count=word.destroyed_frames)
             if word.remains and word.remains != REMAINS_NOTHING:
                 remains = say(_REMAINS[word.remains]) if word.remains in _REMAINS else word.remains
-                line = say("erasures.confirmed_but", **told, remains=remains, until=show_moment(word.remains_until_ms))
+                line = confirmed("erasures.confirmed_but", remains=remains, until=show_moment(word.remains_until_ms))
             else:
-                line = say("erasures.confirmed", **told)
+                line = confirmed("erasures.confirmed")
         else:
             line = say("erasures.overdue" if word.overdue else "erasures.not_yet", name=name)
         lines.append(f"  {line}")

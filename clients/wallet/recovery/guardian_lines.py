@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from clients.wallet.present.translations import text
 from clients.wallet.recovery.slip39_shares import show_identifier
@@ -36,7 +36,7 @@ def guardian_lines(content: WalletContent, language: str | None = None) -> list[
 
 
 def _line(one: GuardianSet, language: str | None) -> GuardianLine:
-    values: dict[str, Any] = {"identifier": show_identifier(one.identifier), "threshold": one.threshold}
+    values: dict[str, object] = {"identifier": show_identifier(one.identifier), "threshold": one.threshold}
     if not one.guardians:
         return GuardianLine(text("guardians.line_unknown", language=language, **values))
     values |= {"count": len(one.guardians), "names": ", ".join(one.guardians)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from typing import Any
 
 from aiohttp import web
 
@@ -15,7 +14,7 @@ from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.meeting_looks import LOOK_NAME_MAX_CHARS
 from clients.wallet.page.open_clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, OpenClip, little_endian, size_of
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, query_of, route
-from clients.wallet.page.record_seals import Seal, seal_json, verified_block
+from clients.wallet.page.record_seals import Seal, tell_seal, verified_block
 from clients.wallet.page.session import PageSession
 from clients.wallet.present.translations import refusal
 from clients.wallet.records.viewing import RecordView, Viewing, finding_of
@@ -77,7 +76,7 @@ async def open_records(
     entries: list[RecordEntry],
     access: Mapping[bytes, bytes],
     language: str,
-) -> dict[str, Any]:
+) -> Result:
     """Open a visit's records by access ids; `records` says how many fitted."""
     views: list[RecordView] = []
     rooms: dict[bytes, bytes] = {}
@@ -93,7 +92,7 @@ async def open_records(
     block, now_ms = verified_block(session.wallet), session.now_ms()
     seals = [Seal(view, block, now_ms) for view in views]
     clip = session.clips.add(seals, rooms, viewing.missing_rooms)
-    told = [seal_json(seal, language) for seal in seals]
+    told = [tell_seal(seal, language) for seal in seals]
     return {"clip": clip.name, "seals": told, "frames": len(clip.frames), "records": len(views)}
 
 
@@ -108,7 +107,7 @@ async def _judge(session: PageSession, request: web.Request) -> web.Response:
         trail = await audit_visit(session.wallet, visit)
         heights = {found[0]: entry.height for entry in trail for found in findings_of(entry)}
         clip.note_verdicts(heights)
-        return {"clip": clip.name, "seals": [seal_json(seal, language) for seal in clip.seals]}
+        return {"clip": clip.name, "seals": [tell_seal(seal, language) for seal in clip.seals]}
 
     return accepted(session.jobs.start("verify", work, stoppable=False))
 
@@ -151,7 +150,7 @@ def _clip_of(session: PageSession, request: web.Request) -> OpenClip:
 
 
 async def _clip(session: PageSession, request: web.Request) -> web.Response:
-    return answer_json(_clip_of(session, request).as_json(language_of(request)))
+    return answer_json(_clip_of(session, request).told(language_of(request)))
 
 
 async def _forget(session: PageSession, request: web.Request) -> web.Response:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import msgspec
 from aiohttp import web
 
@@ -154,7 +152,7 @@ async def _withdraw(session: PageSession, request: web.Request) -> web.Response:
     return accepted(session.jobs.start("consent", work))
 
 
-async def _said(session: PageSession, job: Job, word: Word, status: str) -> dict[str, Any]:
+async def _said(session: PageSession, job: Job, word: Word, status: str) -> Result:
     job.tell("fetching the receipt")
     receipted = await take_receipt(session.wallet, word.txid)
     return {

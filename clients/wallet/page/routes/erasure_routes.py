@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
 
 from aiohttp import web
 
@@ -100,7 +99,7 @@ async def _erase(session: PageSession, request: web.Request) -> web.Response:
 
 async def _erase_and_follow(
     session: PageSession, job: Job, entries: list[RecordEntry], frames: list[int], language: str
-) -> dict[str, Any]:
+) -> Result:
     wallet = session.wallet
     job.tell("writing it into the ledger")
     recipients = await Sharing(wallet).recipients(entries)

@@ -7,7 +7,6 @@ import secrets
 import threading
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any
 
 import msgspec
 from aiohttp import web
@@ -78,7 +77,7 @@ class _StoppedError(Exception):
     """Nobody waits for what is being written any more."""
 
 
-async def _write(session: PageSession, job: Job, wanted: Wanted, language: str, *, at_once: bool) -> dict[str, Any]:
+async def _write(session: PageSession, job: Job, wanted: Wanted, language: str, *, at_once: bool) -> Result:
     loop = asyncio.get_running_loop()
 
     def heard(what: str, done: int, of: int) -> None:

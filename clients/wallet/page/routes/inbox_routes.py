@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from clients.sdk.terminal.json_answers import Hex, extend
+from clients.sdk.terminal.json_answers import Answer, Hex, extend
 from clients.wallet.commands.inbox_commands import (
     read_inbox,
     receipt_lines,
@@ -20,6 +20,17 @@ from clients.wallet.page.wallet_snapshot import VisitPart
 from clients.wallet.present.sharing_answers import ReceivedShare, UnreadShare, VisitAlarm
 from clients.wallet.present.translations import DEFAULT_LANGUAGE
 from pages.local_page import LocalRoute
+
+
+class ToldLook(Answer, frozen=True, kw_only=True):
+    """One time that somebody looked at shared records, for the page."""
+
+    time_ms: int
+    who: str
+    records: int
+    visit: Hex
+    grant_id: Hex
+    sentence: str
 
 
 class ToldReceived(ReceivedShare, frozen=True, kw_only=True):
@@ -51,14 +62,14 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
         found = await read_inbox(wallet)
     snapshot = session.snapshot
     looks = [
-        {
-            "time_ms": look.time_ms,
-            "who": share.name_in(language),
-            "records": look.records_count,
-            "visit": share.visit.owner.hex(),
-            "grant_id": share.grant.grant_id.hex(),
-            "sentence": f"{share.name_in(DEFAULT_LANGUAGE)} asked for {look.records_count} records that you share.",
-        }
+        ToldLook(
+            time_ms=look.time_ms,
+            who=share.name_in(language),
+            records=look.records_count,
+            visit=share.visit.owner.hex(),
+            grant_id=share.grant.grant_id.hex(),
+            sentence=f"{share.name_in(DEFAULT_LANGUAGE)} asked for {look.records_count} records that you share.",
+        )
         for share in snapshot.shares()
         for look in share.looks
     ]
@@ -67,7 +78,7 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
     return answer_json(
         {
             "reads_new": found.reads_new,
-            "looks": sorted(looks, key=lambda look: look["time_ms"], reverse=True),
+            "looks": sorted(looks, key=lambda look: look.time_ms, reverse=True),
             "alarms": alarms,
             "received": [
                 extend(ToldReceived, received_share(each), lines=receipt_lines(each, language))

@@ -2,38 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 from aiohttp import web
 
 from clients.sdk.pictures.depth_colours import scale_json
-from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.json_answers import Answer, Hex, extend
 from clients.wallet.cli.wallet_context import member_gone_line
 from clients.wallet.commands.account.rotate_commands import words_lines
 from clients.wallet.commands.share_commands import own_share, share_lines
 from clients.wallet.ledger.visit_audit import AuditEntry, findings_of, records_of
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.page.audit_story import event_json
+from clients.wallet.page.audit_story import ToldEvent, tell_event
 from clients.wallet.page.jobs import WAIT_MAX_MS
-from clients.wallet.page.page_answers import answer_json, job_json, language_of, problem_json, query_of, route
+from clients.wallet.page.page_answers import answer_json, language_of, query_of, route, tell_job, tell_problem
 from clients.wallet.page.record_days import (
+    RecordShown,
     Wanted,
-    days_json,
     kinds_json,
     read_zone,
     recordings,
-    row_json,
     select,
-    visit_json,
+    show_days,
+    show_record,
+    show_visit,
     withheld_count,
 )
 from clients.wallet.page.record_seals import verified_block
 from clients.wallet.page.request_fields import Asked, read_id
 from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
-from clients.wallet.present.record_answers import ErasureRow
+from clients.wallet.present.record_answers import ErasureRow, VisitStanding
 from clients.wallet.present.sharing_answers import OwnShare
 from clients.wallet.present.translations import LANGUAGES, language_in_use, section
 from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, erasure_lines, erasure_row
@@ -93,11 +93,11 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
                 "purposes": {code: PURPOSES.get(code, code) for code in genesis.purposes},
                 "sensors": SENSORS,
                 "custodians": [node.name for node in wallet.network.custody.custodians],
-                "nodes": _nodes_json(session, language),
+                "nodes": _tell_nodes(session, language),
             },
             "verified": {"height": block.height, "time_ms": block.time_ms, "block_id": block.block_id.hex()},
             "state": session.state,
-            "problem": None if session.problem is None else problem_json(session.problem, language),
+            "problem": None if session.problem is None else tell_problem(session.problem, language),
             "refreshed_at_ms": snapshot.read_at_ms or None,
             "warnings": [*member_gone_line(wallet, language), *words_lines(content, language)],
             "counts": _counts(session),
@@ -122,19 +122,27 @@ def _node_state(error: BlockRobotError) -> str:
     return {"NODE_UNREACHABLE": "unreachable", UNKNOWN_YET: "behind"}.get(error.code, "refused")
 
 
-def _nodes_json(session: PageSession, language: str) -> list[dict[str, Any]]:
+class ToldNode(Answer, frozen=True, kw_only=True):
+    """How a node answers, for the page."""
+
+    name: str
+    state: str
+    code: str | None
+    sentence: str | None
+
+
+def _tell_nodes(session: PageSession, language: str) -> list[ToldNode]:
     troubles, rows = session.node_troubles(), []
     for node in session.wallet.network.nodes:
         error = troubles.get(node.name)
         state = "fine" if error is None else _node_state(error)
-        sentence = None if error is None or state == "behind" else problem_json(error, language)["detail"]
-        rows.append(
-            {"name": node.name, "state": state, "code": None if error is None else error.code, "sentence": sentence}
-        )
+        sentence = None if error is None or state == "behind" else tell_problem(error, language).detail
+        code = None if error is None else error.code
+        rows.append(ToldNode(name=node.name, state=state, code=code, sentence=sentence))
     return rows
 
 
-def _counts(session: PageSession) -> dict[str, Any]:
+def _counts(session: PageSession) -> Mapping[str, object]:
     snapshot, now_ms = session.snapshot, session.now_ms()
     entries = list(snapshot.entries.values())
     return {
@@ -173,7 +181,7 @@ async def _changes(session: PageSession, request: web.Request) -> web.Response:
             "state": session.state,
             "refreshed_at_ms": session.snapshot.read_at_ms or None,
             "new_records": [record_id.hex() for record_id in new[-NEW_RECORDS_MAX_COUNT:]],
-            "problem": None if session.problem is None else problem_json(session.problem, language_of(request)),
+            "problem": None if session.problem is None else tell_problem(session.problem, language_of(request)),
         }
     )
 
@@ -193,7 +201,7 @@ async def _job(session: PageSession, request: web.Request) -> web.Response:
     after, wait_ms = asked.number("after", 0), asked.number("wait_ms", 0, most=WAIT_MAX_MS)
     asked.end()
     job = await session.jobs.wait(request.match_info["job"], after, wait_ms)
-    return answer_json(job_json(job, language_of(request)))
+    return answer_json(tell_job(job, language_of(request)))
 
 
 async def _cancel(session: PageSession, request: web.Request) -> web.Response:
@@ -223,7 +231,7 @@ async def _days(session: PageSession, request: web.Request) -> web.Response:
     asked = query_of(request)
     wanted, zone = read_wanted(asked)
     asked.end()
-    return answer_json(days_json(session.snapshot, wanted, zone, language_of(request)))
+    return answer_json(show_days(session.snapshot, wanted, zone, language_of(request)))
 
 
 async def _records(session: PageSession, request: web.Request) -> web.Response:
@@ -233,36 +241,65 @@ async def _records(session: PageSession, request: web.Request) -> web.Response:
     start = asked.number("cursor", 0)
     asked.end()
     found, now_ms = select(session.snapshot, wanted), session.now_ms()
-    rows = [row_json(part, entry, now_ms, session.snapshot.robot_names) for part, entry in found[start : start + limit]]
+    rows = [
+        show_record(part, entry, now_ms, session.snapshot.robot_names) for part, entry in found[start : start + limit]
+    ]
     end = start + limit
     return answer_json({"total": len(found), "next": str(end) if end < len(found) else None, "records": rows})
+
+
+class WithheldReason(Answer, frozen=True, kw_only=True):
+    """Why frames were kept back, for the page."""
+
+    reason: str
+    count: int
+    sentence: str
+
+
+class RecordDetails(RecordShown, frozen=True, kw_only=True):
+    """A record with all that is known of it, for the page."""
+
+    txid: Hex | None
+    commitment_root: Hex | None
+    ciphertext_root: Hex | None
+    width: int
+    height_px: int
+    withheld_reasons: list[WithheldReason]
+    standing: VisitStanding
+    standing_lines: list[str]
+    previous: Hex | None
+    next: Hex | None
+    shares: list[ToldShare]
+    events: list[ToldEvent]
+    clip: str | None
 
 
 async def _record(session: PageSession, request: web.Request) -> web.Response:
     snapshot, now_ms = session.snapshot, session.now_ms()
     entry = snapshot.entry(read_id(request.match_info["record"]))
     part = snapshot.part_of(entry.visit.owner)
-    meta, visit = entry.metadata, visit_json(part, language_of(request))
+    meta, visit = entry.metadata, show_visit(part, language_of(request))
     shares = [share for share in part.shares if entry.record_id in share.left]
     trail = [_only_of(entry.record_id, each) for each in part.trail if _is_about(part, entry, each)]
     return answer_json(
-        row_json(part, entry, now_ms, snapshot.robot_names)
-        | {
-            "txid": plain_hex(entry.state.txid),
-            "commitment_root": plain_hex(entry.state.commitment_root),
-            "ciphertext_root": plain_hex(entry.state.ciphertext_root),
-            "width": meta.width,
-            "height_px": meta.height,
-            "withheld_reasons": [
-                {"reason": reason, "count": count, "sentence": reason} for reason, count in meta.withheld
+        extend(
+            RecordDetails,
+            show_record(part, entry, now_ms, snapshot.robot_names),
+            txid=plain_hex(entry.state.txid),
+            commitment_root=plain_hex(entry.state.commitment_root),
+            ciphertext_root=plain_hex(entry.state.ciphertext_root),
+            width=meta.width,
+            height_px=meta.height,
+            withheld_reasons=[
+                WithheldReason(reason=reason, count=count, sentence=reason) for reason, count in meta.withheld
             ],
-            "standing": visit["standing"],
-            "standing_lines": visit["standing_lines"],
+            standing=visit.standing,
+            standing_lines=visit.standing_lines,
             **_neighbours(part, entry),
-            "shares": [told_share(share, now_ms, language_of(request)) for share in shares],
-            "events": _events(session, trail, language_of(request)),
-            "clip": session.clips.with_record(entry.record_id),
-        }
+            shares=[told_share(share, now_ms, language_of(request)) for share in shares],
+            events=_events(session, trail, language_of(request)),
+            clip=session.clips.with_record(entry.record_id),
+        )
     )
 
 
@@ -301,10 +338,10 @@ def _neighbours(part: VisitPart, entry: RecordEntry) -> dict[str, str | None]:
 # What happened
 
 
-def _events(session: PageSession, trail: Sequence[AuditEntry], language: str) -> list[dict[str, Any]]:
+def _events(session: PageSession, trail: Sequence[AuditEntry], language: str) -> list[ToldEvent]:
     names = custodian_names(session.wallet, language)
     ordered = sorted(trail, key=lambda entry: (entry.height, entry.index), reverse=True)
-    return [event_json(entry, names, language) for entry in ordered]
+    return [tell_event(entry, names, language) for entry in ordered]
 
 
 async def _story(session: PageSession, request: web.Request) -> web.Response:
