@@ -30,7 +30,7 @@ from clients.wallet.page.page import make_page, page_folder
 from clients.wallet.page.passphrase_check import ATTEMPTS_MAX_COUNT
 from clients.wallet.page.session import PageSession
 from clients.wallet.present.translations import say_error, text
-from clients.wallet.present.wallet_answers import ServeAnswer, UnfinishedRequest
+from clients.wallet.present.wallet_answers import ServeAnswer, ServeEndAnswer, UnfinishedRequest
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.wallet_lock import claim_wallet, require_wallet
 from pages.local_page import LocalPage
@@ -86,7 +86,7 @@ def _tell_unfinished(session: PageSession, *, as_json: bool) -> None:
             UnfinishedRequest(kind=kind, error=None if error is None else Problem(**problem_json(error)))
             for kind, error in session.unfinished
         ]
-        print_answer(ServeAnswer(unfinished=told, not_begun=session.was_not_begun), ok=False)
+        print_answer(ServeEndAnswer(unfinished=told, not_begun=session.was_not_begun), ok=False)
         return
     for kind, error in session.unfinished:
         is_left = error is None and kind in DECISIONS

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from msgspec import UNSET, UnsetType
-
 from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Height, Hex, Problem, doc
 
 
@@ -68,21 +66,21 @@ class UnfinishedRequest(Answer, frozen=True, kw_only=True):
 
 
 class ServeAnswer(Answer, frozen=True, kw_only=True):
-    """The local page: printed once it is there; the command then runs until it is stopped.
+    """The local page, once it is there; the command then runs until it is stopped."""
 
-    A second object is printed at its end only if something that was asked for last on the page came to nothing, or was
-    not begun: its `ok` is false, and the exit code 1.
+    url: Annotated[str, doc("The page's address; alone it opens nothing")]
+    redirect_file: Annotated[str, doc("The file that opens the page, once")]
+    browser_opened: Annotated[bool, doc("Whether a browser was started")]
+
+
+class ServeEndAnswer(Answer, frozen=True, kw_only=True):
+    """Printed at the end only if something that was asked for last on the page came to nothing, or was not begun.
+
+    `ok` is false, and the exit code 1.
     """
 
-    url: Annotated[str | UnsetType, doc("The page's address; alone it opens nothing; absent at the end")] = UNSET
-    redirect_file: Annotated[str | UnsetType, doc("The file that opens the page, once; absent at the end")] = UNSET
-    browser_opened: Annotated[bool | UnsetType, doc("Whether a browser was started; absent at the end")] = UNSET
-    unfinished: Annotated[list[UnfinishedRequest] | UnsetType, doc("What came to nothing; absent at the beginning")] = (
-        UNSET
-    )
-    not_begun: Annotated[
-        bool | UnsetType, doc("Whether something was asked for last that was not begun; absent at the beginning")
-    ] = UNSET
+    unfinished: Annotated[list[UnfinishedRequest], doc("What came to nothing")]
+    not_begun: Annotated[bool, doc("Whether something was asked for last that was not begun")]
 
 
 ANSWERS: AnswersByCommand = {
@@ -93,5 +91,5 @@ ANSWERS: AnswersByCommand = {
     "wallet leave": LeaveAnswer,
     "wallet keyring store": KeyringStoreAnswer,
     "wallet keyring forget": KeyringForgetAnswer,
-    "wallet serve": ServeAnswer,
+    "wallet serve": (ServeAnswer, ServeEndAnswer),
 }
