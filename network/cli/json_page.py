@@ -22,6 +22,7 @@ from clients.wallet.present.sharing_answers import ANSWERS as SHARING
 from clients.wallet.present.wallet_answers import ANSWERS as WALLET
 from network.cli.cluster.cluster_answers import ANSWERS as NETWORK
 from network.cli.cluster.status_answers import ANSWERS as STATUS
+from network.cli.contract.contract_answers import ANSWERS as CONTRACTS
 from network.cli.governance.governance_answers import ANSWERS as GOVERNING
 from network.cli.node.node_answers import ANSWERS as NODES
 from network.cli.tool_answers import ANSWERS as TOOLS
@@ -37,6 +38,7 @@ TYPED: Mapping[str, AnswersByCommand] = {
     "The registrar": REGISTRAR,
     "The robot": ROBOT,
     "Governing and keeping a network": {**GOVERNING, **NODES, **TOOLS},
+    "Contracts": CONTRACTS,
 }
 """The answers of commands, under the headings of the page."""
 
@@ -44,7 +46,6 @@ SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {}
 """What is listed, under the headings of the page."""
 
 NOT_LISTED: Mapping[str, str] = {
-    "contract": "[commands](cli.md#contracts)",
     "custody": "[look after custodians](../how-to/custody.md)",
     "node directory": "[formats](formats.md)",
     "node snapshot": "[commands](cli.md)",

@@ -8,18 +8,19 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from contracts.kit.sources import is_contract_file, read_source
 from contracts.kit.template import project_files, write_project
 from contracts.vm import compile_contract
+from network.cli.contract.contract_answers import ContractNewAnswer, ContractTestAnswer, TestedSource
 from network.cli.governance.governance_signer import plain_table
 
 PLUGIN = "contracts.kit.plugin"
@@ -43,7 +44,7 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
     place = folder or Path(name)
     written = write_project(place, name)
     if as_json:
-        print_json({"ok": True, "folder": str(place), "files": [str(path) for path in written]})
+        print_answer(ContractNewAnswer(folder=str(place), files=[str(path) for path in written]))
         return
     for path in written:
         console.print(escape(str(path)))
@@ -70,11 +71,12 @@ def test(path: Path, lines: bool, chosen: str | None, as_json: bool) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch) / "report.json"
         code, output = _run_pytest(path, chosen, place, quiet=as_json)
-        sources: list[dict[str, Any]] = []
+        sources: list[TestedSource] = []
         if place.exists():
-            sources = read_json_text(place.read_text(encoding="utf-8"))["sources"]
+            report = read_json_text(place.read_text(encoding="utf-8"))
+            sources = msgspec.convert(report["sources"], list[TestedSource])
     if as_json:
-        print_json({"ok": code == 0, "exit_code": code, "output": output, "sources": sources})
+        print_answer(ContractTestAnswer(exit_code=code, output=output, sources=sources), ok=code == 0)
     else:
         _print_gas(sources)
         _print_coverage(sources)
@@ -96,36 +98,36 @@ def _run_pytest(path: Path, chosen: str | None, report: Path, *, quiet: bool) ->
     return done.returncode, done.stdout or ""
 
 
-def _print_gas(sources: list[dict[str, Any]]) -> None:
-    rows = [(source, entry) for source in sources for entry in source["entries"]]
+def _print_gas(sources: list[TestedSource]) -> None:
+    rows = [(source, entry) for source in sources for entry in source.entries]
     if not rows:
         return
     columns = ["entry", "calls", "least", "median", "most"]
-    names = [source["contract"] for source in sources]
+    names = [source.contract for source in sources]
     has_versions = len(set(names)) < len(names)
     table = plain_table("Gas of the calls that succeeded", [*columns, "source"] if has_versions else columns)
     for source, entry in rows:
-        figures = [str(entry[name]) for name in ("calls", "gas_min", "gas_median", "gas_max")]
+        figures = [str(figure) for figure in (entry.calls, entry.gas_min, entry.gas_median, entry.gas_max)]
         place = [_shown_file(source)] if has_versions else []
-        table.add_row(f"{source['contract']}.{entry['name']}", *figures, *place)
+        table.add_row(f"{source.contract}.{entry.name}", *figures, *place)
     console.print(table)
 
 
-def _print_coverage(sources: list[dict[str, Any]]) -> None:
+def _print_coverage(sources: list[TestedSource]) -> None:
     if not sources:
         return
     table = plain_table("Lines that tests ran", ["source", "lines", "ran", "share", "not run"])
     for source in sources:
-        count, covered = source["lines_count"], source["covered"]
+        count, covered = source.lines_count, source.covered
         share = f"{100 * covered // count}%" if count else ""
-        table.add_row(_shown_file(source), str(count), str(covered), share, ranges(source["missing"]))
+        table.add_row(_shown_file(source), str(count), str(covered), share, ranges(source.missing))
     console.print(table)
 
 
-def _shown_file(source: dict[str, Any]) -> str:
-    if not source["file"]:
-        return str(source["contract"])
-    path = Path(source["file"])
+def _shown_file(source: TestedSource) -> str:
+    if not source.file:
+        return source.contract
+    path = Path(source.file)
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
 
 
@@ -139,12 +141,12 @@ def ranges(numbers: list[int]) -> str:
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in parts)
 
 
-def _print_lines(source: dict[str, Any]) -> None:
-    if not source["file"]:
+def _print_lines(source: TestedSource) -> None:
+    if not source.file:
         return
     console.print(escape(f"\n{_shown_file(source)}\n   runs      gas"))
-    figures = {line["line"]: line for line in source["lines"]}
-    for number, text in enumerate(split_lines(read_source(Path(source["file"]))), 1):
+    figures = {line.line: line for line in source.lines}
+    for number, text in enumerate(split_lines(read_source(Path(source.file))), 1):
         found = figures.get(number)
-        before = " " * 15 if found is None else f"{found['runs']:>7} {found['gas']:>7}"
+        before = " " * 15 if found is None else f"{found.runs:>7} {found.gas:>7}"
         console.print(escape(f"{before}  {number:>4}  {text}"))

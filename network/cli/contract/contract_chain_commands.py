@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+from msgspec import UNSET
 from rich.markup import escape
 
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import EXIT_REFUSED
 from consensus.primitives.encoding import decode_value
@@ -20,6 +21,7 @@ from consensus.primitives.keys import PrivateKey
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
 from contracts.kit.sources import read_source
 from contracts.kit.telling import told
+from network.cli.contract.contract_answers import CallRefusal, ContractCallAnswer, ContractQueryAnswer, EmittedEvent
 from network.cli.contract.contract_forms import ContractForm, find_form
 from network.cli.contract.contract_signers import (
     find_signers,
@@ -90,7 +92,7 @@ def query(
 
     result = read_with_first(signers, read)
     if as_json:
-        print_json({"ok": True, "contract": contract, "view": view, "result": to_json(result)})
+        print_answer(ContractQueryAnswer(contract=contract, view=view, result=to_json(result)))
         return
     console.print(escape(told(result)))
 
@@ -139,7 +141,7 @@ def call(
     receipt, form = with_network(signer, send)
     next_step = "" if receipt.ok else _next_step(receipt, form, contract, entry)
     if as_json:
-        print_json(_receipt_json(receipt, next_step))
+        print_answer(_receipt_answer(receipt, next_step), ok=receipt.ok)
     else:
         _print_receipt(receipt, form, next_step)
     if not receipt.ok:
@@ -158,23 +160,23 @@ async def _form_now(client: NetworkClient, key: PrivateKey, contract: str) -> Co
         return None
 
 
-def _receipt_json(receipt: FinalReceipt, next_step: str) -> dict[str, Any]:
+def _receipt_answer(receipt: FinalReceipt, next_step: str) -> ContractCallAnswer:
     detail = f"{receipt.code}: {receipt.message}" if receipt.message else receipt.code
-    error = {"code": "CALL_REFUSED", "detail": detail, "next_step": next_step}
-    return {
-        "ok": receipt.ok,
-        "txid": receipt.txid.hex(),
-        "height": receipt.height,
-        "index": receipt.index,
-        "code": receipt.code,
-        "message": receipt.message,
-        "line": receipt.line,
-        "gas_used": receipt.gas_used,
-        "events": [
-            {"contract": event.contract, "name": event.name, "data": to_json(decode_value(event.data))}
+    error = CallRefusal(code="CALL_REFUSED", detail=detail, next_step=next_step)
+    return ContractCallAnswer(
+        txid=receipt.txid.hex(),
+        height=receipt.height,
+        index=receipt.index,
+        code=receipt.code,
+        message=receipt.message,
+        line=receipt.line,
+        gas_used=receipt.gas_used,
+        events=[
+            EmittedEvent(contract=event.contract, name=event.name, data=to_json(decode_value(event.data)))
             for event in receipt.events
         ],
-    } | ({} if receipt.ok else {"error": error})
+        error=UNSET if receipt.ok else error,
+    )
 
 
 def _print_receipt(receipt: FinalReceipt, form: ContractForm | None, next_step: str) -> None:

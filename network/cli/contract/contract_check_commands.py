@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import click
+import msgspec
 from rich.cells import cell_len
 
-from clients.sdk.terminal.terminal import handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import handle_errors, json_option, print_answer
 from consensus.visible_text import escape_controls
 from contracts import vectors as golden
 from contracts.execution.chain_refusals import find_refusals
-from contracts.vm import LANGUAGE_VERSION, Diagnostic, compile_contract, find_problems
+from contracts.vm import LANGUAGE_VERSION, Diagnostic, Entry, compile_contract, find_problems
+from network.cli.contract.contract_answers import (
+    CheckedEntry,
+    CheckedSource,
+    ContractCheckAnswer,
+    ContractVectorsAnswer,
+    EntryParameter,
+    SourceProblem,
+    VectorDifference,
+    VectorsFile,
+)
 
 LINE_SHOWN_MAX_CHARS = 120
 
 
-def check_file(path: Path, name: str) -> tuple[list[str], tuple[Diagnostic, ...], list[dict[str, Any]]]:
+def check_file(path: Path, name: str) -> tuple[list[str], tuple[Diagnostic, ...], list[CheckedEntry]]:
     """Return lines, problems, and ABI entries if sound. Raises OSError."""
     data = path.read_bytes()
     try:
@@ -32,19 +42,19 @@ def check_file(path: Path, name: str) -> tuple[list[str], tuple[Diagnostic, ...]
     if not problems:
         compiled = compile_contract(source, name)
         problems = find_refusals(source, compiled)
-        entries = [] if problems else [_entry_json(entry) for entry in compiled.abi.entries]
+        entries = [] if problems else [_entry_answer(entry) for entry in compiled.abi.entries]
     return source.split("\n"), problems, entries
 
 
-def _entry_json(entry: Any) -> dict[str, Any]:
-    return {
-        "name": entry.name,
-        "kind": entry.kind,
-        "parameters": [{"name": name, "type": kind} for name, kind in entry.params],
-        "required": entry.required,
-        "returns": entry.returns,
-        "line": entry.line,
-    }
+def _entry_answer(entry: Entry) -> CheckedEntry:
+    return CheckedEntry(
+        name=entry.name,
+        kind=entry.kind,
+        parameters=[EntryParameter(name=name, type=kind) for name, kind in entry.params],
+        required=entry.required,
+        returns=entry.returns,
+        line=entry.line,
+    )
 
 
 def source_lines(lines: list[str], problem: Diagnostic) -> tuple[str, str]:
@@ -81,31 +91,31 @@ def check(files: tuple[Path, ...], name: str | None, as_json: bool) -> None:
     """
     if name is not None and len(files) > 1:
         raise click.UsageError("--name is for one file.")
-    documents: list[dict[str, Any]] = []
+    checked: list[CheckedSource] = []
     for path in files:
         contract = path.stem if name is None else name
         lines, problems, entries = check_file(path, contract)
         rows = [
-            {
-                "code": problem.code,
-                "line": problem.line,
-                "column": problem.column,
-                "message": problem.message,
-                "fix": problem.fix,
-                "source": lines[problem.line - 1] if problem.line <= len(lines) else "",
-            }
+            SourceProblem(
+                code=problem.code,
+                line=problem.line,
+                column=problem.column,
+                message=problem.message,
+                fix=problem.fix,
+                source=lines[problem.line - 1] if problem.line <= len(lines) else "",
+            )
             for problem in problems
         ]
-        documents.append(
-            {"file": str(path), "contract": contract, "ok": not problems, "problems": rows, "entries": entries}
+        checked.append(
+            CheckedSource(file=str(path), contract=contract, ok=not problems, problems=rows, entries=entries)
         )
         if not as_json:
             for problem in problems:
                 _print_problem(path, lines, problem)
             click.echo(f"{path}: {_summary(len(problems), len(entries))}")
-    good = all(document["ok"] for document in documents)
+    good = all(source.ok for source in checked)
     if as_json:
-        print_json({"ok": good, "language": LANGUAGE_VERSION, "files": documents})
+        print_answer(ContractCheckAnswer(language=LANGUAGE_VERSION, files=checked), ok=good)
     sys.exit(0 if good else 1)
 
 
@@ -142,15 +152,19 @@ def vectors(folder: Path, target: Path | None, as_json: bool) -> None:
     if target is not None:
         golden.write_vectors({name: golden.play(document) for name, document in documents.items()}, target)
         documents = golden.read_vectors(target)
-    differences = {name: list(golden.compare(document)) for name, document in documents.items()}
+    differences = {
+        name: msgspec.convert(list(golden.compare(document)), list[VectorDifference])
+        for name, document in documents.items()
+    }
     total = sum(golden.count(document) for document in documents.values())
     good = not any(differences.values())
     if as_json:
         rows = [
-            {"file": name, "count": golden.count(document), "differences": differences[name]}
+            VectorsFile(file=name, count=golden.count(document), differences=differences[name])
             for name, document in documents.items()
         ]
-        print_json({"ok": good, "language": LANGUAGE_VERSION, "count": total, "files": rows, "written": bool(target)})
+        answer = ContractVectorsAnswer(language=LANGUAGE_VERSION, count=total, files=rows, written=target is not None)
+        print_answer(answer, ok=good)
     else:
         _print_differences(differences)
         ending = "and all are as they should be" if good else "and not all are as they should be"
@@ -158,7 +172,7 @@ def vectors(folder: Path, target: Path | None, as_json: bool) -> None:
     sys.exit(0 if good else 1)
 
 
-def _print_differences(differences: dict[str, list[dict[str, Any]]]) -> None:
+def _print_differences(differences: dict[str, list[VectorDifference]]) -> None:
     for name, rows in differences.items():
         for row in rows:
-            click.echo(f"{name}: {row['call']}\n  expected {row['expected']}\n  found    {row['found']}")
+            click.echo(f"{name}: {row.call}\n  expected {row.expected}\n  found    {row.found}")

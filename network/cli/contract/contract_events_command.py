@@ -15,9 +15,9 @@ import sys
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
+import msgspec
 from rich.markup import escape
 
 from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place, read_events, read_place
@@ -30,6 +30,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.state.lifecycle import MACHINE_TABLE
 from contracts.kit.telling import told
+from network.cli.contract.contract_answers import ContractEventAnswer
 from network.cli.contract.contract_signers import find_signers, read_with_first, signer_options
 from network.cli.governance.governance_signer import to_json
 
@@ -74,14 +75,15 @@ class Wanted:
         return which if self.contract is None else f"{which} of the contract {self.contract}"
 
 
-def event_json(event: FoundEvent) -> dict[str, Any]:
-    return {
-        "place": str(event.place),
-        "contract": event.contract,
-        "name": event.name,
-        "data": to_json(event.data),
-        "txid": event.txid.hex(),
-    }
+def _line(event: FoundEvent) -> str:
+    answer = ContractEventAnswer(
+        place=str(event.place),
+        contract=event.contract,
+        name=event.name,
+        data=to_json(event.data),
+        txid=event.txid.hex(),
+    )
+    return json.dumps(msgspec.to_builtins(answer), ensure_ascii=False)
 
 
 def last_written(path: Path) -> Place | None:
@@ -116,7 +118,7 @@ def _place_of_last(path: Path, whole: bytes) -> Place | None:
 def _append(path: Path, events: tuple[FoundEvent, ...]) -> None:
     if not events:
         return
-    text = "".join(json.dumps(event_json(event), ensure_ascii=False) + "\n" for event in events)
+    text = "".join(_line(event) + "\n" for event in events)
     with open_to_append(path) as file:
         file.write(text.encode())
         file.flush()
@@ -125,7 +127,7 @@ def _append(path: Path, events: tuple[FoundEvent, ...]) -> None:
 
 def _show(event: FoundEvent, *, as_json: bool) -> None:
     if as_json:
-        click.echo(json.dumps(event_json(event), ensure_ascii=False))
+        click.echo(_line(event))
     else:
         console.print(escape(f"{event.place}  {event.contract}.{event.name} {told(event.data)}"))
 

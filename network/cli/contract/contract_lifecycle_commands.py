@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 from rich.markup import escape
 
 from clients.sdk.chain.governance import Decision, Governor, MembershipView
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from contracts.kit.sources import read_source
 from contracts.lifecycle.registry import compute_source_hash
 from contracts.vm import compile_contract
+from network.cli.contract.contract_answers import ContractDecisionAnswer
 from network.cli.contract.contract_room import require_room
 from network.cli.contract.contract_waiting import Arrival, await_change, no_wait_option
 from network.cli.governance.governance_signer import (
@@ -83,7 +83,7 @@ def _report(seat: GovernanceSigner, told: Told, what: str, name: str, *, wait: b
             f"{name} version {arrival.version} failed at block {decision.due_height}: {arrival.failure}",
         )
     if as_json:
-        print_json(_told_json(told, arrival))
+        print_answer(_decision_answer(told, arrival))
         return
     if arrival is not None:
         console.print(escape(_told_arrival(name, arrival)))
@@ -105,20 +105,17 @@ def _told_arrival(name: str, arrival: Arrival) -> str:
     return words.get(arrival.state, f"Another change of {name} has taken its place.")
 
 
-def _told_json(told: Told, arrival: Arrival | None) -> dict[str, Any]:
-    decision = told.decision
-    return {
-        "ok": True,
-        "height": decision.height,
-        "txid": decision.txid.hex(),
-        "executed": decision.executed,
-        "due_height": decision.due_height,
-        "state": None if arrival is None else arrival.state,
-        "version": None if arrival is None else arrival.version,
-        "proposal": None
-        if told.proposal is None
-        else msgspec.to_builtins(proposal_answer(told.proposal, told.membership.majority)),
-    }
+def _decision_answer(told: Told, arrival: Arrival | None) -> ContractDecisionAnswer:
+    decision, proposal = told.decision, told.proposal
+    return ContractDecisionAnswer(
+        height=decision.height,
+        txid=decision.txid.hex(),
+        executed=decision.executed,
+        due_height=decision.due_height,
+        state=None if arrival is None else arrival.state,
+        version=None if arrival is None else arrival.version,
+        proposal=None if proposal is None else proposal_answer(proposal, told.membership.majority),
+    )
 
 
 @click.command()

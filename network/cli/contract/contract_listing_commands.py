@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import sys
 from pathlib import Path
-from typing import Any
 
 import click
 import msgspec
@@ -14,12 +13,24 @@ from rich.syntax import Syntax
 
 from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProposalRow, find_proposal
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.sources import read_source
-from contracts.lifecycle.describing import ChangeDue, EntryRow, VersionRow
+from contracts.lifecycle.describing import ChangeDue, ContractRow, EntryRow, VersionRow
 from contracts.lifecycle.registry import compute_source_hash
+from network.cli.contract.contract_answers import (
+    ComparedProposal,
+    ContractChangeDue,
+    ContractDiffAnswer,
+    ContractInForce,
+    ContractInterfaceEntry,
+    ContractListAnswer,
+    ContractShowAnswer,
+    EntryParameter,
+    FailedVersion,
+    InterfaceChange,
+)
 from network.cli.governance.governance_signer import (
     governing_options,
     plain_table,
@@ -43,8 +54,8 @@ from network.contracts.chain_contracts import (
 from pages.moments import show_moment
 
 
-def _due_json(change: ChangeDue) -> dict[str, Any]:
-    return {name: getattr(change, name) for name in ChangeDue.__dataclass_fields__}
+def _due_answer(change: ChangeDue) -> ContractChangeDue:
+    return msgspec.convert(change, ContractChangeDue, from_attributes=True)
 
 
 def _due_text(change: ChangeDue) -> str:
@@ -58,8 +69,8 @@ def _due_text(change: ChangeDue) -> str:
     return f"{words[change.kind]} {when}"
 
 
-def _failed_json(row: VersionRow) -> dict[str, Any]:
-    return {name: getattr(row, name) for name in ("name", "version", "since_height", "failure")}
+def _failed_answer(row: VersionRow) -> FailedVersion:
+    return msgspec.convert(row, FailedVersion, from_attributes=True)
 
 
 def _print_failed(row: VersionRow) -> None:
@@ -72,9 +83,10 @@ def _told_proposal(row: ProposalRow) -> str:
     return f"Proposal {shown_id(row.id)}: {summary_of(row)}, proposed by {row.organisation}{note}"
 
 
-def _asked_json(row: ProposalRow) -> dict[str, Any]:
-    asked = {"id": row.id.hex(), "kind": row.kind, "organisation": row.organisation}
-    return asked | {"arguments": to_json(dict(row.arguments))}
+def _compared_answer(row: ProposalRow) -> ComparedProposal:
+    return ComparedProposal(
+        id=row.id.hex(), kind=row.kind, organisation=row.organisation, arguments=to_json(dict(row.arguments))
+    )
 
 
 def _print_proposal(row: ProposalRow, needed: int) -> None:
@@ -99,28 +111,14 @@ def list_contracts(folder: Path | None, organisation: str | None, key_file: Path
     """
     view: ContractsView = read_as_any(folder, organisation, key_file, read_contracts)
     if as_json:
-        print_json(
-            {
-                "ok": True,
-                "height": view.height,
-                "contracts": [
-                    {
-                        "name": row.name,
-                        "version": row.version,
-                        "versions": row.versions,
-                        "enabled": row.enabled,
-                        "since_height": row.since_height,
-                        "source_hash": row.source_hash.hex(),
-                    }
-                    for row in view.contracts
-                ],
-                "due": [_due_json(change) for change in view.due],
-                "failed": [_failed_json(row) for row in view.failed],
-                "proposals": [
-                    msgspec.to_builtins(proposal_answer(row, view.membership.majority)) for row in view.proposals
-                ],
-            }
+        answer = ContractListAnswer(
+            height=view.height,
+            contracts=[_contract_answer(row) for row in view.contracts],
+            due=[_due_answer(change) for change in view.due],
+            failed=[_failed_answer(row) for row in view.failed],
+            proposals=[proposal_answer(row, view.membership.majority) for row in view.proposals],
         )
+        print_answer(answer)
         return
     columns = ["contract", "version", "of", "state", "since", "source", "due"]
     table = plain_table(f"Contracts, as of height {view.height}", columns)
@@ -141,23 +139,55 @@ def list_contracts(folder: Path | None, organisation: str | None, key_file: Path
     print_proposals(view.proposals, view.membership.majority, "contract")
 
 
-def _entry_json(entry: EntryRow) -> dict[str, Any]:
-    return {
-        "name": entry.name,
-        "kind": entry.kind,
-        "parameters": [{"name": name, "type": kind} for name, kind in entry.params],
-        "required": entry.required,
-        "returns": entry.returns,
-    }
+def _entry_answer(entry: EntryRow) -> ContractInterfaceEntry:
+    return ContractInterfaceEntry(
+        name=entry.name,
+        kind=entry.kind,
+        parameters=[EntryParameter(name=name, type=kind) for name, kind in entry.params],
+        required=entry.required,
+        returns=entry.returns,
+    )
 
 
-def _row_json(row: VersionRow) -> dict[str, Any]:
-    plain = ("version", "status", "since_height", "failure", "size_bytes", "migrates", "note", "organisation")
-    return {name: getattr(row, name) for name in plain} | {
-        "source_hash": row.source_hash.hex(),
-        "proposal_id": row.proposal_id.hex(),
-        "approved_height": row.approved_height,
-    }
+def _contract_answer(row: ContractRow) -> ContractInForce:
+    return ContractInForce(
+        name=row.name,
+        version=row.version,
+        versions=row.versions,
+        enabled=row.enabled,
+        since_height=row.since_height,
+        source_hash=row.source_hash.hex(),
+    )
+
+
+def _show_answer(name: str, edition: Edition, view: ContractsView) -> ContractShowAnswer:
+    proposal, needed = edition.proposal, view.membership.majority
+    answer = ContractShowAnswer(
+        name=name,
+        height=view.height,
+        due=[_due_answer(change) for change in view.due if change.name == name],
+        failed=next((_failed_answer(row) for row in view.failed if row.name == name), None),
+        proposal=None if proposal is None else proposal_answer(proposal, needed),
+        abi=[_entry_answer(entry) for entry in edition.abi],
+        source=edition.source,
+    )
+    row = edition.row
+    if row is None:
+        return answer
+    return msgspec.structs.replace(
+        answer,
+        version=row.version,
+        status=row.status,
+        since_height=row.since_height,
+        failure=row.failure,
+        size_bytes=row.size_bytes,
+        migrates=row.migrates,
+        note=row.note,
+        organisation=row.organisation,
+        source_hash=row.source_hash.hex(),
+        proposal_id=row.proposal_id.hex(),
+        approved_height=row.approved_height,
+    )
 
 
 @click.command()
@@ -194,24 +224,9 @@ def show(
         return await read_edition(client, key, name, version or 0), view
 
     edition, view = read_as_any(folder, organisation, key_file, read)
-    needed = view.membership.majority
     due = [change for change in view.due if change.name == name]
     if as_json:
-        print_json(
-            {
-                "ok": True,
-                "name": name,
-                "height": view.height,
-                **({} if edition.row is None else _row_json(edition.row)),
-                "due": [_due_json(change) for change in due],
-                "failed": next((_failed_json(row) for row in view.failed if row.name == name), None),
-                "proposal": None
-                if edition.proposal is None
-                else msgspec.to_builtins(proposal_answer(edition.proposal, needed)),
-                "abi": [_entry_json(entry) for entry in edition.abi],
-                "source": edition.source,
-            }
-        )
+        print_answer(_show_answer(name, edition, view))
         return
     if with_source:
         click.echo(edition.source, nl=not edition.source.endswith("\n"))
@@ -292,20 +307,18 @@ def diff(
     lines = diff_lines(before, after)
     is_equal = compute_source_hash(before.source) == compute_source_hash(after.source)
     if as_json:
-        print_json(
-            {
-                "ok": True,
-                "name": name,
-                "old": before.title,
-                "new": after.title,
-                "old_hash": compute_source_hash(before.source).hex(),
-                "new_hash": compute_source_hash(after.source).hex(),
-                "equal": is_equal,
-                "abi": [{"change": kind, "entry": text} for kind, text in changes],
-                "diff": lines,
-                "proposals": [_asked_json(row) for row in proposals],
-            }
+        answer = ContractDiffAnswer(
+            name=name,
+            old=before.title,
+            new=after.title,
+            old_hash=compute_source_hash(before.source).hex(),
+            new_hash=compute_source_hash(after.source).hex(),
+            equal=is_equal,
+            abi=[InterfaceChange(change=kind, entry=text) for kind, text in changes],
+            diff=lines,
+            proposals=[_compared_answer(row) for row in proposals],
         )
+        print_answer(answer)
     else:
         for row in proposals:
             console.print(escape(_told_proposal(row)))

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import msgspec
 from rich.markup import escape
 
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.primitives.keys import PrivateKey
+from network.cli.contract.contract_answers import ContractTraceAnswer
 from network.cli.contract.contract_signers import find_signers, read_with_first, signer_options
 from network.contracts.contract_tracing import TracedTransaction, trace_transaction
 
@@ -52,6 +54,7 @@ def trace(
 
     found = read_with_first(signers, read)
     if as_json:
-        print_json({"ok": True, "txid": txid, "height": found.receipt.height, **found.trace.document()})
+        told = {"txid": txid, "height": found.receipt.height, **found.trace.document()}
+        print_answer(msgspec.convert(told, ContractTraceAnswer))
         return
     console.print(escape(found.trace.text()))

@@ -16,6 +16,7 @@ from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place
 from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
 from network.cli.contract.contract_commands import contract
+from tests.json_answers import differences
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
@@ -84,6 +85,7 @@ def test_all_events_are_shown_in_order(story: Story) -> None:
     assert shown(result) == ["1:0", "1:1", "3:0"]
     assert shown(run("--from", "1:1")) == ["1:1", "3:0"]
     first = json.loads(run("--json").stdout.splitlines()[0])
+    assert differences("contract events", first) == []
     assert first == {
         "place": "1:0",
         "contract": "notes",

@@ -121,7 +121,7 @@ def test_an_answer_may_be_not_ok_where_that_is_documented() -> None:
 def test_an_answer_of_a_command_that_is_neither_listed_nor_said_to_be_elsewhere_is_found_out() -> None:
     assert differences("wallet fly", {"ok": True}) == ["wallet fly: it is not documented"]
     assert differences("", {"ok": True}) == ["a command without a name: it is not documented"]
-    assert differences("contract list", {"whatever": 1}) == []
+    assert differences("custody status", {"whatever": 1}) == []
 
 
 def test_answers_are_held_against_the_page_also_after_a_test_has_undone_its_patches(
