@@ -47,11 +47,6 @@ SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {}
 
 NOT_LISTED: Mapping[str, str] = {
     "custody": "[look after custodians](../how-to/custody.md)",
-    "node directory": "[formats](formats.md)",
-    "node snapshot": "[commands](cli.md)",
-    "node prune": "[commands](cli.md)",
-    "node diff": "[commands](cli.md)",
-    "node run": "[commands](cli.md)",
     "notice activities": "[tell people](../how-to/tell-people.md)",
     "demo": "[commands](cli.md#demo)",
     "experiment": "[commands](../how-to/run-the-experiments.md)",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -118,11 +119,19 @@ async def answer_requests(data_dir: Path, pruner: Pruner) -> None:
     path.unlink(missing_ok=True)
 
 
-async def prune_stopped_node(config: NodeConfig, keep: int) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class PrunedLedger:
+    """What a pruned ledger has; `held_back_by_custody`: the custodian's checkpoint limited it."""
+
+    height: int
+    earliest_height: int
+    held_back_by_custody: bool
+
+
+async def prune_stopped_node(config: NodeConfig, keep: int) -> PrunedLedger:
     """Prune a stopped node's ledger under the data directory's lock.
 
-    Returns `height`, `earliest_height` and whether the custodian's checkpoint limited it. Raises
-    DATA_DIRECTORY_INVALID, STORAGE_*, STORE_UNAVAILABLE.
+    Raises DATA_DIRECTORY_INVALID, STORAGE_*, STORE_UNAVAILABLE.
     """
     followed: int | None = None
     if config.custodian_key_path is not None:
@@ -137,4 +146,4 @@ async def prune_stopped_node(config: NodeConfig, keep: int) -> dict[str, Any]:
     finally:
         await ledger.close()
     wanted = highest_prunable(head, keep, None)
-    return {"height": head, "earliest_height": earliest, "held_back_by_custody": earliest < wanted}
+    return PrunedLedger(head, earliest, held_back_by_custody=earliest < wanted)

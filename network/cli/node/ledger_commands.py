@@ -5,21 +5,23 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
+import msgspec
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json, status_line
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option
+from network.cli.node.node_answers import DifferingKey, NodeDiffAnswer, NodePruneAnswer
 from network.cli.node.node_commands import find_node
 from network.ledger_diff.block_replay import Base, base_of_genesis, base_of_snapshot
 from network.ledger_diff.ledger_comparison import newest_height
 from network.ledger_diff.ledger_difference import LedgerDiff, describe_difference
 from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig, load_genesis
 from node.execution.sandboxed_contracts import open_walled_machine
-from node.ledger.pruning import PRUNE_SLACK_COUNT, prune_stopped_node, request_pruning
+from node.ledger.pruning import PRUNE_SLACK_COUNT, PrunedLedger, prune_stopped_node, request_pruning
 from node.snapshot.form import SnapshotFolder
 from node.storage.directory_lock import DirectoryLock
 from node.storage.lmdb_reader import LedgerFile
@@ -62,14 +64,20 @@ def prune(node: str, keep: int, folder: Path | None, as_json: bool) -> None:
         finally:
             lock.release()
     if as_json:
-        print_json({"ok": True, "node": config.name, **result})
+        answer = NodePruneAnswer(
+            node=config.name,
+            height=result.height,
+            earliest_height=result.earliest_height,
+            held_back_by_custody=result.held_back_by_custody,
+        )
+        print_answer(answer)
         return
-    console.print(f"{config.name} has the bodies of blocks {result['earliest_height']} to {result['height']}.")
-    if result["held_back_by_custody"]:
+    console.print(f"{config.name} has the bodies of blocks {result.earliest_height} to {result.height}.")
+    if result.held_back_by_custody:
         console.print("Its custodian has not followed further; let the node run and catch up, and prune again.")
 
 
-def _prune_running(config: NodeConfig, keep: int) -> dict[str, Any]:
+def _prune_running(config: NodeConfig, keep: int) -> PrunedLedger:
     """Raises NODE_NOT_READY."""
     request = request_pruning(config.data_dir, keep)
     deadline = time.monotonic() + RUNNING_TIMEOUT_S
@@ -81,7 +89,7 @@ def _prune_running(config: NodeConfig, keep: int) -> dict[str, Any]:
     with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
         head, earliest = newest_height(view), view.earliest_height
     held_back = earliest < head - keep + 1 - PRUNE_SLACK_COUNT
-    return {"height": head, "earliest_height": earliest, "held_back_by_custody": held_back}
+    return PrunedLedger(head, earliest, held_back_by_custody=held_back)
 
 
 @click.command()
@@ -111,14 +119,16 @@ def diff(first: str, second: str, base: Path | None, full: bool, folder: Path | 
 
         report = _compare(configs, base, full=full, progress=progress)
     if as_json:
-        print_json({"ok": report["same"], **report})
+        print_answer(report, ok=report.same)
     else:
         _print_report(report)
-    if not report["same"]:
+    if not report.same:
         sys.exit(EXIT_FAILED)
 
 
-def _compare(configs: tuple[NodeConfig, NodeConfig], base: Path | None, *, full: bool, progress: Any) -> dict[str, Any]:
+def _compare(
+    configs: tuple[NodeConfig, NodeConfig], base: Path | None, *, full: bool, progress: Callable[[int], None]
+) -> NodeDiffAnswer:
     genesis, other = (load_genesis(config) for config in configs)
     if genesis.chain_id != other.chain_id:
         raise BlockRobotError("SNAPSHOT_OTHER_CHAIN", "The two nodes have different genesis files.")
@@ -137,44 +147,46 @@ def _compare(configs: tuple[NodeConfig, NodeConfig], base: Path | None, *, full:
         open_walled_machine(configs[0], genesis, one) as machine,
     ):
         diff = LedgerDiff((first, second), machine, open_base, progress, full=full)
-        return describe_difference(diff.run(), (names[0], names[1]), (first, second))
+        found = describe_difference(diff.run(), (names[0], names[1]), (first, second))
+    return msgspec.convert(found, NodeDiffAnswer)
 
 
-def _print_report(report: dict[str, Any]) -> None:
-    names, heights = report["nodes"], report["heights"]
+def _print_report(report: NodeDiffAnswer) -> None:
+    names, heights = report.nodes, report.heights
     for side in "AB":
         console.print(f"{side} is {names[side]}, at height {heights[side]}.")
-    for note in report["notes"]:
+    for note in report.notes:
         console.print(note)
-    if report["kind"] == "none":
-        since = report["headers_compared_from"]
-        scope = f"headers from {since}, bodies from {report['bodies_compared_from']}"
-        if report["same"]:
+    if report.kind == "none":
+        since = report.headers_compared_from
+        scope = f"headers from {since}, bodies from {report.bodies_compared_from}"
+        if report.same:
             console.print(f"They are the same: {scope}, and the whole state.")
         else:
             console.print(f"Their blocks are the same ({scope}); their states were not compared.")
         return
-    least = " at most" if report["first_block_is_at_most"] else ""
-    console.print(f"They differ ({report['kind']}). First block: {report['first_block']}{least}.")
-    for side, header in report["headers"].items():
+    least = " at most" if report.first_block_is_at_most else ""
+    console.print(f"They differ ({report.kind}). First block: {report.first_block}{least}.")
+    for side, header in (report.headers or {}).items():
         if header is not None:
-            console.print(f"  {side}: block {header['block_id']} of round {header['round']}, epoch {header['epoch']}")
-    if report.get("right"):
-        console.print(f"  {report['right']} has what the header names.")
-    for page in report["damaged_pages"]:
+            console.print(f"  {side}: block {header.block_id} of round {header.round}, epoch {header.epoch}")
+    if report.right:
+        console.print(f"  {report.right} has what the header names.")
+    for page in report.damaged_pages or []:
         console.print(f"  damaged page of the state trie: {page}")
-    for key in report["keys"][:20]:
+    keys = report.keys or []
+    for key in keys[:20]:
         _print_key(key)
-    if len(report["keys"]) > 20 or not report["keys_are_all"]:
+    if len(keys) > 20 or not report.keys_are_all:
         console.print("  ... and more keys; --json lists them.")
 
 
-def _print_key(key: dict[str, Any]) -> None:
-    console.print(f"Key {key['key']} of contract {key['contract']} (flat key {key['flat_key']}):", markup=False)
+def _print_key(key: DifferingKey) -> None:
+    console.print(f"Key {key.key} of contract {key.contract} (flat key {key.flat_key}):", markup=False)
     for side in "AB":
-        right = ", as the header proves" if key["right"] == side else ""
-        console.print(f"  {side}: {key['values'][side]}{right}", markup=False)
-        writer = key["written_by"][side]
-        if writer is not None and (side == "A" or writer != key["written_by"]["A"]):
-            told = f"transaction {writer['txid']} ({writer['call']})" if writer["txid"] else "the block itself"
-            console.print(f"     written in block {writer['height']} by {told}", markup=False)
+        right = ", as the header proves" if key.right == side else ""
+        console.print(f"  {side}: {key.values[side]}{right}", markup=False)
+        writer = key.written_by[side]
+        if writer is not None and (side == "A" or writer != key.written_by["A"]):
+            told = f"transaction {writer.txid} ({writer.call})" if writer.txid else "the block itself"
+            console.print(f"     written in block {writer.height} by {told}", markup=False)

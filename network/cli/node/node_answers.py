@@ -1,10 +1,12 @@
-"""What `blockrobot node init`, `node add` and `certificate` answer with `--json`."""
+"""What `blockrobot node` and `certificate` answer with `--json`."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Height, Hex, doc
+from msgspec import UNSET, UnsetType
+
+from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, Height, Hex, TimeMs, doc
 
 
 class NodeInitAnswer(Answer, frozen=True, kw_only=True):
@@ -33,6 +35,148 @@ class NodeAddAnswer(Answer, frozen=True, kw_only=True):
     organisation: Annotated[str, doc("Whose node it is")]
     steps: Annotated[list[NodeAddStep], doc("What was done")]
     waiting_for: Annotated[list[str], doc("Commands that others have to type")]
+
+
+class NodeRunAnswer(Answer, frozen=True, kw_only=True):
+    """A node that was started with `--detach`."""
+
+    node: Annotated[str, doc("The node")]
+    data_dir: Annotated[str, doc("Its data directory")]
+
+
+class DirectoryNode(Answer, frozen=True, kw_only=True):
+    """A node, as the chain of another knows it."""
+
+    name: Annotated[str, doc("Its name")]
+    organisation: Annotated[str, doc("Whose node it is")]
+    host: Annotated[str, doc("Where other nodes reach it")]
+    p2p_port: Annotated[Count, doc("At which port")]
+    api_url: Annotated[str, doc("Where clients reach it")]
+    producer_key: Annotated[Hex, doc("Its producer key; empty if it has none")]
+    custodian_key: Annotated[Hex, doc("Its custodian key; empty if it has none")]
+    is_active: Annotated[bool, doc("Whether it belongs to the network; false if it was removed")]
+    since_height: Annotated[Height, doc("Since which block")]
+
+
+class DirectoryOrganisation(Answer, frozen=True, kw_only=True):
+    """An organisation, as the chain of a node knows it."""
+
+    name: Annotated[str, doc("Its name")]
+    ca_certificate: Annotated[str, doc("The certificate of its authority, as PEM")]
+    is_active: Annotated[bool, doc("Whether it is a member; false if it was removed")]
+
+
+class NodeDirectoryAnswer(Answer, frozen=True, kw_only=True):
+    """The nodes and organisations that a node knows: what `--out` writes."""
+
+    chain_id: Annotated[Hex, doc("The network")]
+    height: Annotated[Height, doc("The block as of which it is")]
+    nodes: Annotated[list[DirectoryNode], doc("Each node")]
+    organisations: Annotated[list[DirectoryOrganisation], doc("Each organisation")]
+    revoked: Annotated[list[tuple[str, str]], doc("Revoked certificates: organisation and serial number")]
+
+
+class NodePruneAnswer(Answer, frozen=True, kw_only=True):
+    """A node whose old blocks were dropped."""
+
+    node: Annotated[str, doc("The node")]
+    height: Annotated[Height, doc("Its newest block")]
+    earliest_height: Annotated[Height, doc("The oldest block whose body it has now")]
+    held_back_by_custody: Annotated[bool, doc("Whether older blocks stay, since its custodian has not followed them")]
+
+
+class SnapshotManifest(Answer, frozen=True, kw_only=True):
+    """What a snapshot says of itself."""
+
+    chain_id: Annotated[Hex, doc("The network")]
+    height: Annotated[Height, doc("The block whose state it is")]
+    epoch: Annotated[Count, doc("That block's epoch")]
+    epochs_proved: Annotated[list[Count], doc("The epochs whose proofs are in it")]
+    timestamp_ms: Annotated[TimeMs, doc("That block's time")]
+    block_id: Annotated[Hex, doc("That block")]
+    state_root: Annotated[Hex, doc("The root of the state")]
+    names_its_proof: Annotated[bool, doc("Whether its proof of finality is about that block")]
+    state_rows: Annotated[Count, doc("How many rows the state has")]
+    recent_blocks: Annotated[Count, doc("How many blocks before it are in it")]
+    chunks: Annotated[Count, doc("How many chunks it has")]
+    size_bytes: Annotated[Count, doc("Its size")]
+
+
+class SnapshotCreateAnswer(SnapshotManifest, frozen=True, kw_only=True):
+    """A snapshot that was made."""
+
+    folder: Annotated[str, doc("Its folder")]
+
+
+class SnapshotRestoreAnswer(SnapshotManifest, frozen=True, kw_only=True):
+    """A snapshot that is a node's ledger now."""
+
+    node: Annotated[str, doc("The node")]
+
+
+class SnapshotShowAnswer(SnapshotManifest, frozen=True, kw_only=True):
+    """A snapshot."""
+
+    verified: Annotated[bool, doc("Whether all of it was verified, with `--genesis`")]
+
+
+class ComparedHeader(Answer, frozen=True, kw_only=True):
+    """A node's header of the first block that differs."""
+
+    block_id: Annotated[Hex, doc("The block")]
+    parent_id: Annotated[Hex, doc("The block before it")]
+    epoch: Annotated[Count, doc("Its epoch")]
+    round: Annotated[Count, doc("Its round")]
+    producer: Annotated[Count, doc("Its producer's turn in the epoch")]
+    state_root: Annotated[Hex, doc("The root of the state")]
+    transactions_root: Annotated[Hex, doc("The root of its transactions")]
+
+
+class KeyWriter(Answer, frozen=True, kw_only=True):
+    """What wrote a key of the state last."""
+
+    height: Annotated[Height, doc("In which block")]
+    block_id: Annotated[Hex, doc("That block")]
+    txid: Annotated[Hex | None, doc("The transaction; null if it was the block itself")]
+    call: Annotated[str | None, doc("The contract and entry that it called; null if it was the block itself")]
+    sender: Annotated[Hex | None, doc("Who sent it; null if it was the block itself")]
+
+
+class DifferingKey(Answer, frozen=True, kw_only=True):
+    """A key of the state on which the nodes differ. `A` is the first node, `B` the second."""
+
+    contract: Annotated[str, doc("Whose state it is")]
+    key: Annotated[str, doc("The key, as text where it is text")]
+    flat_key: Annotated[Hex, doc("The whole key")]
+    values: Annotated[dict[str, str | None], doc("The value at `A` and `B`; null where there is none")]
+    right: Annotated[str | None, doc("`A` or `B`, as the header proves; null if it does not tell")]
+    written_by: Annotated[dict[str, KeyWriter | None], doc("What wrote it at `A` and `B`; null if that is not known")]
+
+
+class NodeDiffAnswer(Answer, frozen=True, kw_only=True):
+    """How two nodes differ. `ok` is false if they do. `A` is the first node, `B` the second.
+
+    `first_block` and what follows it is absent if nothing differs.
+    """
+
+    same: Annotated[bool, doc("Whether nothing differs, and all was compared")]
+    kind: Annotated[str, doc("What differs: `none`, `header`, `body`, `receipts` or `state`")]
+    nodes: Annotated[dict[str, str], doc("The name of `A` and `B`")]
+    heights: Annotated[dict[str, Height], doc("The newest block of `A` and `B`")]
+    earliest_heights: Annotated[dict[str, Height], doc("The oldest block whose body `A` and `B` have")]
+    headers_compared_from: Annotated[Height, doc("The first block whose header was compared")]
+    bodies_compared_from: Annotated[Height, doc("The first block whose body was compared")]
+    notes: Annotated[list[str], doc("What could not be compared or found out")]
+    first_block: Annotated[Height | UnsetType, doc("The first block that differs")] = UNSET
+    first_block_is_at_most: Annotated[bool | UnsetType, doc("Whether an earlier one may differ")] = UNSET
+    headers: Annotated[dict[str, ComparedHeader | None] | UnsetType, doc("Its header at `A` and `B`")] = UNSET
+    keys: Annotated[list[DifferingKey] | UnsetType, doc("Keys of the state that differ")] = UNSET
+    keys_are_all: Annotated[bool | UnsetType, doc("Whether no other key differs")] = UNSET
+    damaged_pages: Annotated[list[str] | UnsetType, doc("Pages of the state's trie that are damaged")] = UNSET
+    right: Annotated[
+        str | UnsetType | None,
+        doc("Who has what the header names, `A` or `B`; null if none or both; absent unless bodies or receipts differ"),
+    ] = UNSET
 
 
 class CertificateEntry(Answer, frozen=True, kw_only=True):
@@ -75,6 +219,13 @@ class CertificateRenewAnswer(Answer, frozen=True, kw_only=True):
 ANSWERS: AnswersByCommand = {
     "node init": NodeInitAnswer,
     "node add": NodeAddAnswer,
+    "node run": NodeRunAnswer,
+    "node directory": NodeDirectoryAnswer,
+    "node prune": NodePruneAnswer,
+    "node snapshot create": SnapshotCreateAnswer,
+    "node snapshot restore": SnapshotRestoreAnswer,
+    "node snapshot show": SnapshotShowAnswer,
+    "node diff": NodeDiffAnswer,
     "certificate list": CertificateListAnswer,
     "certificate issue": CertificateIssueAnswer,
     "certificate renew": CertificateRenewAnswer,

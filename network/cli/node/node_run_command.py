@@ -9,9 +9,10 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import network_folder
+from network.cli.node.node_answers import NodeRunAnswer
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster
 from node.config import NodeConfig
@@ -47,7 +48,7 @@ def run(
     if detach:
         asyncio.run(_start(config, folder))
         if as_json:
-            print_json({"ok": True, "node": config.name, "data_dir": str(config.data_dir)})
+            print_answer(NodeRunAnswer(node=config.name, data_dir=str(config.data_dir)))
         else:
             console.print(f"{config.name} runs. See blockrobot status.")
         return

@@ -6,15 +6,15 @@ import shlex
 from pathlib import Path
 
 import click
+import msgspec
 from rich.markup import escape
 
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer, print_json
-from consensus.bounded_text import read_json_text
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
 from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
-from network.cli.node.node_answers import NodeInitAnswer
+from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
 from network.cli.node.node_commands import find_node
 from network.cluster import Cluster
 from network.provisioning.node_certificates import find_authority
@@ -169,7 +169,7 @@ def directory(node: str, out: Path | None, folder: Path | None, as_json: bool) -
     if out is not None:
         write_new_file(out, data, private=False)
     if as_json:
-        print_json({"ok": True, **read_json_text(data)})
+        print_answer(msgspec.json.decode(data, type=NodeDirectoryAnswer))
         return
     table = plain_table(f"Nodes as of height {content.height}", ["node", "organisation", "peers", "clients", "state"])
     for item in content.nodes.values():

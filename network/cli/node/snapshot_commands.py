@@ -5,14 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import msgspec
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_json
+from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
 from network.cli.cluster.cluster_options import folder_option
+from network.cli.node.node_answers import (
+    SnapshotCreateAnswer,
+    SnapshotManifest,
+    SnapshotRestoreAnswer,
+    SnapshotShowAnswer,
+)
 from network.cli.node.node_commands import find_node
 from node.config import load_genesis as load_own_genesis
 from node.snapshot.checking import restore_into, verify_head
-from node.snapshot.form import SnapshotFolder, read_manifest
+from node.snapshot.form import Manifest, SnapshotFolder, read_manifest
 from node.snapshot.making import describe_manifest, make_snapshot_folder
 from node.snapshot.restoring import restore_ledger
 from node.storage.directory_lock import DirectoryLock
@@ -41,6 +49,10 @@ class _Bar:
         self._bar.update(self._task, completed=size_bytes)
 
 
+def _manifest_answer(manifest: Manifest) -> SnapshotManifest:
+    return msgspec.convert(describe_manifest(manifest), SnapshotManifest)
+
+
 @click.group()
 def snapshot() -> None:
     """Bring a node to a block's state without the blocks before it.
@@ -64,7 +76,7 @@ def create(node: str, out: Path, folder: Path | None, as_json: bool) -> None:
     with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view, _Bar("Writing", as_json=as_json) as bar:
         manifest = make_snapshot_folder(view, out.resolve(), bar)
     if as_json:
-        print_json({"ok": True, "folder": str(out), **describe_manifest(manifest)})
+        print_answer(extend(SnapshotCreateAnswer, _manifest_answer(manifest), folder=str(out)))
         return
     console.print(
         f"Snapshot of block {manifest.height} in {out}: {manifest.state_row_count} rows of state, "
@@ -95,7 +107,7 @@ def restore(node: str, path: Path, folder: Path | None, as_json: bool) -> None:
     finally:
         lock.release()
     if as_json:
-        print_json({"ok": True, "node": config.name, **describe_manifest(head.manifest)})
+        print_answer(extend(SnapshotRestoreAnswer, _manifest_answer(head.manifest), node=config.name))
         return
     console.print(f"{config.name} now begins with block {head.header.height}; start it, and it follows by blocks.")
 
@@ -120,10 +132,9 @@ def show(path: Path, genesis: Path | None, as_json: bool) -> None:
         with _Bar("Checking", as_json=as_json) as bar:
             bar.expect(manifest.size_bytes)
             restore_into(source, chain, MemoryRestore(), bar)
-    described = describe_manifest(manifest)
     if as_json:
-        print_json({"ok": True, "verified": genesis is not None, **described})
+        print_answer(extend(SnapshotShowAnswer, _manifest_answer(manifest), verified=genesis is not None))
         return
-    for name, value in described.items():
+    for name, value in describe_manifest(manifest).items():
         console.print(f"{name:>16}  {value}")
     console.print("Verified from genesis on." if genesis else "Nothing of this is verified; name --genesis to do so.")

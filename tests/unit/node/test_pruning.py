@@ -13,6 +13,7 @@ from node.api.node_services import DecodedSnapshot
 from node.config import KEEP_BLOCKS_COUNT, KEEP_BLOCKS_MIN_COUNT, config_to_toml, load_config
 from node.ledger.pruning import (
     PRUNE_SLACK_COUNT,
+    PrunedLedger,
     Pruner,
     answer_requests,
     prune_ledger,
@@ -161,8 +162,8 @@ async def test_a_stopped_node_is_pruned_as_far_as_its_custodian_has_come(tmp_pat
         await chain.fill(store)
         await store.close()
     custodian, other = [await prune_stopped_node(config, 5) for config in configs]
-    assert custodian == {"height": 20, "earliest_height": 0, "held_back_by_custody": True}
-    assert other == {"height": 20, "earliest_height": 16, "held_back_by_custody": False}
+    assert custodian == PrunedLedger(20, 0, held_back_by_custody=True)
+    assert other == PrunedLedger(20, 16, held_back_by_custody=False)
 
 
 def test_the_settings_are_read_from_the_configuration_and_checked(tmp_path: Path) -> None:
