@@ -47,7 +47,6 @@ SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {}
 
 NOT_LISTED: Mapping[str, str] = {
     "custody": "[look after custodians](../how-to/custody.md)",
-    "notice activities": "[tell people](../how-to/tell-people.md)",
     "demo": "[commands](cli.md#demo)",
     "experiment": "[commands](../how-to/run-the-experiments.md)",
     "bench": "[commands](cli.md#measuring): `name`, `figures` and `conditions`, which differ from one to the other",

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from clients.sdk.chain.governance import MembershipView
 from clients.sdk.chain.notices import read_notice
 from clients.sdk.network_client import NetworkClient
 from consensus.errors import BlockRobotError
-from consensus.rights.notices import Notice, Party, PublishedNotice
+from consensus.rights.notices import Notice, PublishedNotice
 from pages.moments import show_utc_moment
 
 OPEN = (
@@ -53,39 +52,6 @@ class Activities:
         own = self.published.row.organisation
         return tuple(sorted({place.organisation for place in self.places if place.keeps_clips} - {own}))
 
-    def as_json(self) -> dict[str, Any]:
-        notice, row = self.notice, self.published.row
-        activities = [
-            {
-                "name": purpose.code,
-                "purpose": purpose.words,
-                "lawful_basis": purpose.lawful_basis,
-                "special_basis": purpose.special_basis,
-                "sensors": list(purpose.sensors),
-                "storage_days": purpose.storage_days,
-            }
-            for purpose in notice.purposes
-        ]
-        return {
-            "organisation": row.organisation,
-            "height": self.height,
-            "time_ms": self.time_ms,
-            "notice": {"version": row.version, "hash": row.digest.hex()},
-            "controller": _party(notice.controller),
-            "joint_controllers": [_party(each) for each in notice.joint_controllers],
-            "officer": _party(notice.officer),
-            "activities": activities,
-            "data_subjects": list(SUBJECTS),
-            "categories": [{"what": each.what, "from": each.origin} for each in notice.categories],
-            "recipients": [{"who": each.who, "what": each.what, "why": each.why} for each in notice.recipients],
-            "other_keepers": list(self.processors),
-            "third_countries": notice.third_countries,
-            "retention": [{"what": each.what, "how_long": each.how_long} for each in notice.retention],
-            "measures": list(notice.measures),
-            "places": [asdict(place) for place in self.places],
-            "open": list(OPEN),
-        }
-
 
 SUBJECTS = (
     "Patients and visitors who carry a tag and consented (role subject).",
@@ -93,10 +59,6 @@ SUBJECTS = (
     "Officers, auditors, registrars and admins: their keys and what they sign.",
     "Bystanders: seen by the robot for seconds, cut out before anything is kept.",
 )
-
-
-def _party(party: Party) -> dict[str, str]:
-    return {"name": party.name, "address": party.address, "contact": party.contact}
 
 
 async def read_activities(client: NetworkClient, organisation: str, membership: MembershipView) -> Activities:

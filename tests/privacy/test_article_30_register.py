@@ -12,6 +12,7 @@ import pytest
 from clients.sdk.chain.governance import MembershipView
 from consensus.errors import BlockRobotError
 from consensus.state.membership import NodeRow, OrganisationRow
+from network.cli.governance.notice_commands import activities_answer
 from network.notices.demo_notice import demo_notice
 from network.notices.processing_register import OPEN, Activities, read_activities, tell_activities
 from tests.unit.clients.bundle.receipting import NoticeWard
@@ -59,16 +60,16 @@ async def test_30_1_d_who_else_keeps_clips_comes_from_the_chain_and_not_from_the
 
 async def test_30_3_it_is_in_writing_also_for_programs_and_says_as_of_when(ward: NoticeWard) -> None:
     found = await register_of(ward)
-    told = found.as_json()
-    assert (told["organisation"], told["height"], told["notice"]["version"]) == ("ward", found.height, 1)
-    assert [row["name"] for row in told["activities"]] == [purpose.code for purpose in demo_notice().purposes]
+    told = activities_answer(found, None)
+    assert (told.organisation, told.height, told.notice.version) == ("ward", found.height, 1)
+    assert [row.name for row in told.activities] == [purpose.code for purpose in demo_notice().purposes]
     assert f"as of block {found.height}" in tell_activities(found)
 
 
 async def test_30_what_no_program_knows_is_named_as_open(ward: NoticeWard) -> None:
     found = await register_of(ward)
     assert all(f"- {line}" in tell_activities(found) for line in OPEN)
-    assert found.as_json()["open"] == list(OPEN)
+    assert activities_answer(found, None).open == list(OPEN)
 
 
 async def test_30_without_a_notice_there_is_no_register(ward: NoticeWard) -> None:

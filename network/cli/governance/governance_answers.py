@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
+from msgspec import field
+
 from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, Height, Hex, TimeMs, doc
 
 
@@ -194,6 +196,86 @@ class NoticeShowAnswer(NoticeVersion, frozen=True, kw_only=True):
     lines: Annotated[list[str], doc("The notice, line by line")]
 
 
+class NoticeParty(Answer, frozen=True, kw_only=True):
+    """Somebody whom a notice names."""
+
+    name: Annotated[str, doc("Their name")]
+    address: Annotated[str, doc("Their address")]
+    contact: Annotated[str, doc("How they are reached")]
+
+
+class NoticeReference(Answer, frozen=True, kw_only=True):
+    """A notice, by its version."""
+
+    version: Annotated[Count, doc("Its version")]
+    hash: Annotated[Hex, doc("Its hash on the chain")]
+
+
+class ProcessingActivity(Answer, frozen=True, kw_only=True):
+    """A processing activity."""
+
+    name: Annotated[str, doc("Its purpose's code")]
+    purpose: Annotated[str, doc("Its purpose in words")]
+    lawful_basis: Annotated[str, doc("The ground of Art. 6")]
+    special_basis: Annotated[str, doc("The ground of Art. 9 for special categories")]
+    sensors: Annotated[list[str], doc("The sensors that record for it")]
+    storage_days: Annotated[Count, doc("For how many days it is kept; 0 if nothing is recorded")]
+
+
+class DataCategory(Answer, frozen=True, kw_only=True):
+    """A category of data."""
+
+    what: Annotated[str, doc("What it is")]
+    from_: Annotated[str, doc("Where it comes from")] = field(name="from")
+
+
+class DataRecipient(Answer, frozen=True, kw_only=True):
+    """Who gets data."""
+
+    who: Annotated[str, doc("Who")]
+    what: Annotated[str, doc("Which data")]
+    why: Annotated[str, doc("Why")]
+
+
+class DataRetention(Answer, frozen=True, kw_only=True):
+    """How long data is kept."""
+
+    what: Annotated[str, doc("Which data")]
+    how_long: Annotated[str, doc("How long")]
+
+
+class ProcessingPlace(Answer, frozen=True, kw_only=True):
+    """A node at which data is processed."""
+
+    name: Annotated[str, doc("The node")]
+    organisation: Annotated[str, doc("Whose node it is")]
+    address: Annotated[str, doc("Where clients reach it")]
+    keeps_clips: Annotated[bool, doc("Whether it keeps encrypted clips")]
+
+
+class NoticeActivitiesAnswer(Answer, frozen=True, kw_only=True):
+    """The register of processing activities (GDPR Art. 30)."""
+
+    organisation: Annotated[str, doc("Whose register it is")]
+    height: Annotated[Height, doc("The block as of which it is")]
+    time_ms: Annotated[TimeMs, doc("That block's time")]
+    notice: Annotated[NoticeReference, doc("The notice in force")]
+    controller: Annotated[NoticeParty, doc("The controller")]
+    joint_controllers: Annotated[list[NoticeParty], doc("Joint controllers")]
+    officer: Annotated[NoticeParty, doc("The data protection officer")]
+    activities: Annotated[list[ProcessingActivity], doc("Each activity")]
+    data_subjects: Annotated[list[str], doc("Categories of data subjects")]
+    categories: Annotated[list[DataCategory], doc("Categories of data")]
+    recipients: Annotated[list[DataRecipient], doc("Recipients")]
+    other_keepers: Annotated[list[str], doc("Other organisations whose nodes keep encrypted clips")]
+    third_countries: Annotated[str, doc("Whether data goes to third countries")]
+    retention: Annotated[list[DataRetention], doc("Time limits for erasure")]
+    measures: Annotated[list[str], doc("Measures of security")]
+    places: Annotated[list[ProcessingPlace], doc("Each node")]
+    open: Annotated[list[str], doc("What no program knows and people have to fill in")]
+    file: Annotated[str | None, doc("The file that was written; null without `--out`")]
+
+
 ANSWERS: AnswersByCommand = {
     "org list": OrgListAnswer,
     "org new": OrgNewAnswer,
@@ -223,4 +305,5 @@ ANSWERS: AnswersByCommand = {
     "notice check": NoticeCheckAnswer,
     "notice publish": NoticePublishAnswer,
     "notice show": NoticeShowAnswer,
+    "notice activities": NoticeActivitiesAnswer,
 }

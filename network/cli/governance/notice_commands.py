@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import click
+import msgspec
 from rich.markup import escape
 
 from clients.sdk.chain.governance import read_membership
@@ -13,12 +14,14 @@ from clients.sdk.chain.notices import read_notice, read_version
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import read_given_file, write_new_file
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer, print_json
+from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 from consensus.rights.notices import (
     Notice,
+    NoticePurpose,
     NoticeRow,
+    Party,
     PublishedNotice,
     encode_notice,
     notice_digest,
@@ -30,11 +33,19 @@ from consensus.state import identity
 from consensus.visible_text import split_lines
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.governance.governance_answers import (
+    DataCategory,
+    DataRecipient,
+    DataRetention,
+    NoticeActivitiesAnswer,
     NoticeCheckAnswer,
     NoticeNewAnswer,
+    NoticeParty,
     NoticePublishAnswer,
+    NoticeReference,
     NoticeShowAnswer,
     NoticeVersion,
+    ProcessingActivity,
+    ProcessingPlace,
 )
 from network.cli.governance.governance_signer import (
     GovernanceSigner,
@@ -46,7 +57,7 @@ from network.cli.governance.governance_signer import (
 )
 from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice_text
 from network.notices.notice_publishing import publish_notice
-from network.notices.processing_register import Activities, read_activities, tell_activities
+from network.notices.processing_register import OPEN, SUBJECTS, Activities, read_activities, tell_activities
 from pages.moments import show_moment
 
 _new_file = click.Path(path_type=Path, dir_okay=False)
@@ -215,6 +226,45 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
         console.print(escape(line))
 
 
+def _party_answer(party: Party) -> NoticeParty:
+    return NoticeParty(name=party.name, address=party.address, contact=party.contact)
+
+
+def _activity_answer(purpose: NoticePurpose) -> ProcessingActivity:
+    return ProcessingActivity(
+        name=purpose.code,
+        purpose=purpose.words,
+        lawful_basis=purpose.lawful_basis,
+        special_basis=purpose.special_basis,
+        sensors=list(purpose.sensors),
+        storage_days=purpose.storage_days,
+    )
+
+
+def activities_answer(found: Activities, file: Path | None) -> NoticeActivitiesAnswer:
+    told, row = found.notice, found.published.row
+    return NoticeActivitiesAnswer(
+        organisation=row.organisation,
+        height=found.height,
+        time_ms=found.time_ms,
+        notice=NoticeReference(version=row.version, hash=row.digest.hex()),
+        controller=_party_answer(told.controller),
+        joint_controllers=[_party_answer(each) for each in told.joint_controllers],
+        officer=_party_answer(told.officer),
+        activities=[_activity_answer(purpose) for purpose in told.purposes],
+        data_subjects=list(SUBJECTS),
+        categories=[DataCategory(what=each.what, from_=each.origin) for each in told.categories],
+        recipients=[DataRecipient(who=each.who, what=each.what, why=each.why) for each in told.recipients],
+        other_keepers=list(found.processors),
+        third_countries=told.third_countries,
+        retention=[DataRetention(what=each.what, how_long=each.how_long) for each in told.retention],
+        measures=list(told.measures),
+        places=[msgspec.convert(place, ProcessingPlace, from_attributes=True) for place in found.places],
+        open=list(OPEN),
+        file=None if file is None else str(file),
+    )
+
+
 @notice.command()
 @click.option("--out", type=_new_file, help="Write it to this new file, as Markdown.")
 @governing_options
@@ -239,7 +289,7 @@ def activities(
     if out is not None:
         write_new_file(out, tell_activities(found))
     if as_json:
-        print_json({"ok": True, **found.as_json(), "file": None if out is None else str(out)})
+        print_answer(activities_answer(found, out))
     elif out is not None:
         console.print(
             f"The register is in {escape(str(out))}, as of block {found.height}. Fill in what it names as open."
