@@ -159,7 +159,7 @@ class NodeStatus(Answer, frozen=True, kw_only=True):
     custody_checkpoint: Annotated[
         Height | UnsetType | None, doc("The block that its custodian has followed to; null if it is no custodian")
     ] = UNSET
-    fault: Annotated[str | UnsetType | None, doc("Why it has stopped taking part; null if it has not")] = UNSET
+    fault: Annotated[str | UnsetType, doc("Why it has stopped taking part; empty if it has not")] = UNSET
     execution: Annotated[ExecutionState | UnsetType, doc("What it could not execute")] = UNSET
     silent: Annotated[SilentProducer | UnsetType | None, doc("Why it signs nothing; null if it may sign")] = UNSET
     finality: Annotated[FinalityState | UnsetType, doc("Whether blocks become final in time")] = UNSET
