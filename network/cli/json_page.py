@@ -23,6 +23,7 @@ from clients.wallet.present.wallet_answers import ANSWERS as WALLET
 from network.cli.cluster.cluster_answers import ANSWERS as NETWORK
 from network.cli.cluster.status_answers import ANSWERS as STATUS
 from network.cli.contract.contract_answers import ANSWERS as CONTRACTS
+from network.cli.custody.custody_answers import ANSWERS as CUSTODY
 from network.cli.governance.governance_answers import ANSWERS as GOVERNING
 from network.cli.node.node_answers import ANSWERS as NODES
 from network.cli.tool_answers import ANSWERS as TOOLS
@@ -37,7 +38,7 @@ TYPED: Mapping[str, AnswersByCommand] = {
     "Data protection officers": {**OFFICER, **OFFICER_MANDATES},
     "The registrar": REGISTRAR,
     "The robot": ROBOT,
-    "Governing and keeping a network": {**GOVERNING, **NODES, **TOOLS},
+    "Governing and keeping a network": {**GOVERNING, **NODES, **CUSTODY, **TOOLS},
     "Contracts": CONTRACTS,
 }
 """The answers of commands, under the headings of the page."""
@@ -46,7 +47,9 @@ SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {}
 """What is listed, under the headings of the page."""
 
 NOT_LISTED: Mapping[str, str] = {
-    "custody": "[look after custodians](../how-to/custody.md)",
+    "custody status": "[look after custodians](../how-to/custody.md)",
+    "custody scrub": "[look after custodians](../how-to/custody.md)",
+    "custody rebuild": "[look after custodians](../how-to/custody.md)",
     "demo": "[commands](cli.md#demo)",
     "experiment": "[commands](../how-to/run-the-experiments.md)",
     "bench": "[commands](cli.md#measuring): `name`, `figures` and `conditions`, which differ from one to the other",

@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
@@ -73,35 +72,13 @@ class HuntReport:
     def is_clean(self) -> bool:
         return not self.forbidden and not self.unread and not self.not_compared
 
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "ok": self.is_clean,
-            "records": {trace.record_id.hex(): trace.status for trace in self.traces},
-            "found": [
-                {
-                    "record": finding.record_id.hex(),
-                    "place": finding.place,
-                    "what": finding.what,
-                    "count": finding.count,
-                    "allowed": bool(finding.why),
-                    "why": finding.why,
-                }
-                for finding in self.findings
-            ],
-            "not_compared": [trace.record_id.hex() for trace in self.not_compared],
-            "searched_for": dict(_count_kinds(self.traces)),
-            "files_count": self.files_count,
-            "documents_count": self.documents_count,
-            "size_bytes": self.size_bytes,
-            "unread": self.unread,
-        }
-
-
-def _count_kinds(traces: Sequence[Trace]) -> Counter[str]:
-    counts: Counter[str] = Counter()
-    for trace in traces:
-        counts.update({kind: len(pieces) for kind, pieces in trace.pieces.items()})
-    return counts
+    @property
+    def searched_for(self) -> Counter[str]:
+        """How many pieces of each kind were searched for."""
+        counts: Counter[str] = Counter()
+        for trace in self.traces:
+            counts.update({kind: len(pieces) for kind, pieces in trace.pieces.items()})
+        return counts
 
 
 def place_of(relative: Path) -> str:

@@ -8,10 +8,11 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json, status_line
+from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer, status_line
 from consensus.errors import BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES
 from network.cli.cluster.cluster_options import folder_option, network_folder
+from network.cli.custody.custody_answers import CustodyHuntAnswer, FoundRemains
 from network.cluster import Cluster
 from network.custody.hunt import HuntReport, gather
 from network.custody.hunt import hunt as search
@@ -95,7 +96,7 @@ def hunt(
     with status_line("Searching ...", as_json=as_json) as show:
         report = search(cluster, traces, also, lambda text: show(f"Searching {text[-_SHOWN_CHARS:]}"))
     if as_json:
-        print_json(report.as_json())
+        print_answer(_hunt_answer(report), ok=report.is_clean)
     else:
         _print(report)
     if not report.is_clean:
@@ -113,8 +114,31 @@ def _require_kept(traces: list[Trace], trace_file: Path) -> None:
         )
 
 
+def _hunt_answer(report: HuntReport) -> CustodyHuntAnswer:
+    return CustodyHuntAnswer(
+        records={trace.record_id.hex(): trace.status for trace in report.traces},
+        found=[
+            FoundRemains(
+                record=finding.record_id.hex(),
+                place=finding.place,
+                what=finding.what,
+                count=finding.count,
+                allowed=bool(finding.why),
+                why=finding.why,
+            )
+            for finding in report.findings
+        ],
+        not_compared=[trace.record_id.hex() for trace in report.not_compared],
+        searched_for=dict(report.searched_for),
+        files_count=report.files_count,
+        documents_count=report.documents_count,
+        size_bytes=report.size_bytes,
+        unread=report.unread,
+    )
+
+
 def _print(report: HuntReport) -> None:
-    kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(report.as_json()["searched_for"].items()))
+    kinds = ", ".join(f"{count} of {kind}" for kind, count in sorted(report.searched_for.items()))
     for trace in report.traces:
         console.print(f"Record {trace.record_id.hex()}: {trace.status} on the chain.")
     searched = f"{report.files_count} files, {report.documents_count} documents, {report.size_bytes / 1e6:.0f} MB"
