@@ -34,7 +34,7 @@ class Document(msgspec.Struct, frozen=True, gc=False):
     """Base of every JSON object; a reader passes over fields that it does not know, of a later version."""
 
 
-class Request(Document, forbid_unknown_fields=True, omit_defaults=True, frozen=True):
+class Request(Document, forbid_unknown_fields=True, frozen=True):
     """Base of every request; a node rejects one with a field that it does not know."""
 
 

@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
 from clients.bundle.bundle_answers import SignedReceipt, StatedProblem, VerifyBundleAnswer, VerifyReceiptsAnswer
 from clients.bundle.checks.bundle_check import Verdict, name_visits, printable, unproved, verify_bundle
@@ -14,6 +13,7 @@ from clients.bundle.checks.consent_receipts import CheckedFile, CheckedReceipt, 
 from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
 from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError

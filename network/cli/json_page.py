@@ -1,4 +1,4 @@
-"""Generates the reference page of `--json` output from its catalogues."""
+"""The reference page of what commands answer with `--json`, and its JSON Schema, made from the answers' types."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from clients.officer.officer_answers import ANSWERS as OFFICER
 from clients.registrar.registrar_answers import ANSWERS as REGISTRAR
 from clients.robot.cli.robot_answers import ANSWERS as ROBOT
 from clients.sdk.terminal.json_answers import AnswersByCommand, list_kinds, write_schema
-from clients.sdk.terminal.json_fields import CommandAnswer, write_section
 from clients.wallet.present.consent_answers import ANSWERS as CONSENT
 from clients.wallet.present.guardian_answers import ANSWERS as GUARDIANS
 from clients.wallet.present.mandate_answers import OFFICER_ANSWERS as OFFICER_MANDATES
@@ -31,7 +30,7 @@ from network.cli.tool_answers import ANSWERS as TOOLS
 PAGE = "json-output.md"
 SCHEMA = "json-output.schema.json"
 
-TYPED: Mapping[str, AnswersByCommand] = {
+SECTIONS: Mapping[str, AnswersByCommand] = {
     "A network on this machine": {**STATUS, **NETWORK},
     "Checking a bundle": BUNDLE,
     "The wallet": {**WALLET, **CONSENT, **RECORDS, **RIGHTS, **SHARING, **GUARDIANS, **WALLET_MANDATES},
@@ -42,9 +41,6 @@ TYPED: Mapping[str, AnswersByCommand] = {
     "Contracts": CONTRACTS,
 }
 """The answers of commands, under the headings of the page."""
-
-SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {}
-"""What is listed, under the headings of the page."""
 
 NOT_LISTED: Mapping[str, str] = {
     "custody status": "[look after custodians](../how-to/custody.md)",
@@ -65,14 +61,16 @@ _INTRODUCTION = """\
 # What commands answer with `--json`
 
 One JSON object on standard output, and nothing else there; what is noted on the way goes to standard error. Where a
-command prints an object on each line instead, its section says so.
+command prints an object on each line instead, the table says so.
 
-- **`ok`** is in every answer, and true unless the section says when it is not; it stands in no table.
+- **Every field of an answer**, with its type, unit and meaning, is in
+  [json-output.schema.json](json-output.schema.json) (JSON Schema 2020-12): under `commands` by the command's words,
+  which refer into `$defs` by the names below. `jq '."$defs".BreachAnswer' docs/reference/json-output.schema.json`
+- **`ok`** is in every answer, and true unless the table says when it is not.
 - **A refusal** is `{"ok": false, "error": {"code", "detail", "next_step"}}`, with an [exit code](cli.md) other than 0.
   The codes are in the [catalogue of errors](errors.md). Branch on `code`: the texts may change.
-- **Every field of a table is always there**, unless the last column says when it is absent, and never null unless it
-  says when. Lists may be empty. `a[].b` is field `b` of each object in list `a`, `a.b` that of the object `a`,
-  `a.*.b` that of each object in `a`, whose names vary.
+- **Every field is always there** unless the schema does not require it, and never null unless its type says so; the
+  description says when. Lists may be empty.
 - **Hexadecimal** is in lower case, two digits a byte. **Times in ms** are milliseconds since 1970 (UTC), by the
   clock of the chain unless another is named. A **block height** counts from 0, which is genesis.
 - **Texts** for people are in English, whatever `--language` says. Codes and states stand in `code marks`.
@@ -80,14 +78,14 @@ command prints an object on each line instead, its section says so.
   [changelog](../../CHANGELOG.md) then says so."""
 
 
-def typed_answers() -> AnswersByCommand:
+def listed_answers() -> AnswersByCommand:
     """Return the answer of every command that is listed."""
-    return {words: answer for answers in TYPED.values() for words, answer in answers.items()}
+    return {words: answer for answers in SECTIONS.values() for words, answer in answers.items()}
 
 
 def write_json_schema() -> str:
     """Return the text of `docs/reference/json-output.schema.json`."""
-    return json.dumps(write_schema(typed_answers()), indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(write_schema(listed_answers()), indent=1, ensure_ascii=False) + "\n"
 
 
 def _table(answers: AnswersByCommand) -> list[str]:
@@ -102,12 +100,8 @@ def _table(answers: AnswersByCommand) -> list[str]:
 def write_json_page() -> str:
     """Return the text of `docs/reference/json-output.md`."""
     lines = [_INTRODUCTION, ""]
-    for heading, typed in TYPED.items():
-        lines += [f"## {heading}", "", *_table(typed)]
     for heading, answers in SECTIONS.items():
-        lines += [f"## {heading}", ""]
-        for answer in answers:
-            lines += write_section(answer)
+        lines += [f"## {heading}", "", *_table(answers)]
     lines += ["## Not listed here", "", "These answer with `--json` too. Their fields are not listed on this page:", ""]
     lines += ["| commands | what is said of them |", "|---|---|"]
     lines += [f"| `{commands}` | {where} |" for commands, where in NOT_LISTED.items()]

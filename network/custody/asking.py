@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import aiohttp
+import msgspec
 
 from consensus.api_documents import Document
 from consensus.bounded_text import read_json_as
@@ -15,6 +16,7 @@ from node.config import OPERATOR_HOST, NodeConfig
 from node.custody.chain.custody_answers import (
     CustodyProblem,
     CustodyStatus,
+    Progress,
     RebuildAnswer,
     ScrubAnswer,
     WorkLine,
@@ -82,11 +84,11 @@ async def run_work(config: NodeConfig, kind: type[R], tell: Tell) -> R:
                     raise _refusal(read_json_as(await response.read(), CustodyProblem))
                 async for line in response.content:
                     answer = read_json_as(line, WorkLine)
-                    if answer.progress is not None:
+                    if isinstance(answer.progress, Progress):
                         tell(config.name, answer.progress.what, answer.progress.done, answer.progress.total)
-                    elif answer.error is not None:
+                    elif isinstance(answer.error, CustodyProblem):
                         raise _refusal(answer.error)
-                    else:
+                    elif isinstance(answer.report, msgspec.Raw):
                         return read_json_as(bytes(answer.report), kind)
         except (aiohttp.ClientError, TimeoutError, ValueError):
             raise _unreachable(config) from None

@@ -6,8 +6,8 @@ import json
 import time
 
 import click
-from rich.markup import escape
 
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import error_console
 from network.demo.checks import Check
 from network.demo.pacing import Pace

@@ -13,7 +13,6 @@ from typing import Any
 import click
 import msgspec
 from msgspec import UNSET, UnsetType
-from rich.markup import escape
 
 from clients.robot.cli.background_commands import background
 from clients.robot.cli.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
@@ -53,7 +52,7 @@ from clients.robot.synthetic.scenario import load_scenario, published_run_1
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
 from clients.sdk.terminal.json_answers import Problem, extend
 from clients.sdk.terminal.qr_codes import read_given
-from clients.sdk.terminal.safe_output import overwrite_line
+from clients.sdk.terminal.safe_output import escape, overwrite_line
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     console,

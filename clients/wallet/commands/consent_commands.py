@@ -10,11 +10,11 @@ from typing import Any
 
 import click
 import msgspec
-from rich.markup import escape
 
 from clients.bundle.checks.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet

@@ -8,13 +8,13 @@ import time
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
 from clients.bundle.checks.bundle_check import Verdict, unproved
 from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import click
 from msgspec import UNSET
-from rich.markup import escape
 
 from clients.bundle.checks.consent_receipts import CheckedReceipt
 from clients.sdk.terminal.qr_codes import read_given
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.consent.notice_reading import Notices, Told

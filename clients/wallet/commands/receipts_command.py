@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import click
-from rich.markup import escape
 
 from clients.bundle.checks.chain_proofs import ProvedChain
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts

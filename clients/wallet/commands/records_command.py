@@ -6,9 +6,9 @@ import datetime
 from typing import Any
 
 import click
-from rich.markup import escape
 
 from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.commands.account.rotate_commands import former_visits, print_words, unreadable_words

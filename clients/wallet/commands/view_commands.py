@@ -7,8 +7,8 @@ from contextlib import aclosing
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.shell_completion import complete_records
 from clients.wallet.cli.wallet_context import on_abort, read_only_wallet, run_with_wallet

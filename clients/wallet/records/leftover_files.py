@@ -7,9 +7,8 @@ from collections.abc import Collection, Iterable
 from itertools import groupby
 from pathlib import Path
 
-from rich.markup import escape
-
 from clients.sdk.pictures.picture_names import is_picture_name
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console
 from clients.wallet.present.translations import text
 from clients.wallet.records.album import ANIMATION_NAME, SHEET_NAME, visit_prefix

@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from rich.markup import escape
-
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask_for, ask_for_enter, clear_screen, console
 from clients.wallet.present.translations import WrongUsage, text
 from consensus.errors import BlockRobotError

@@ -6,8 +6,8 @@ import asyncio
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console as terminal
 from clients.sdk.terminal.terminal import handle_errors, home_folder, json_option, print_answer
 from network.cli.cluster.cluster_answers import ConsoleAnswer

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
 from network.cli.cluster.cluster_answers import DoctorAnswer, DoctorFinding
 from network.cli.cluster.cluster_options import folder_option, network_folder

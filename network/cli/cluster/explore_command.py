@@ -14,11 +14,11 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.markup import escape
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.node_answers import read_answer, read_hex
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, print_answer, status_line
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.api_documents import ChallengeAnswer, ChallengeRequest

@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 import msgspec
-from rich.markup import escape
 from rich.table import Table
 
 from clients.sdk.new_files import read_given_file
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
 from consensus.bounded_text import TOML_MAX_BYTES
 from consensus.errors import BlockRobotError

@@ -14,10 +14,10 @@ import click
 import msgspec
 from rich.console import Group
 from rich.live import Live
-from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console
 from network.cli.cluster.status_answers import WatchedAnswer, WatchedNode
 from network.cluster import Cluster

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.markup import escape
 
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError

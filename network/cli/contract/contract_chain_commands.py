@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 from msgspec import UNSET
-from rich.markup import escape
 
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import EXIT_REFUSED

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.markup import escape
 
 from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place, read_events, read_place
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import open_to_append
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option
 from clients.sdk.trust_pin_file import write_pin_file
 from consensus.bounded_text import read_json_text

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.markup import escape
 from rich.syntax import Syntax
 
 from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProposalRow, find_proposal
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.markup import escape
 
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.primitives.keys import PrivateKey
 from network.cli.contract.contract_answers import ContractTraceAnswer

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer, status_line
 from consensus.errors import BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.markup import escape
 
 from clients.sdk.chain.governance import read_membership
 from clients.sdk.chain.notices import read_notice, read_version
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import read_given_file, write_new_file
 from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError

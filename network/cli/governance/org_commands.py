@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.markup import escape
 
 from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.json_answers import convert_row
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.chain.proof_of_possession import prove_possession
 from consensus.errors import BlockRobotError

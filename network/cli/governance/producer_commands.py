@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.markup import escape
 
 from clients.sdk.chain.governance import (
     CandidateRow,
@@ -19,6 +18,7 @@ from clients.sdk.chain.governance import (
     read_producers,
 )
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES, PrivateKey

@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
 from clients.sdk.chain.governance import (
     MembershipView,
@@ -17,6 +16,7 @@ from clients.sdk.chain.governance import (
     settings_in_force,
 )
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.primitives.keys import PrivateKey
 from network.cli.governance.governance_answers import SettingsListAnswer

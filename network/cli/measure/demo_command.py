@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 
 import click
-from rich.markup import escape
 from rich.status import Status
 
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, home_folder, json_option, print_json
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster

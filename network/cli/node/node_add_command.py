@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
 from clients.sdk.chain.governance import MembershipView
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import NodeEntry

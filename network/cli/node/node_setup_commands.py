@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.markup import escape
 
 from clients.sdk.new_files import write_new_file
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
 from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder

@@ -146,9 +146,9 @@ class CustodyProblem(Document, frozen=True):
     next_step: str
 
 
-class WorkLine(Document, frozen=True, omit_defaults=True):
+class WorkLine(Document, frozen=True):
     """A line of what a long task says: progress, then its report or why it broke off."""
 
-    progress: Progress | None = None
-    report: msgspec.Raw = msgspec.Raw()
-    error: CustodyProblem | None = None
+    progress: Progress | UnsetType = UNSET
+    report: msgspec.Raw | UnsetType = UNSET
+    error: CustodyProblem | UnsetType = UNSET

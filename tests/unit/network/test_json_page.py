@@ -11,15 +11,12 @@ import msgspec
 import pytest
 
 from clients.sdk.terminal import terminal
-from clients.sdk.terminal.json_fields import CommandAnswer, Field, Kind, write_section
 from network.cli.cluster.status_watch import picture_answer
-from network.cli.json_page import NOT_LISTED, PAGE, SCHEMA, SECTIONS, typed_answers, write_json_page, write_json_schema
+from network.cli.json_page import NOT_LISTED, PAGE, SCHEMA, SECTIONS, listed_answers, write_json_page, write_json_schema
 from network.cluster_monitor import NodeLook, Observer, changes
 from tests.json_answers import (
-    CHECKS,
     answers_of_processes,
     differences,
-    documented,
     is_elsewhere,
     leaves,
     noted_differences,
@@ -40,7 +37,7 @@ def test_the_page_is_current() -> None:
 def test_every_command_that_speaks_json_is_on_the_page() -> None:
     speaking = {words for words, command in leaves() if any("--json" in each.opts for each in command.params)}
     elsewhere = {words for words in speaking if is_elsewhere(words)}
-    listed = {words for words in {*documented(), *typed_answers()} if " --" not in words}
+    listed = {words for words in listed_answers() if " --" not in words}
     assert speaking - elsewhere == listed
     assert not listed & elsewhere
     assert all(any(f"{words} ".startswith(f"{group} ") for words in elsewhere) for group in NOT_LISTED)
@@ -49,32 +46,19 @@ def test_every_command_that_speaks_json_is_on_the_page() -> None:
 def test_every_command_of_a_wallet_and_of_officers_is_listed_field_by_field() -> None:
     people = {words for words, _ in leaves() if words.split()[0] in {"wallet", "officer", "verify", "robot", "fault"}}
     assert len(people) > 60
-    assert people <= {*documented(), *typed_answers()}
+    assert people <= set(listed_answers())
 
 
-def test_no_command_is_listed_twice() -> None:
-    named = [words for answers in SECTIONS.values() for answer in answers for words in answer.commands]
+def test_no_command_is_listed_twice_and_no_two_answers_have_one_name() -> None:
+    named = [words for answers in SECTIONS.values() for words in answers]
     assert sorted(named) == sorted(set(named))
+    assert [name for name in json.loads(write_json_schema())["$defs"] if "." in name] == []
 
 
-def test_no_field_is_listed_twice() -> None:
-    def check(fields: tuple[Field, ...], place: str) -> None:
-        names = [field.name for field in fields]
-        assert len(names) == len(set(names)), place
-        assert "ok" not in names, place
-        for field in fields:
-            assert field.meaning, place
-            check(field.fields, f"{place}.{field.name}")
-
-    for words, answer in documented().items():
-        check(answer.fields, words)
-
-
-def test_every_kind_of_value_can_be_told_from_others() -> None:
-    assert set(CHECKS) == set(Kind)
-    assert not any(holds(None) for holds in CHECKS.values())
-    assert not CHECKS[Kind.COUNT](True)
-    assert not CHECKS[Kind.HEX]("AB")
+def test_every_field_is_described() -> None:
+    for name, kind in json.loads(write_json_schema())["$defs"].items():
+        assert kind["description"], name
+        assert [field for field, schema in kind["properties"].items() if not schema.get("description")] == [], name
 
 
 def test_an_answer_as_documented_is_one() -> None:
@@ -141,22 +125,6 @@ def test_a_line_of_the_watcher_is_as_documented_whether_a_node_answers_or_not() 
     ]
     picture = Observer(0.0).take(looks, 1.5)
     assert differences("status --watch", msgspec.to_builtins(picture_answer(picture, changes(None, picture)))) == []
-
-
-def test_a_section_tells_of_objects_in_objects_by_their_path() -> None:
-    answer = CommandAnswer(
-        ("do this",),
-        (
-            Field("rows", Kind.ROWS, "the rows", fields=(Field("at_ms", Kind.TIME_MS, "when", null="if never"),)),
-            Field("by", Kind.ROWS_BY_NAME, "by name", fields=(Field("count", Kind.COUNT, "how many"),)),
-        ),
-        not_ok="if it rains",
-    )
-    text = "\n".join(write_section(answer))
-    assert "### `do this`" in text
-    assert "`ok` is false if it rains." in text
-    assert "| `rows[].at_ms` | time in ms | when | null if never |" in text
-    assert "| `by.*.count` | whole number | how many |  |" in text
 
 
 def test_what_a_process_of_its_own_answers_is_noted_and_held_against_the_page(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
-from rich.markup import escape
 
 from clients.sdk.terminal.json_answers import extend
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
     ask_for_enter,
     console,

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import click
 from msgspec import UNSET
-from rich.markup import escape
 from shamir_mnemonic import Share
 
 from clients.sdk.terminal.ascii_output import printable
+from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     ask,
