@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Annotated, TypeVar
 
 import msgspec
+from msgspec import UNSET, UnsetType
 
 from consensus.chain.block import FinalityProof
 from consensus.primitives.encoding import encode
@@ -149,7 +150,7 @@ class SessionRequest(Request, frozen=True):
     public_key: PublicKey
     challenge: Hex32
     signature: Signature
-    grant: Hex32 | None = None
+    grant: Hex32 | UnsetType = UNSET
 
 
 class SessionAnswer(Document, frozen=True):

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 
 import msgspec
+from msgspec import UNSET
 
 from clients.sdk.chain.transactions import Clock
 from clients.sdk.connections import REQUEST_TIMEOUT_MS, Connections, NodeAddress
@@ -87,7 +88,7 @@ class Sessions:
             public_key=key.public_key.hex(),
             challenge=challenge.hex(),
             signature=sign_session(key, self._chain_id, node.name, challenge).hex(),
-            grant=key.grant_id.hex() if isinstance(key, GrantKey) else None,
+            grant=key.grant_id.hex() if isinstance(key, GrantKey) else UNSET,
         )
         answer = read_answer(await self._post(node, key, "/v1/sessions", signed, timeout_ms), SessionAnswer)
         return _Token(text=answer.token, kind=answer.kind, expires_at_ms=answer.expires_at_ms)

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.chain.block_rules import check_block
-from consensus.chain.messages import TIMEOUT_TAG, VOTE_TAG, Timeout, Vote, Word, is_genuine, timeout_parts, vote_parts
+from consensus.chain.messages import (
+    TIMEOUT_TAG,
+    VOTE_TAG,
+    LastSigned,
+    Timeout,
+    Vote,
+    is_genuine,
+    timeout_parts,
+    vote_parts,
+)
 from consensus.chain.schedule import Schedule, verify_qc, verify_tc
 from consensus.chain.signature_cache import SignatureCheck
 from consensus.errors import BlockRobotError
@@ -51,7 +60,7 @@ class MessageChecks:
         parts = timeout_parts(self._chain_id, timeout.epoch, timeout.round, timeout.qc.round)
         return self._check(self._schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts)
 
-    def of_word(self, word: Word, index: int) -> bool:
+    def of_word(self, word: LastSigned, index: int) -> bool:
         return is_genuine(word, self._chain_id, self._schedule.producers[index])
 
     def of_block(self, block: Block, header: Header) -> bool:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
 from consensus.chain.block_rules import is_safe_to_extend
-from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer
+from consensus.chain.messages import CertificateNotice, LastSignedResponse, Proposal, Timeout, Vote
 from consensus.errors import BlockRobotError
 from consensus.limits import VOTE_ROUNDS_AHEAD_MAX_COUNT
 from consensus.protocol import effects, events
@@ -50,9 +50,9 @@ class Core(MessageHandler):
             case events.NoticeReceived(notice=notice):
                 self._accept_qc(notice.qc)
                 self._accept_tc(notice.entered_by)
-            case events.WordsAsked(request=request, sender=sender):
+            case events.LastSignedRequested(request=request, sender=sender):
                 self._on_words_asked(request, sender)
-            case events.WordsAnswered(answer=answer, sender=sender):
+            case events.LastSignedReceived(answer=answer, sender=sender):
                 self._on_words_answered(answer, sender)
             case events.TimerFired(kind=kind, round=round_number):
                 self._on_timer(kind, round_number)
@@ -292,7 +292,7 @@ class Core(MessageHandler):
             if node.execution is Execution.VALID and node.header.round == self.round:
                 self._try_vote(node)
 
-    def _on_words_answered(self, answer: WordsAnswer, sender: int | None) -> None:
+    def _on_words_answered(self, answer: LastSignedResponse, sender: int | None) -> None:
         if sender == self.index or not self._genuine.has_producer(sender) or sender is None:
             return
         if not self._voter.returning.is_answer(answer) or not self._accept_qc(answer.qc):

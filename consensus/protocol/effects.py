@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from consensus.chain.block import Block, FinalityProof, QuorumCertificate, TimeoutCertificate
 from consensus.chain.evidence import Evidence
-from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
+from consensus.chain.messages import CertificateNotice, LastSignedRequest, LastSignedResponse, Proposal, Timeout, Vote
 
-Message = Proposal | Vote | Timeout | CertificateNotice | WordsRequest | WordsAnswer
+Message = Proposal | Vote | Timeout | CertificateNotice | LastSignedRequest | LastSignedResponse
 
 TIMER_ROUND = "round"
 TIMER_RESEND = "resend"

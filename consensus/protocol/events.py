@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from consensus.chain.block import Block, QuorumCertificate
-from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
+from consensus.chain.messages import CertificateNotice, LastSignedRequest, LastSignedResponse, Proposal, Timeout, Vote
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,19 +51,19 @@ class NoticeReceived:
 
 
 @dataclass(frozen=True, slots=True)
-class WordsAsked:
+class LastSignedRequested:
     """A restarted producer asks for its last words; `sender` is authenticated."""
 
-    request: WordsRequest
+    request: LastSignedRequest
     sender: int | None
     now_ms: int
 
 
 @dataclass(frozen=True, slots=True)
-class WordsAnswered:
-    """An answer to `WordsRequest`; `sender` is authenticated."""
+class LastSignedReceived:
+    """An answer to `LastSignedRequest`; `sender` is authenticated."""
 
-    answer: WordsAnswer
+    answer: LastSignedResponse
     sender: int | None
     now_ms: int
 
@@ -140,8 +140,8 @@ Event = (
     | VoteReceived
     | TimeoutReceived
     | NoticeReceived
-    | WordsAsked
-    | WordsAnswered
+    | LastSignedRequested
+    | LastSignedReceived
     | BlockExecuted
     | BlockBuilt
     | BlocksFetched

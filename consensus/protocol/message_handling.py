@@ -5,7 +5,7 @@ from __future__ import annotations
 from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.chain.evidence import Evidence
 from consensus.chain.journal_records import SILENCE_OUTDATED, SigningLockout, encode_silence_record
-from consensus.chain.messages import SILENT, Proposal, Timeout, Vote, Word, WordsAnswer, WordsRequest
+from consensus.chain.messages import SILENT, LastSigned, LastSignedRequest, LastSignedResponse, Proposal, Timeout, Vote
 from consensus.protocol.core_state import CoreState
 from consensus.protocol.effects import Effect, EvidenceFound, Persist, SendTo
 from consensus.protocol.signing_guard import LockoutStatus
@@ -83,7 +83,7 @@ class MessageHandler(CoreState):
             self._effects.append(Persist(records=(record,)))
         self._effects += consequences
 
-    def _hear_own_word(self, word: Word | None) -> None:
+    def _hear_own_word(self, word: LastSigned | None) -> None:
         if word is None or self.index is None or word.epoch != self.epoch:
             return
         if not self._voter.remembers(word) and self._genuine.of_word(word, self.index):
@@ -91,10 +91,10 @@ class MessageHandler(CoreState):
 
     # Asking and answering
 
-    def _on_words_asked(self, request: WordsRequest, sender: int | None) -> None:
+    def _on_words_asked(self, request: LastSignedRequest, sender: int | None) -> None:
         if request.epoch != self.epoch or self.index is None or sender is None or sender == self.index:
             return
-        answer = WordsAnswer(
+        answer = LastSignedResponse(
             epoch=self.epoch,
             asked_at_ms=request.asked_at_ms,
             speech=SILENT if self._voter.has_left else self._voter.returning.speech,
@@ -105,7 +105,7 @@ class MessageHandler(CoreState):
         )
         self._effects.append(SendTo(index=sender, message=answer))
 
-    def _hear_answer(self, answer: WordsAnswer, sender: int, proven_round: int) -> bool:
+    def _hear_answer(self, answer: LastSignedResponse, sender: int, proven_round: int) -> bool:
         returning = self._voter.returning
         if not 0 <= answer.signed_round <= proven_round:
             return False

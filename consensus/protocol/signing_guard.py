@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from consensus.chain.block import Header
 from consensus.chain.journal_records import SILENCE_OUTDATED, SigningLockout
-from consensus.chain.messages import ASKING, SILENT, SPEAKING, WordsAnswer, WordsRequest
+from consensus.chain.messages import ASKING, SILENT, SPEAKING, LastSignedRequest, LastSignedResponse
 from consensus.chain.schedule import Schedule
 from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, Effect, LockoutChanged, SendTo, SetTimer
 
@@ -106,13 +106,13 @@ class SigningGuard:
     def ask(self, index: int) -> list[Effect]:
         return [SendTo(index=index, message=self._request())] if self.is_waiting else []
 
-    def _request(self) -> WordsRequest:
-        return WordsRequest(epoch=self._epoch, asked_at_ms=self._asked_at_ms)
+    def _request(self) -> LastSignedRequest:
+        return LastSignedRequest(epoch=self._epoch, asked_at_ms=self._asked_at_ms)
 
-    def is_answer(self, answer: WordsAnswer) -> bool:
+    def is_answer(self, answer: LastSignedResponse) -> bool:
         return self.is_waiting and (answer.epoch, answer.asked_at_ms) == (self._epoch, self._asked_at_ms)
 
-    def take(self, sender: int, answer: WordsAnswer, last_voted_round: int) -> list[Effect]:
+    def take(self, sender: int, answer: LastSignedResponse, last_voted_round: int) -> list[Effect]:
         before = (self._is_asking, self.mark)
         self._willing.discard(sender)
         self._silent.discard(sender)

@@ -20,7 +20,7 @@ from contracts.kit.engine import Call
 from contracts.kit.recorder import LineFigures
 from contracts.kit.sources import read_source
 from contracts.kit.tracing import Trace
-from contracts.kit.walled import WalledEngine
+from contracts.kit.walled import SandboxedEngine
 from contracts.lifecycle.opening import MIGRATION_GAS_MAX
 from contracts.vm import CallContext
 from contracts.vm.compiler.invoke import Mode
@@ -129,7 +129,7 @@ class Chain:
         self.events: list[Event] = []
         self._sources: list[tuple[str, str, Path | None]] = []
         self._callers: dict[str, Caller] = {}
-        self._engine = WalledEngine()
+        self._engine = SandboxedEngine()
         self._numbers = itertools.count(1)
 
     # Setting up

@@ -15,8 +15,8 @@ from contracts.kit.tracing import Trace
 from contracts.kit.worker import (
     ANSWERS,
     Answer,
-    CloseWall,
     Deploy,
+    EnterSandbox,
     Forget,
     MakeTrace,
     ReadFigures,
@@ -26,7 +26,7 @@ from contracts.kit.worker import (
     Withdraw,
 )
 from contracts.vm.model.faults import ContractSourceError
-from contracts.worker.walled_process import WalledProcess
+from contracts.worker.walled_process import SandboxedProcess
 from contracts.worker.wire import SandboxFeature
 
 _T = TypeVar("_T")
@@ -37,12 +37,12 @@ class _Worker:
     """The process and its lock: one request at a time."""
 
     def __init__(self) -> None:
-        self._process = WalledProcess(WORKER_MODULE)
+        self._process = SandboxedProcess(WORKER_MODULE)
         self._lock = threading.Lock()
         self._forgotten: list[int] = []
         self._numbers = itertools.count(1)
         atexit.register(self._process.close)
-        self.parts = self.ask(CloseWall()).parts
+        self.parts = self.ask(EnterSandbox()).parts
 
     @property
     def pid(self) -> int:
@@ -83,7 +83,7 @@ def _lose(worker: _Worker) -> None:
         _workers.remove(worker)
 
 
-class WalledEngine:
+class SandboxedEngine:
     """An `Engine` in the sandboxed process: same methods, results and errors."""
 
     def __init__(self) -> None:

@@ -13,13 +13,13 @@ from contracts.kit.engine import Call, Engine, Figures, Ran
 from contracts.kit.tracing import Trace
 from contracts.vm import InternalFault
 from contracts.vm.model.faults import ContractSourceError, Diagnostic
-from contracts.worker.wall import close_wall
+from contracts.worker.wall import enter_sandbox
 from contracts.worker.wire import Pipe, SandboxFeature
 
 MEMORY_MAX_BYTES = 1024**3
 
 
-class CloseWall(msgspec.Struct, frozen=True, tag=True):
+class EnterSandbox(msgspec.Struct, frozen=True, tag=True):
     """The first request: close the sandbox and return its parts."""
 
 
@@ -88,7 +88,7 @@ class Answer(msgspec.Struct, frozen=True):
     """Code and detail of an error."""
 
 
-Request = CloseWall | Deploy | Withdraw | Run | MakeTrace | ReadState | ReadFigures | Forget
+Request = EnterSandbox | Deploy | Withdraw | Run | MakeTrace | ReadState | ReadFigures | Forget
 REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request)
 ANSWERS: msgspec.msgpack.Decoder[Answer] = msgspec.msgpack.Decoder(Answer)
 
@@ -105,8 +105,8 @@ def answer(engines: dict[int, Engine], request: Request) -> Answer:
 
 
 def _answer(engines: dict[int, Engine], request: Request) -> Answer:
-    if isinstance(request, CloseWall):
-        return Answer(parts=close_wall((), MEMORY_MAX_BYTES))
+    if isinstance(request, EnterSandbox):
+        return Answer(parts=enter_sandbox((), MEMORY_MAX_BYTES))
     if isinstance(request, Forget):
         engines.pop(request.chain, None)
         return Answer()
@@ -138,7 +138,7 @@ def main() -> int:
     try:
         while True:
             request = pipe.receive(REQUESTS)
-            is_walled = is_walled or isinstance(request, CloseWall)
+            is_walled = is_walled or isinstance(request, EnterSandbox)
             if not is_walled:
                 return 2
             pipe.send(answer(engines, request))

@@ -40,7 +40,7 @@ _PROC = Path("/proc/self")
 _PAGE_BYTES = resource.getpagesize()
 
 
-def close_wall(kept_files: tuple[Path, ...], memory_max_bytes: int) -> tuple[SandboxFeature, ...]:
+def enter_sandbox(kept_files: tuple[Path, ...], memory_max_bytes: int) -> tuple[SandboxFeature, ...]:
     """Close the sandbox; return its parts. Descriptors on `kept_files` and the standard ones stay open.
 
     `memory_max_bytes` limits additional memory; 0 sets no limit.

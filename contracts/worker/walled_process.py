@@ -14,7 +14,7 @@ from contracts.worker.wire import Pipe
 _M = TypeVar("_M")
 
 
-class WalledProcess:
+class SandboxedProcess:
     """Runs `python -I -m MODULE` in the root folder, empty environment, no terminal."""
 
     def __init__(self, module: str) -> None:

@@ -17,9 +17,9 @@ from consensus.chain.messages import (
     TIMEOUT_TAG,
     VOTE_TAG,
     CertificateNotice,
+    LastSignedResponse,
     Proposal,
     Timeout,
-    WordsAnswer,
     timeout_parts,
     vote_parts,
 )
@@ -53,7 +53,7 @@ class StaleCertificates(Behaviour):
         old = self._old(below=self._own.round)
         if isinstance(message, CertificateNotice) and old is not None:
             message = CertificateNotice(qc=old, entered_by=None)
-        elif isinstance(message, WordsAnswer):
+        elif isinstance(message, LastSignedResponse):
             signed_round = 0 if old is None else old.round
             qc = message.qc if old is None else old
             message = msgspec.structs.replace(message, word=None, signed_round=signed_round, qc=qc, entered_by=None)
@@ -125,7 +125,7 @@ class ForgedCertificates(Behaviour):
             super().broadcast(CertificateNotice(qc=self._forge_qc(ahead), entered_by=tc))
 
     def send_to(self, index: int, message: Message) -> None:
-        if isinstance(message, WordsAnswer):
+        if isinstance(message, LastSignedResponse):
             ahead = self._own.round + self._chance.randint(1, _ROUNDS_AHEAD_MAX_COUNT)
             qc, tc = self._forge_qc(ahead), self._forge_tc(ahead)
             message = msgspec.structs.replace(message, signed_round=ahead, qc=qc, entered_by=tc)

@@ -10,11 +10,11 @@ from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
 from consensus.chain.messages import (
     SPEAKING,
     CertificateNotice,
+    LastSignedRequest,
+    LastSignedResponse,
     Proposal,
     Timeout,
     Vote,
-    WordsAnswer,
-    WordsRequest,
     sign_timeout,
     sign_vote,
 )
@@ -49,7 +49,7 @@ class WrongEpochs(Behaviour):
             super().broadcast(moved)
 
     def send_to(self, index: int, message: Message) -> None:
-        if isinstance(message, WordsAnswer):
+        if isinstance(message, LastSignedResponse):
             message = msgspec.structs.replace(message, epoch=self._another_epoch(), qc=self._old_certificate())
         super().send_to(index, message)
 
@@ -66,8 +66,8 @@ class WrongEpochs(Behaviour):
         for message in (
             CertificateNotice(qc=old, entered_by=None),
             CertificateNotice(qc=msgspec.structs.replace(old, epoch=self._own.epoch), entered_by=None),
-            WordsRequest(epoch=epoch, asked_at_ms=self._ticks),
-            WordsAnswer(epoch, self._ticks, SPEAKING, old.round, None, old, None),
+            LastSignedRequest(epoch=epoch, asked_at_ms=self._ticks),
+            LastSignedResponse(epoch, self._ticks, SPEAKING, old.round, None, old, None),
             self._vote(epoch, self._own.round, self.made_up_id()),
             self._timeout(epoch, self._own.round, old, None),
         ):

@@ -8,7 +8,7 @@ from typing import ClassVar
 import msgspec
 
 from consensus.chain.block import Block, IndexedSignature, QuorumCertificate
-from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer
+from consensus.chain.messages import CertificateNotice, LastSignedResponse, Proposal, Timeout, Vote
 from consensus.primitives.keys import COMPACT_SIGNATURE_SIZE_BYTES
 from consensus.protocol.effects import Message
 from network.byzantine.behaviour import Behaviour, Liar, Remembered
@@ -101,8 +101,8 @@ class Garbage(Behaviour):
             )
         )
 
-    def _strange_answer(self) -> WordsAnswer:
-        return WordsAnswer(
+    def _strange_answer(self) -> LastSignedResponse:
+        return LastSignedResponse(
             epoch=self._own.epoch,
             asked_at_ms=self._chance.randint(-1, 1 << 44),
             speech=self._chance.choice(("speaking", "silent", "")),

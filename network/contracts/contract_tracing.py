@@ -22,8 +22,17 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.tracing import Trace
-from contracts.worker.walled_process import WalledProcess
-from network.contracts.tracing_worker import FROM_WORKER, Begin, Failed, NextBlock, Outcome, Traced, Walled, Went
+from contracts.worker.walled_process import SandboxedProcess
+from network.contracts.tracing_worker import (
+    FROM_WORKER,
+    Begin,
+    CallOutcome,
+    Failed,
+    NextBlock,
+    Outcome,
+    SandboxEntered,
+    Traced,
+)
 
 TRACER_MODULE = "network.contracts.tracing_worker"
 AT_ONCE_COUNT = 16
@@ -63,7 +72,7 @@ async def trace_transaction(
         if error.code != "TRANSACTION_NOT_FINAL_IN_TIME":
             raise
         raise BlockRobotError(error.code, "No node has it as final: it waits still, or was never sent here.") from None
-    with WalledTracer(client.genesis, receipt) as tracer:
+    with SandboxedTracer(client.genesis, receipt) as tracer:
         parent_id = client.genesis.block_id
         for first in range(1, receipt.height + 1, AT_ONCE_COUNT):
             last = min(first + AT_ONCE_COUNT - 1, receipt.height)
@@ -83,7 +92,7 @@ async def trace_transaction(
     raise BlockRobotError("NOT_FOUND", "Genesis has no transactions.")
 
 
-class WalledTracer:
+class SandboxedTracer:
     """Sandboxed process that executes the chain; context manager. Foreign sources run only there."""
 
     def __init__(self, genesis: Genesis, receipt: FinalReceipt) -> None:
@@ -92,13 +101,13 @@ class WalledTracer:
 
     def __enter__(self) -> Self:
         """Start the process. Raises CONTRACT_WORKER_FAILED."""
-        self._process = WalledProcess(TRACER_MODULE)
+        self._process = SandboxedProcess(TRACER_MODULE)
         try:
             walled = self._ask(self._begin)
         except BaseException:
             self._process.close()
             raise
-        self.parts = walled.parts if isinstance(walled, Walled) else ()
+        self.parts = walled.parts if isinstance(walled, SandboxEntered) else ()
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -109,7 +118,7 @@ class WalledTracer:
         answer = self._ask(NextBlock(encoded))
         return answer.trace if isinstance(answer, Traced) else None
 
-    def _ask(self, message: Begin | NextBlock) -> Walled | Went | Traced:
+    def _ask(self, message: Begin | NextBlock) -> SandboxEntered | CallOutcome | Traced:
         answer = self._process.ask(message, FROM_WORKER)
         if isinstance(answer, Failed):
             raise BlockRobotError(answer.code, answer.detail)

@@ -27,7 +27,7 @@ from contracts.lifecycle.catalogue import Catalogue, read_source_of
 from contracts.lifecycle.opening import open_block
 from contracts.state.view import MemoryState
 from contracts.vm import CompiledContract, InternalFault, compile_contract
-from contracts.worker.wall import close_wall
+from contracts.worker.wall import enter_sandbox
 from contracts.worker.wire import Pipe, SandboxFeature
 from network.ledger_diff.block_replay import base_of_genesis, execute_on
 
@@ -59,13 +59,13 @@ class NextBlock(msgspec.Struct, frozen=True, tag=True):
     block: bytes
 
 
-class Walled(msgspec.Struct, frozen=True, tag=True):
+class SandboxEntered(msgspec.Struct, frozen=True, tag=True):
     """The sandbox is active: its parts."""
 
     parts: tuple[SandboxFeature, ...]
 
 
-class Went(msgspec.Struct, frozen=True, tag=True):
+class CallOutcome(msgspec.Struct, frozen=True, tag=True):
     """The block gave its header's root."""
 
     height: int
@@ -85,8 +85,8 @@ class Failed(msgspec.Struct, frozen=True, tag=True):
 
 
 TO_WORKER: msgspec.msgpack.Decoder[Begin | NextBlock] = msgspec.msgpack.Decoder(Begin | NextBlock)
-FROM_WORKER: msgspec.msgpack.Decoder[Walled | Went | Traced | Failed] = msgspec.msgpack.Decoder(
-    Walled | Went | Traced | Failed
+FROM_WORKER: msgspec.msgpack.Decoder[SandboxEntered | CallOutcome | Traced | Failed] = msgspec.msgpack.Decoder(
+    SandboxEntered | CallOutcome | Traced | Failed
 )
 
 
@@ -100,7 +100,7 @@ class _Tracer:
         self._state = base_of_genesis(genesis).state
         self._wanted = begin.wanted
 
-    def take(self, block: Block) -> Went | Traced:
+    def take(self, block: Block) -> CallOutcome | Traced:
         """Raises BLOCK_INVALID."""
         if block.header.height == self._wanted.height:
             return Traced(_trace_in(self._state, self._chain_id, block, self._wanted))
@@ -108,7 +108,7 @@ class _Tracer:
         if not is_right:
             raise BlockRobotError("BLOCK_INVALID", f"Block {block.header.height} gives another state than it names.")
         self._state.absorb(overlay.writes, overlay.page_writes, overlay.state_root)
-        return Went(block.header.height)
+        return CallOutcome(block.header.height)
 
 
 def _trace_in(state: MemoryState, chain_id: bytes, block: Block, wanted: Outcome) -> Trace:
@@ -159,7 +159,7 @@ def main() -> int:
         return 2
     try:
         tracer = _Tracer(begin)
-        pipe.send(Walled(close_wall((), MEMORY_MAX_BYTES)))
+        pipe.send(SandboxEntered(enter_sandbox((), MEMORY_MAX_BYTES)))
         while True:
             message = pipe.receive(TO_WORKER)
             if not isinstance(message, NextBlock):

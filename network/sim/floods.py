@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from consensus.chain.messages import WordsRequest
+from consensus.chain.messages import LastSignedRequest
 from consensus.chain.transaction import SALT_SIZE_BYTES, TransactionWire, sign_transaction
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.encoding import encode
@@ -83,8 +83,8 @@ class Flood:
             case "words":
                 parts = self._node.parts
                 epoch = 0 if parts is None else parts.core.epoch
-                return FrameKind.WORDS_REQUEST, encode(
-                    WordsRequest(epoch=epoch, asked_at_ms=self._dice.randrange(1 << 40))
+                return FrameKind.LAST_SIGNED_REQUEST, encode(
+                    LastSignedRequest(epoch=epoch, asked_at_ms=self._dice.randrange(1 << 40))
                 )
             case _:
                 wires = tuple(self._next_transaction() for _ in range(TRANSACTIONS_A_FRAME_COUNT))

@@ -45,6 +45,8 @@ from consensus.protocol.events import (
     BlocksFetched,
     Event,
     FinalizedElsewhere,
+    LastSignedReceived,
+    LastSignedRequested,
     NoticeReceived,
     PeerConnected,
     ProposalReceived,
@@ -52,8 +54,6 @@ from consensus.protocol.events import (
     TimeoutReceived,
     TimerFired,
     VoteReceived,
-    WordsAnswered,
-    WordsAsked,
     WorkChanged,
 )
 from contracts.execution.results import ExecutionFault
@@ -73,8 +73,8 @@ _RETRANSMITTED_EVENTS = (
     TimeoutReceived,
     NoticeReceived,
     BlocksFetched,
-    WordsAsked,
-    WordsAnswered,
+    LastSignedRequested,
+    LastSignedReceived,
     PeerConnected,
     WorkChanged,
 )

@@ -35,7 +35,7 @@ WORKER_MEMORY_MAX_BYTES = CONTRACT_MEMORY_MIB * _BYTES_PER_MIB
 log = structlog.get_logger(__name__)
 
 
-class ContractPlace(Protocol):
+class ContractRuntime(Protocol):
     """Where contracts run."""
 
     @property
@@ -209,7 +209,7 @@ def _report(parts: tuple[SandboxFeature, ...]) -> None:
         log.warning("contract_wall_incomplete", missing=missing)
 
 
-async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerStore) -> ContractPlace:
+async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerStore) -> ContractRuntime:
     """Return a node's contracts; the ledger holds genesis.
 
     Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE, GENESIS_INVALID.

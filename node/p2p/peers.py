@@ -10,20 +10,20 @@ from typing import Protocol
 import structlog
 
 from consensus.chain.block import Block, EpochProof
-from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
+from consensus.chain.messages import CertificateNotice, LastSignedRequest, LastSignedResponse, Proposal, Timeout, Vote
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.protocol.effects import FetchBlocks, Message
 from consensus.protocol.events import (
     BlocksFetched,
     Event,
+    LastSignedReceived,
+    LastSignedRequested,
     NoticeReceived,
     PeerConnected,
     ProposalReceived,
     TimeoutReceived,
     VoteReceived,
-    WordsAnswered,
-    WordsAsked,
 )
 from node.budgets.token_buckets import Allowance, Budgets, Source, over_budget
 from node.budgets.work_costs import FRAME_COSTS, Lane
@@ -67,8 +67,8 @@ _KINDS: dict[type[Message], FrameKind] = {
     Vote: FrameKind.VOTE,
     Timeout: FrameKind.TIMEOUT,
     CertificateNotice: FrameKind.NOTICE,
-    WordsRequest: FrameKind.WORDS_REQUEST,
-    WordsAnswer: FrameKind.WORDS_ANSWER,
+    LastSignedRequest: FrameKind.LAST_SIGNED_REQUEST,
+    LastSignedResponse: FrameKind.LAST_SIGNED_RESPONSE,
 }
 _WORDS = frozenset(_KINDS.values())
 
@@ -216,12 +216,12 @@ class Peers:
         if kind is FrameKind.TIMEOUT:
             timeout = decode(payload, Timeout)
             return TimeoutReceived(timeout=timeout, sender=sender, now_ms=now_ms), timeout.epoch
-        if kind is FrameKind.WORDS_REQUEST:
-            request = decode(payload, WordsRequest)
-            return WordsAsked(request=request, sender=sender, now_ms=now_ms), request.epoch
-        if kind is FrameKind.WORDS_ANSWER:
-            answer = decode(payload, WordsAnswer)
-            return WordsAnswered(answer=answer, sender=sender, now_ms=now_ms), answer.epoch
+        if kind is FrameKind.LAST_SIGNED_REQUEST:
+            request = decode(payload, LastSignedRequest)
+            return LastSignedRequested(request=request, sender=sender, now_ms=now_ms), request.epoch
+        if kind is FrameKind.LAST_SIGNED_RESPONSE:
+            answer = decode(payload, LastSignedResponse)
+            return LastSignedReceived(answer=answer, sender=sender, now_ms=now_ms), answer.epoch
         notice = decode(payload, CertificateNotice)
         return NoticeReceived(notice=notice, now_ms=now_ms), notice.qc.epoch
 

@@ -36,8 +36,8 @@ class FrameKind(IntEnum):
     RESPONSE = 9
     EPOCH = 10
     REFUSAL = 11
-    WORDS_REQUEST = 12
-    WORDS_ANSWER = 13
+    LAST_SIGNED_REQUEST = 12
+    LAST_SIGNED_RESPONSE = 13
 
 
 class RequestKind(IntEnum):
@@ -62,8 +62,8 @@ FRAME_MAX_BYTES: dict[int, int] = {
     FrameKind.RESPONSE: BULK_FRAME_MAX_BYTES,
     FrameKind.EPOCH: EPOCH_FRAME_MAX_BYTES,
     FrameKind.REFUSAL: 128,
-    FrameKind.WORDS_REQUEST: 64,
-    FrameKind.WORDS_ANSWER: SMALL_FRAME_MAX_BYTES,
+    FrameKind.LAST_SIGNED_REQUEST: 64,
+    FrameKind.LAST_SIGNED_RESPONSE: SMALL_FRAME_MAX_BYTES,
 }
 FIRST_KINDS = frozenset({FrameKind.HELLO, FrameKind.REFUSAL})
 """What a peer may say that has not said hello yet."""

@@ -113,7 +113,7 @@ STEPS: dict[str, Step] = {
     "visit-closed": Step(RobotNetwork, "submit_and_wait", after=True, counts=_calls("close_visit")),
     "visit-forgotten": Step(OpenVisits, "forget", after=True),
     "pin-written": Step(trust_pin_file, "write_pin_file"),
-    "summary-told": Step(robot_cli, "print_json"),
+    "summary-told": Step(robot_cli, "print_answer"),
     # What must not be recorded is destroyed.
     "clip-nameless": Step(spool, "_wipe"),
     "clip-destroyed": Step(Spool, "destroy", after=True),

@@ -23,7 +23,7 @@ from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario
 from clients.robot.synthetic.scenario_bag import make_bag
 from clients.wallet.consent.consent_choices import Consenting
-from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.records.viewing import Viewing
@@ -62,8 +62,8 @@ class Ward:
     async def told_everywhere(self, height: int = 0) -> None:
         """Wait until every node that runs has what is final at any of them, and this height: clients may ask any node.
 
-        A yes holds from the block after its own on (`Word.from_height`). That one holds nothing, and is final a moment
-        later, on a busy machine more than a second: a robot that starts in between keeps nothing yet.
+        A yes holds from the block after its own on (`ConsentDecision.from_height`). That one holds nothing, and is
+        final a moment later, on a busy machine more than a second: a robot that starts in between keeps nothing yet.
         """
         cluster = self.network.cluster
         up = [name for name in cluster.names if cluster.is_running(name) and not cluster.is_paused(name)]
@@ -156,7 +156,7 @@ async def _restrict_and_correct(
     ann: Wallet, rights: Rights, viewing: Viewing, report: VisitReport, early: bytes
 ) -> None:
     """A request from before is void everywhere, another's purpose is refused, her own look is not."""
-    whole, entry = Chosen(report.visit), report.records[0]
+    whole, entry = RecordChoice(report.visit), report.records[0]
     await rights.restrict(whole, "legal-claim")
     await settle(ann, entry, early, "ACCESS_ENDED")
     with pytest.raises(BlockRobotError, match="RECORD_RESTRICTED"):

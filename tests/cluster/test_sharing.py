@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from clients.wallet.consent.consent_choices import Consenting
-from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.records.erasure import Erasing
 from clients.wallet.recovery.key_rotation import Rotating
-from clients.wallet.sharing.incoming_shares import Receipt, Receiving
+from clients.wallet.sharing.incoming_shares import IncomingShares, Receipt
 from clients.wallet.sharing.outgoing_shares import Share, Shared, Sharing, place_end
 from consensus.errors import BlockRobotError
 from tests.cluster.network_under_test import NetworkUnderTest
@@ -47,7 +47,7 @@ class Sides:
         self.ann = ann
         self.doctor = doctor
         self.sharing = Sharing(ann)
-        self.receiving = Receiving(doctor)
+        self.receiving = IncomingShares(doctor)
 
     async def begin(self) -> list[RecordEntry]:
         await self.ann.register(self.ward.desk.issue(UID, "subject"), [])
@@ -117,7 +117,7 @@ async def test_a_patient_shares_with_a_doctor_who_sees_what_she_may_and_hears_wh
         assert "ok" in await sides.look(shared)
         assert await sides.look(shared) <= {"ok", "notice"}
         assert [look.records_count for look in (await sides.own(shared)).looks] == [len(entries)] * 2
-        assert await Receiving(visitor).inbox() == []
+        assert await IncomingShares(visitor).inbox() == []
 
         await _bar_and_lift(sides, shared)
         await _lose_custodians(network, sides, shared)
@@ -129,7 +129,7 @@ async def test_a_patient_shares_with_a_doctor_who_sees_what_she_may_and_hears_wh
 async def _bar_and_lift(sides: Sides, shared: Shared) -> None:
     """A restriction bars the doctor, under new requests and old ones; lifted, what was shared holds again."""
     early = await sides.receiving.request_access(await sides.received(shared), shared.records)
-    rights, whole = Rights(sides.ann), Chosen(shared.visit)
+    rights, whole = Rights(sides.ann), RecordChoice(shared.visit)
     await rights.restrict(whole, "accuracy")
     receipt = await sides.received(shared)
     assert {notice.kind for notice in receipt.notices} == {"restricted"}

@@ -13,7 +13,7 @@ import pytest
 from clients.robot.identity.robot_keys import load_identity
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.wallet.consent.consent_choices import Consenting
-from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.records.erasure import Erasing
@@ -87,7 +87,7 @@ async def refuse_the_thief(thief: Wallet, report: VisitReport, early: bytes) -> 
     for work in (
         Viewing(thief).request_access([entry], "own-access"),
         Erasing(thief).request(visit, [entry.record_id], []),
-        Rights(thief).restrict(Chosen(visit), "accuracy"),
+        Rights(thief).restrict(RecordChoice(visit), "accuracy"),
         Rights(thief).deny(visit),
         Rotating(thief).transfer(visit),
         thief.network.call(thief.keys.identity, "identity", "leave", [thief.store.content.handle]),

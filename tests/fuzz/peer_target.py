@@ -16,11 +16,11 @@ import msgspec
 from consensus.chain.block import Block, FinalityProof, Header, QuorumCertificate
 from consensus.chain.messages import (
     CertificateNotice,
+    LastSignedRequest,
+    LastSignedResponse,
     Proposal,
     Timeout,
     Vote,
-    WordsAnswer,
-    WordsRequest,
     sign_block,
     sign_timeout,
     sign_vote,
@@ -32,12 +32,12 @@ from consensus.primitives.keys import PrivateKey
 from consensus.protocol.events import (
     BlocksFetched,
     Event,
+    LastSignedReceived,
+    LastSignedRequested,
     NoticeReceived,
     ProposalReceived,
     TimeoutReceived,
     VoteReceived,
-    WordsAnswered,
-    WordsAsked,
 )
 from node.p2p.wire import (
     BlockBatch,
@@ -143,7 +143,7 @@ def core_seeds() -> list[bytes]:
     boundary = one.boundary(1)
     closing = one.closing(2, boundary)
     vote, notice = one.vote(LIAR_INDEX, blocks[0]), CertificateNotice(qc=one.qc(blocks[2]), entered_by=tc)
-    answer = WordsAnswer(0, one.now_ms, "speaking", 0, None, one.root_qc, None)
+    answer = LastSignedResponse(0, one.now_ms, "speaking", 0, None, one.root_qc, None)
     streams = [
         [frame(FrameKind.VOTE, vote)],
         [frame(FrameKind.PROPOSAL, Proposal(block=block)) for block in blocks],
@@ -153,7 +153,10 @@ def core_seeds() -> list[bytes]:
             frame(FrameKind.TIMEOUT, one.timeout(2, 4, one.qc(blocks[2]), tc)),
         ],
         [frame(FrameKind.NOTICE, notice)],
-        [frame(FrameKind.WORDS_REQUEST, WordsRequest(epoch=0, asked_at_ms=1)), frame(FrameKind.WORDS_ANSWER, answer)],
+        [
+            frame(FrameKind.LAST_SIGNED_REQUEST, LastSignedRequest(epoch=0, asked_at_ms=1)),
+            frame(FrameKind.LAST_SIGNED_RESPONSE, answer),
+        ],
         [frame(FrameKind.PROPOSAL, Proposal(block=block)) for block in (boundary, closing)],
         [frame(FrameKind.RESPONSE, BlockBatch(tuple(encode(block) for block in blocks), None))],
     ]
@@ -187,10 +190,10 @@ def _events(kind: FrameKind, payload: bytes, now_ms: int) -> Iterator[Event]:
         yield TimeoutReceived(timeout=decode(payload, Timeout), sender=LIAR_INDEX, now_ms=now_ms)
     elif kind is FrameKind.NOTICE:
         yield NoticeReceived(notice=decode(payload, CertificateNotice), now_ms=now_ms)
-    elif kind is FrameKind.WORDS_REQUEST:
-        yield WordsAsked(request=decode(payload, WordsRequest), sender=LIAR_INDEX, now_ms=now_ms)
-    elif kind is FrameKind.WORDS_ANSWER:
-        yield WordsAnswered(answer=decode(payload, WordsAnswer), sender=LIAR_INDEX, now_ms=now_ms)
+    elif kind is FrameKind.LAST_SIGNED_REQUEST:
+        yield LastSignedRequested(request=decode(payload, LastSignedRequest), sender=LIAR_INDEX, now_ms=now_ms)
+    elif kind is FrameKind.LAST_SIGNED_RESPONSE:
+        yield LastSignedReceived(answer=decode(payload, LastSignedResponse), sender=LIAR_INDEX, now_ms=now_ms)
     elif kind is FrameKind.RESPONSE:
         blocks = tuple(decode(data, Block) for data in decode(payload, BlockBatch).blocks)
         if blocks:
@@ -266,7 +269,7 @@ class _Crowd:
             frame(FrameKind.HELLO, Hello(2, self.crowd.genesis.chain_id, LIAR, 0)),
             frame(FrameKind.HEIGHT, HeightNotice(2, 0)),
             frame(FrameKind.TRANSACTIONS, TransactionBatch((self.run(self._wire()),))),
-            frame(FrameKind.WORDS_REQUEST, WordsRequest(0, 1)),
+            frame(FrameKind.LAST_SIGNED_REQUEST, LastSignedRequest(0, 1)),
         ]
         qc: QuorumCertificate = finality.child_qc
         forged = CertificateNotice(msgspec.structs.replace(qc, epoch=1), None)

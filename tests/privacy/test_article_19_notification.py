@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from clients.wallet.cli import main
 from clients.wallet.commands import erase_command
-from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.sharing.incoming_shares import Notice, Receipt
 from tests.unit.clients.wallet.shared_ward import SharedWard
@@ -60,7 +60,7 @@ async def test_2_and_3_every_recipient_hears_of_a_correction_and_of_a_restrictio
     _, (first, _) = ward.record_visit()
     await ward.share(doctor)
     rights, visit = Rights(ward.wallet), await ward.known_visit()
-    one = Chosen(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))
+    one = RecordChoice(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))
     await rights.correct(one, "attribution", "That is my sister.")
     await rights.restrict(one, "accuracy")
     receipt = await inbox_of(ward, doctor)

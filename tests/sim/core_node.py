@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from consensus.chain.block import Block, EpochProof, FinalityProof, Header, QuorumCertificate, certificate_of
-from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
+from consensus.chain.messages import CertificateNotice, LastSignedRequest, LastSignedResponse, Proposal, Timeout, Vote
 from consensus.protocol.core import Core
 from consensus.protocol.effects import (
     BlockCertified,
@@ -32,6 +32,8 @@ from consensus.protocol.events import (
     BlocksFetched,
     Event,
     FinalizedElsewhere,
+    LastSignedReceived,
+    LastSignedRequested,
     NoticeReceived,
     PeerConnected,
     ProposalReceived,
@@ -39,8 +41,6 @@ from consensus.protocol.events import (
     TimeoutReceived,
     TimerFired,
     VoteReceived,
-    WordsAnswered,
-    WordsAsked,
     WorkChanged,
 )
 from tests.sim.core_store import CoreStore, Stored
@@ -250,10 +250,10 @@ class SimNode:
                 return TimeoutReceived(timeout=message, sender=self.index_of(sender), now_ms=now)
             case CertificateNotice():
                 return NoticeReceived(notice=message, now_ms=now)
-            case WordsRequest():
-                return WordsAsked(request=message, sender=self.index_of(sender), now_ms=now)
-            case WordsAnswer():
-                return WordsAnswered(answer=message, sender=self.index_of(sender), now_ms=now)
+            case LastSignedRequest():
+                return LastSignedRequested(request=message, sender=self.index_of(sender), now_ms=now)
+            case LastSignedResponse():
+                return LastSignedReceived(answer=message, sender=self.index_of(sender), now_ms=now)
 
     def connected(self, peer: int) -> None:
         """The connection to a peer came up; followers are no business of the core's."""

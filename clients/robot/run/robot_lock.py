@@ -14,7 +14,7 @@ LOCK_FILE = "robot.lock"
 
 
 @contextlib.contextmanager
-def only_run(folder: Path) -> Iterator[None]:
+def lock_robot(folder: Path) -> Iterator[None]:
     """Hold a robot's lock. Raises ROBOT_RUNNING, ROBOT_NOT_FOUND."""
     try:
         descriptor = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

@@ -27,7 +27,7 @@ from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
 from clients.robot.run.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.run.pipeline import Camera, Pipeline, note_delivered
-from clients.robot.run.robot_lock import only_run
+from clients.robot.run.robot_lock import lock_robot
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.run.run_summary import CameraFigures, RunIntake, RunProgress, RunSummary
 from clients.robot.run.run_validity import RunValidity
@@ -280,7 +280,7 @@ async def replay_recording(
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)
-    with only_run(folder):
+    with lock_robot(folder):
         async with open_pinned_client(genesis, folder / PIN_FILE) as client:
             run = _Run(folder, client, options, progress, stop)
             return await run.work(source)

@@ -135,7 +135,7 @@ class Declined(click.Abort):
     """The user answered no; `str` is the message to print."""
 
 
-def let_answer(context: click.Context, answers: Answers) -> None:
+def set_confirm_words(context: click.Context, answers: Answers) -> None:
     """Set the running command's words for answers."""
     context.meta[_ANSWERS_KEY] = answers
 
@@ -187,7 +187,7 @@ def clear_screen() -> None:
     sys.stdout.flush()
 
 
-def say_errors(context: click.Context, saying: Callable[[BlockRobotError], str]) -> None:
+def set_error_formatter(context: click.Context, saying: Callable[[BlockRobotError], str]) -> None:
     """Set the running command's error wording for people, not for JSON."""
     context.meta[_SAYING_KEY] = saying
 

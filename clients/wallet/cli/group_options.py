@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.terminal.terminal import Answers, home_folder, let_answer, say_errors
+from clients.sdk.terminal.terminal import Answers, home_folder, set_confirm_words, set_error_formatter
 from clients.wallet.cli.invocation import DEFAULT_PROFILE, genesis_place
 from clients.wallet.cli.shell_completion import complete_profiles
 from clients.wallet.present.translations import LANGUAGES, WrongUsage, choose_language, say_error, text
@@ -20,9 +20,9 @@ KEYRING_KEY = "blockrobot.keyring"
 
 def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
     choose_language(ctx, language)
-    say_errors(ctx, say_error)
+    set_error_formatter(ctx, say_error)
     words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again", "declined")]
-    let_answer(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), *words[2:]))
+    set_confirm_words(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), *words[2:]))
 
 
 def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:

@@ -51,7 +51,7 @@ def called(command: str = WALLET_COMMAND) -> str:
     return " ".join(told)
 
 
-def as_called(told: str, *, has_fields: bool = False) -> str:
+def with_command_prefix(told: str, *, has_fields: bool = False) -> str:
     """Expand wallet commands in a catalogue text; idempotent. Not for texts with filled-in names. `has_fields`:
     `str.format` follows.
     """

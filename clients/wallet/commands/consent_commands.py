@@ -20,7 +20,15 @@ from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet
 from clients.wallet.commands.notice_commands import Receipted, require_said, take_receipt, tell_first
 from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
-from clients.wallet.consent.consent_choices import DEPTH, Choice, Choices, Consenting, Word, choice_answer, round_period
+from clients.wallet.consent.consent_choices import (
+    DEPTH,
+    Choice,
+    Choices,
+    ConsentDecision,
+    Consenting,
+    choice_answer,
+    round_period,
+)
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.consent.receipt_fetching import ConsentReceipts, Receipts
 from clients.wallet.ledger.wallet import Wallet
@@ -78,7 +86,7 @@ def consent() -> None:
 
 async def _tell(
     opened: Wallet,
-    word: Word,
+    word: ConsentDecision,
     line: str,
     next_step: str,
     *,
@@ -102,7 +110,7 @@ async def _tell(
 
 
 def _word_answer(
-    word: Word, status: str, purposes: Collection[str], sensors: Collection[str], person: Represented | None
+    word: ConsentDecision, status: str, purposes: Collection[str], sensors: Collection[str], person: Represented | None
 ) -> ConsentWordAnswer:
     """Return an answer without the receipt, which is fetched last."""
     return extend(
@@ -228,7 +236,7 @@ def _say_no(
 
     async def action(opened: Wallet) -> None:
         person = await find_represented(opened, whom)
-        word: Word = await act(Consenting(opened, handle_of(person)))(list(purposes), list(sensors))
+        word: ConsentDecision = await act(Consenting(opened, handle_of(person)))(list(purposes), list(sensors))
         line = what if word.count else text("consent.nothing_given")
         next_step = text("consent.after_no") if person is None else ""
         answer = _word_answer(word, status, purposes, sensors, person)

@@ -39,10 +39,10 @@ from clients.wallet.sharing.incoming_shares import (
     KIND_ERASED,
     KIND_FRAMES_ERASED,
     KIND_RESTRICTED,
+    IncomingShares,
     Receipt,
-    Receiving,
     SharedView,
-    Unread,
+    UnreadableGrant,
 )
 from clients.wallet.store.sharing_memory import ReceivedGrant
 from consensus.errors import BlockRobotError
@@ -65,12 +65,12 @@ class Inbox:
     faded: tuple[ReceivedGrant, ...] = ()
     looks: tuple[AuditEntry, ...] = ()
     changed: tuple[tuple[AuditEntry, Finding], ...] = ()
-    unread: tuple[Unread, ...] = ()
+    unread: tuple[UnreadableGrant, ...] = ()
 
 
 async def read_inbox(opened: Wallet) -> Inbox:
     """Read grants and own visits. Raises NOT_REGISTERED; former members still see known grants."""
-    receiving = Receiving(opened)
+    receiving = IncomingShares(opened)
     receipts = await receiving.inbox()
     try:
         reports = await opened.records()
@@ -148,12 +148,12 @@ def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
     return lines
 
 
-def unread_share(unread: Unread) -> UnreadShare:
+def unread_share(unread: UnreadableGrant) -> UnreadShare:
     error = unread.error
     return UnreadShare(grant_id=unread.received.grant_id.hex(), code=error.code, detail=error.detail)
 
 
-def unread_line(unread: Unread, language: str | None = None) -> str:
+def unread_line(unread: UnreadableGrant, language: str | None = None) -> str:
     why, _ = describe_error(unread.error, language)
     return text("received.unread", language=language, grant=unread.received.grant_id.hex()[:12], why=why)
 
@@ -248,8 +248,8 @@ def _print_looks(looks: Sequence[AuditEntry]) -> None:
         console.print(text("inbox.look", **told, **names))
 
 
-async def _find(opened: Wallet, start: str) -> tuple[Receiving, Receipt]:
-    receiving = Receiving(opened)
+async def _find(opened: Wallet, start: str) -> tuple[IncomingShares, Receipt]:
+    receiving = IncomingShares(opened)
     found = await receiving.inbox()
     unread = {each.received.grant_id: each.error for each in receiving.unread}
     grant_id = find_by_prefix([*(each.grant.grant_id for each in found), *unread], start)

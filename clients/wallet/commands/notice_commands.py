@@ -13,7 +13,7 @@ from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import run_with_wallet
-from clients.wallet.consent.notice_reading import Notices, Told
+from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.consent_answers import FetchedReceipt, RegisterAnswer
@@ -23,7 +23,7 @@ from consensus.rights.consent_receipts import FIRST_SENSORS
 from pages.moments import show_moment
 
 
-def show_told(told: Told, *, err: bool = False) -> None:
+def show_notice(told: NoticeView, *, err: bool = False) -> None:
     """Print a notice verbatim, without control characters or colours from the chain."""
     for line in told.lines():
         if err:
@@ -42,13 +42,13 @@ def require_said(*, yes: bool) -> None:
         raise WrongUsage("no_terminal_read")
 
 
-def tell_first(notices: Notices | None, told: Told, question: str, *, yes: bool, as_json: bool) -> None:
+def tell_first(notices: Notices | None, told: NoticeView, question: str, *, yes: bool, as_json: bool) -> None:
     """Show a notice before signing, and ask unless `yes`. `notices` None: another person's, not remembered. With `yes`
     it is marked as shown once printed.
     """
     if as_json and (yes or not is_at_terminal()):
         return
-    show_told(told, err=as_json)
+    show_notice(told, err=as_json)
     if not yes and is_at_terminal():
         ask(question, err=as_json)
     if notices is not None:
@@ -117,8 +117,8 @@ def notice(ctx: click.Context, as_json: bool) -> None:
     run_with_wallet(ctx, action)
 
 
-def _show_with_changes(told: Told) -> None:
-    show_told(told)
+def _show_with_changes(told: NoticeView) -> None:
+    show_notice(told)
     if told.before is None or told.published is None:
         return
     came = show_moment(told.published.row.time_ms)
@@ -194,7 +194,7 @@ def _registered_line(purposes: tuple[str, ...]) -> str:
     return text("register.done_nothing")
 
 
-def _unseen(receipted: Receipted, told: Told) -> str:
+def _unseen(receipted: Receipted, told: NoticeView) -> str:
     """Describe a notice version published during registration, to which the chain binds."""
     published = None if receipted.receipt is None else receipted.receipt.published
     if published is None or published.row.version <= told.version:

@@ -15,7 +15,7 @@ from clients.sdk.terminal.terminal import console, handle_errors, json_option, p
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import require_new, run_with_wallet
 from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
-from clients.wallet.consent.rights_requests import Chosen, Rights, Said, choose, write_correction
+from clients.wallet.consent.rights_requests import RecordChoice, Rights, RightsStatement, choose, write_correction
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.rights_answers import (
     CorrectAnswer,
@@ -33,7 +33,7 @@ from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import CORRECTIONS, GROUNDS, KEEPING_GROUNDS, Correction
 from pages.moments import show_moment
 
-Spoken = tuple[list[Said], BlockRobotError | None]
+Spoken = tuple[list[RightsStatement], BlockRobotError | None]
 
 
 def _what(command: Any) -> Any:
@@ -54,11 +54,11 @@ def _require_named(record_ids: tuple[str, ...], visits: tuple[str, ...]) -> None
         raise WrongUsage("name_records")
 
 
-async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str, ...]) -> list[Chosen]:
+async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str, ...]) -> list[RecordChoice]:
     return choose(await opened.records(), record_ids, visits)
 
 
-def _visit_word(said: Said) -> VisitWord:
+def _visit_word(said: RightsStatement) -> VisitWord:
     return VisitWord(
         visit=said.visit.owner.hex(),
         records=[record_id.hex() for record_id in said.record_ids],
@@ -68,12 +68,12 @@ def _visit_word(said: Said) -> VisitWord:
     )
 
 
-def _name(said: Said) -> str:
+def _name(said: RightsStatement) -> str:
     name = said.visit.owner.hex()[:12]
     return text("rights.some" if said.record_ids else "rights.whole", count=len(said.record_ids), name=name)
 
 
-def _all_of(spoken: Spoken) -> list[Said]:
+def _all_of(spoken: Spoken) -> list[RightsStatement]:
     """Return all results; report them before raising the refusal."""
     words, refusal = spoken
     if refusal is None:
@@ -174,7 +174,7 @@ def object_to(
     if now and not as_json:
         click.echo(text("rights.linked"), err=True)
 
-    async def action(opened: Wallet) -> tuple[int, list[Said], Represented | None]:
+    async def action(opened: Wallet) -> tuple[int, list[RightsStatement], Represented | None]:
         rights, person = Rights(opened), await find_represented(opened, whom)
         height = await rights.object_to_recording(list(purposes), handle_of(person))
         if recording_only or person is not None:
@@ -233,7 +233,7 @@ def correct(
     require_new(out)
     right = _read_text(text_file)
 
-    async def action(opened: Wallet) -> tuple[Said, Correction]:
+    async def action(opened: Wallet) -> tuple[RightsStatement, Correction]:
         chosen = await _choose(opened, record_ids, visits)
         if len(chosen) != 1:
             raise WrongUsage("correct_one_visit")
@@ -268,7 +268,7 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
     question = text("rights.ask_wrong_person", no_officer=text("rights.no_officer"))
     ask_or_say(question, yes=yes, as_json=as_json)
 
-    async def action(opened: Wallet) -> Said:
+    async def action(opened: Wallet) -> RightsStatement:
         (chosen,) = choose(await opened.records(), (), (visit,))
         return await Rights(opened).deny(chosen.visit)
 

@@ -20,7 +20,7 @@ DEPTH = "depth"
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class ConsentDecision:
     """A final statement: transaction, block, effective height. `count` is the choices changed; 0 may still cancel a
     pending earlier consent.
     """
@@ -87,7 +87,7 @@ class Consenting:
         until_ms: int = 0,
         height: int = 0,
         seen_height: int | None = None,
-    ) -> Word:
+    ) -> ConsentDecision:
         """Consent within a period (0: unbounded) from a height (0: next block).
 
         Signs over `seen_height`, which proved the notice shown (default: newest proved block), against delayed
@@ -101,15 +101,17 @@ class Consenting:
         period = round_period(from_ms, until_ms)
         return await self._say("give", "given", purposes, sensors, *period, height, seen)
 
-    async def refuse(self, purposes: list[str], sensors: list[str]) -> Word:
+    async def refuse(self, purposes: list[str], sensors: list[str]) -> ConsentDecision:
         """Refuse purposes for sensors (none: all). Raises as `give`."""
         return await self._say("refuse", "refused", purposes, sensors)
 
-    async def withdraw(self, purposes: list[str], sensors: list[str]) -> Word:
+    async def withdraw(self, purposes: list[str], sensors: list[str]) -> ConsentDecision:
         """Withdraw consent for purposes and sensors (none: all). Raises as `give`."""
         return await self._say("withdraw", "withdrawn", purposes, sensors)
 
-    async def _say(self, entry: str, event: str, purposes: list[str], sensors: list[str], *more: int) -> Word:
+    async def _say(
+        self, entry: str, event: str, purposes: list[str], sensors: list[str], *more: int
+    ) -> ConsentDecision:
         self.require_known(purposes, sensors)
         await self._wallet.require_registered()
         receipt = await self._wallet.network.call(
@@ -119,7 +121,7 @@ class Consenting:
             keep_receipt(self._wallet.store.content, receipt)
         (data,) = receipt.event_data("consent", event)
         count = data.get("count", len(purposes) * len(sensors or SENSORS))
-        return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
+        return ConsentDecision(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
 
     def require_known(self, purposes: list[str], sensors: list[str]) -> None:
         """Raise PURPOSE_UNKNOWN, SENSOR_UNKNOWN for unknown codes."""

@@ -29,7 +29,7 @@ from consensus.state.identity import MEMBER
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class NoticeView:
     """The current notice (`published` None: none). `before` is the differing version consented to, `changes` the
     differences, `height` proves that none is newer.
     """
@@ -96,12 +96,12 @@ class Notices:
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
 
-    async def for_card(self, code: str) -> Told:
+    async def for_card(self, code: str) -> NoticeView:
         """Return the card issuer's notice, before registration. Raises VOUCHER_INVALID, NOTICE_INVALID, PROOF_*."""
         organisation = await organisation_of_card(self._wallet.network, decode_card_code(code))
         return await self._read(organisation, registered=False)
 
-    async def current(self) -> Told:
+    async def current(self) -> NoticeView:
         """Return the own organisation's notice and changes since consent. Raises NOT_REGISTERED, NOTICE_INVALID,
         PROOF_*.
         """
@@ -112,9 +112,9 @@ class Notices:
             return told
         before = await self._version(organisation, consented, registered=True)
         changes = tell_changes(before.notice, told.published.notice)
-        return Told(organisation, told.published, told.height, before.row, tuple(changes))
+        return NoticeView(organisation, told.published, told.height, before.row, tuple(changes))
 
-    async def of_organisation(self, organisation: str) -> Told:
+    async def of_organisation(self, organisation: str) -> NoticeView:
         """Return an organisation's current notice. Raises NOTICE_INVALID, PROOF_*."""
         return await self._read(organisation, registered=True)
 
@@ -126,20 +126,20 @@ class Notices:
         row, _ = await self._newest(await self._organisation(), registered=True)
         return row if row is not None and row.version > consented else None
 
-    async def due(self) -> Told | None:
+    async def due(self) -> NoticeView | None:
         """Return the notice never shown by this wallet, or None."""
         told = await self.current()
         return told if self.is_new(told) else None
 
-    def is_new(self, told: Told) -> bool:
+    def is_new(self, told: NoticeView) -> bool:
         return told.version > self._wallet.store.content.notice_shown_version
 
-    def note_shown(self, told: Told) -> None:
+    def note_shown(self, told: NoticeView) -> None:
         content = self._wallet.store.content
         content.notice_shown_version = max(content.notice_shown_version, told.version)
         self._wallet.store.save()
 
-    def note_consented(self, told: Told) -> None:
+    def note_consented(self, told: NoticeView) -> None:
         """Record the notice as shown and consented to."""
         content = self._wallet.store.content
         content.notice_consented_version = max(content.notice_consented_version, told.version)
@@ -153,11 +153,11 @@ class Notices:
             raise BlockRobotError("NOT_REGISTERED")
         return row.org
 
-    async def _read(self, organisation: str, *, registered: bool) -> Told:
+    async def _read(self, organisation: str, *, registered: bool) -> NoticeView:
         row, height = await self._newest(organisation, registered=registered)
         if row is None:
-            return Told(organisation, None, height)
-        return Told(organisation, await self._version(organisation, row.version, registered=registered), height)
+            return NoticeView(organisation, None, height)
+        return NoticeView(organisation, await self._version(organisation, row.version, registered=registered), height)
 
     async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeRow | None, int]:
         """Return the version in force and its proof's height."""

@@ -37,7 +37,7 @@ Sleep = Callable[[float], Awaitable[None]]
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
+class RecordChoice:
     """Selected records of one visit; none means the whole visit."""
 
     visit: KnownVisit
@@ -49,7 +49,7 @@ class Chosen:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class RightsStatement:
     """A final statement about one visit."""
 
     visit: KnownVisit
@@ -60,17 +60,17 @@ class Said:
     data: dict[str, Any] = field(default_factory=dict)
 
 
-def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Sequence[str]) -> list[Chosen]:
+def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Sequence[str]) -> list[RecordChoice]:
     """Resolve record ids and visit name prefixes (hex). Raises RECORD_NOT_FOUND, VISIT_NOT_FOUND, NAME_TOO_SHORT,
     NAME_AMBIGUOUS.
     """
-    chosen = [Chosen(_find_visit(reports, start).visit) for start in visits]
+    chosen = [RecordChoice(_find_visit(reports, start).visit) for start in visits]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
     by_visit: dict[bytes, list[RecordEntry]] = {}
     for record_id in dict.fromkeys(find_record(list(entries), start) for start in record_ids):
         by_visit.setdefault(entries[record_id].visit.owner, []).append(entries[record_id])
     whole = {one.visit.owner for one in chosen}
-    chosen += [Chosen(part[0].visit, tuple(part)) for owner, part in by_visit.items() if owner not in whole]
+    chosen += [RecordChoice(part[0].visit, tuple(part)) for owner, part in by_visit.items() if owner not in whole]
     return chosen
 
 
@@ -85,28 +85,28 @@ class Rights:
         self._wallet = wallet
         self._sleep = sleep
 
-    async def _say(self, chosen: Chosen, entry: str, arguments: list[Any], event: str) -> Said:
+    async def _say(self, chosen: RecordChoice, entry: str, arguments: list[Any], event: str) -> RightsStatement:
         key = self._wallet.owner_key(chosen.visit)
         receipt = await self._wallet.network.call(key, "rights", entry, arguments)
         (data,) = receipt.event_data("rights", event)
         named = tuple(chosen.record_ids)
-        return Said(chosen.visit, named, receipt.txid, receipt.height, receipt.timestamp_ms, data)
+        return RightsStatement(chosen.visit, named, receipt.txid, receipt.height, receipt.timestamp_ms, data)
 
-    async def restrict(self, chosen: Chosen, ground: str) -> Said:
+    async def restrict(self, chosen: RecordChoice, ground: str) -> RightsStatement:
         """Restrict records to the owner. Raises VALUE_INVALID, CALL_REFUSED."""
         if ground not in GROUNDS:
             raise refusal("VALUE_INVALID", "right_ground", given=ground, known=", ".join(GROUNDS))
         return await self._say(chosen, "restrict", [chosen.record_ids, ground], "restricted")
 
-    async def lift(self, chosen: Chosen) -> Said:
+    async def lift(self, chosen: RecordChoice) -> RightsStatement:
         """Lift a restriction. Raises CALL_REFUSED."""
         return await self._say(chosen, "lift", [chosen.record_ids], "lifted")
 
-    async def deny(self, visit: KnownVisit) -> Said:
+    async def deny(self, visit: KnownVisit) -> RightsStatement:
         """State that a visit shows somebody else. Raises CALL_REFUSED."""
-        return await self._say(Chosen(visit), "wrong_person", [], "quarantined")
+        return await self._say(RecordChoice(visit), "wrong_person", [], "quarantined")
 
-    async def correct(self, chosen: Chosen, kind: str, text: str) -> tuple[Said, Correction]:
+    async def correct(self, chosen: RecordChoice, kind: str, text: str) -> tuple[RightsStatement, Correction]:
         """Append a correction; text and salt are saved in the wallet before sending. Raises VALUE_INVALID,
         CALL_REFUSED.
         """
@@ -145,7 +145,7 @@ class Rights:
         height: int = data["height"]
         return height
 
-    async def object_to_release(self, purposes: list[str], *, at_once: bool, tell: Tell) -> list[Said]:
+    async def object_to_release(self, purposes: list[str], *, at_once: bool, tell: Tell) -> list[RightsStatement]:
         """Object to release per visit, skipping done or denied ones. Random pauses up to four seconds prevent linking,
         unless `at_once`.
         """
@@ -157,16 +157,21 @@ class Rights:
             tell(number, len(visits))
             if not at_once:
                 await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
-            said.append(await self._say(Chosen(visit), "object_to_release", [purposes], "objected"))
+            said.append(await self._say(RecordChoice(visit), "object_to_release", [purposes], "objected"))
         return said
 
     async def say_each(
-        self, chosen: Sequence[Chosen], say: Callable[[Chosen], Awaitable[Said]], *, at_once: bool, tell: Tell
-    ) -> tuple[list[Said], BlockRobotError | None]:
+        self,
+        chosen: Sequence[RecordChoice],
+        say: Callable[[RecordChoice], Awaitable[RightsStatement]],
+        *,
+        at_once: bool,
+        tell: Tell,
+    ) -> tuple[list[RightsStatement], BlockRobotError | None]:
         """Apply `say` to each visit, paced as `object_to_release`, until a refusal. Returns results and that refusal."""
         order = list(chosen)
         secrets.SystemRandom().shuffle(order)
-        said: list[Said] = []
+        said: list[RightsStatement] = []
         for number, one in enumerate(order):
             if len(order) > 1:
                 tell(number, len(order))

@@ -9,7 +9,7 @@ from aiohttp import web
 
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.record_seals import verified_block
-from clients.wallet.page.request_fields import Asked
+from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import PageSession
 from clients.wallet.present.translations import LANGUAGES, describe_error, language_in_use
 from consensus.errors import BlockRobotError
@@ -91,12 +91,12 @@ def accepted(job: Job) -> web.Response:
     return answer_json({"job": job.name}, status=202)
 
 
-async def body_of(request: web.Request) -> Asked:
-    return Asked(await read_object(request) if request.can_read_body else {})
+async def body_of(request: web.Request) -> RequestFields:
+    return RequestFields(await read_object(request) if request.can_read_body else {})
 
 
-def query_of(request: web.Request) -> Asked:
-    return Asked(request.query)
+def query_of(request: web.Request) -> RequestFields:
+    return RequestFields(request.query)
 
 
 class ToldJob(msgspec.Struct, frozen=True, kw_only=True):

@@ -17,7 +17,7 @@ def _refuse(detail: str) -> BlockRobotError:
     return BlockRobotError("REQUEST_INVALID", detail)
 
 
-class Asked:
+class RequestFields:
     """Fields of a body or query; `end` rejects unread ones."""
 
     def __init__(self, fields: Mapping[str, Any]) -> None:

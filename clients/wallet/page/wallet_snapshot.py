@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from clients.wallet.consent.notice_reading import Notices, Told
+from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.ledger.robot_names import RobotNames, read_robot_names
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit, findings_of
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
@@ -52,7 +52,7 @@ class Snapshot:
     """Visits, oldest first, and the notice. `read_at_ms` is local time."""
 
     visits: tuple[VisitPart, ...] = ()
-    notice: Told | None = None
+    notice: NoticeView | None = None
     notice_at_ms: int = 0
     read_at_ms: int = 0
     entries: dict[bytes, RecordEntry] = field(default_factory=dict)

@@ -12,7 +12,7 @@ from typing import IO, Any
 
 import click
 
-from clients.wallet.cli.invocation import as_called
+from clients.wallet.cli.invocation import with_command_prefix
 from consensus.contract_refusals import refusal_code
 from consensus.errors import BlockRobotError
 
@@ -87,7 +87,7 @@ def text(key: str, /, *, language: str | None = None, **values: object) -> str:
         form = load(DEFAULT_LANGUAGE)[key]
     if not isinstance(form, str):
         form = form[ONE if values["count"] == 1 else OTHER]
-    return as_called(form, has_fields=True).format(**values) if values else as_called(form)
+    return with_command_prefix(form, has_fields=True).format(**values) if values else with_command_prefix(form)
 
 
 def refusal(code: str, key: str, /, **values: str | int) -> BlockRobotError:
@@ -146,9 +146,9 @@ def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
     start = f"{prefix}."
     texts = {**load(DEFAULT_LANGUAGE), **load(language)}
     return {
-        key.removeprefix(start): as_called(form)
+        key.removeprefix(start): with_command_prefix(form)
         if isinstance(form, str)
-        else {name: as_called(one) for name, one in form.items()}
+        else {name: with_command_prefix(one) for name, one in form.items()}
         for key, form in texts.items()
         if key.startswith(start)
     }
@@ -165,14 +165,14 @@ def describe_error(error: BlockRobotError, language: str | None = None) -> tuple
     if told:
         detail = told
     elif isinstance(meaning, str):
-        meaning = as_called(meaning)
+        meaning = with_command_prefix(meaning)
         detail = meaning if error.detail == error.entry.meaning else _with_particulars(meaning, error.detail, language)
     elif error.detail == error.entry.meaning:
-        detail = as_called(error.detail)
+        detail = with_command_prefix(error.detail)
     if error.next_step != error.entry.next_step:  # that of a contract's own code says more
         refused = refusal_code(str(error.context.get("contract_code", "")), error.detail)
         next_step = texts.get(f"refusals.{refused}")
-    return detail, as_called(next_step if isinstance(next_step, str) else error.next_step)
+    return detail, with_command_prefix(next_step if isinstance(next_step, str) else error.next_step)
 
 
 def _with_particulars(meaning: str, detail: str, language: str) -> str:

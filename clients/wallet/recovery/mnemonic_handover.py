@@ -53,7 +53,7 @@ def _wiped_afterwards() -> Iterator[None]:
         clear_screen()
 
 
-def show_alone(told: str, words: str) -> None:
+def show_once(told: str, words: str) -> None:
     """Show a mnemonic on an empty screen, then wipe it. Raises Abort on Ctrl-C."""
     clear_screen()
     with _wiped_afterwards():
@@ -61,7 +61,7 @@ def show_alone(told: str, words: str) -> None:
         ask_for_enter(text("new.written"))
 
 
-def check_back(words: str, count: int, *, said: str, show_again: Callable[[], None]) -> None:
+def confirm_words(words: str, count: int, *, said: str, show_again: Callable[[], None]) -> None:
     """Ask for randomly chosen words until all are right; then wipe the input. `said` is the catalogue key.
 
     Raises WORDS_NOT_CHECKED after `count` wrong ones, Abort on Ctrl-C.
@@ -91,6 +91,6 @@ def _ask_back(words: str, count: int, said: str, show_again: Callable[[], None])
 
 
 def show_and_check(told: str, words: str, count: int = CHECKED_COUNT, *, said: str = "new") -> None:
-    show = partial(show_alone, told, words)
+    show = partial(show_once, told, words)
     show()
-    check_back(words, count, said=said, show_again=show)
+    confirm_words(words, count, said=said, show_again=show)

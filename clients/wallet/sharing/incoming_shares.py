@@ -105,14 +105,14 @@ class SharedView:
 
 
 @dataclass(frozen=True, slots=True)
-class Unread:
+class UnreadableGrant:
     """A grant that could not be read, and why."""
 
     received: ReceivedGrant
     error: BlockRobotError
 
 
-class Receiving:
+class IncomingShares:
     """Access to what was shared with this wallet."""
 
     def __init__(self, wallet: Wallet, *, follow_max_ms: int = FOLLOW_MAX_MS, sleep: Sleep = asyncio.sleep) -> None:
@@ -121,7 +121,7 @@ class Receiving:
         self._sleep = sleep
         self.reads_new = True
         self.faded: list[ReceivedGrant] = []
-        self.unread: list[Unread] = []
+        self.unread: list[UnreadableGrant] = []
         self.missing_rooms: dict[bytes, BlockRobotError] = {}
         """Empty frames that were asked for in vain, by their hash, and why."""
 
@@ -141,7 +141,7 @@ class Receiving:
                 elif error.entry.retryable:
                     raise
                 else:
-                    self.unread.append(Unread(received, error))
+                    self.unread.append(UnreadableGrant(received, error))
         return sorted(found, key=lambda receipt: (receipt.grant.row.time, receipt.grant.grant_id))
 
     async def read(self, received: ReceivedGrant) -> Receipt:

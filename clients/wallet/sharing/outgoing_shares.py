@@ -17,7 +17,7 @@ from clients.sdk.chain.proved_rows import proved_row, put_query
 from clients.sdk.connections import NodeAddress
 from clients.sdk.failover import SURE_REFUSALS
 from clients.sdk.quorum import require_quorum
-from clients.wallet.consent.rights_requests import Chosen
+from clients.wallet.consent.rights_requests import RecordChoice
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.present.translations import refusal, text
@@ -152,7 +152,7 @@ def place_end(until_ms: int, now_ms: int) -> int:
     return end_ms
 
 
-def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], purpose: str) -> list[RecordEntry]:
+def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[RecordChoice], purpose: str) -> list[RecordEntry]:
     """Return the shareable records of one visit.
 
     Raises SHARE_NOT_POSSIBLE for several visits (grants would link them), NOTHING_TO_SHARE, CALL_REFUSED (the chain's

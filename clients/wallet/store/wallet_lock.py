@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import msgspec
 
-from clients.wallet.cli.invocation import as_called
+from clients.wallet.cli.invocation import with_command_prefix
 from clients.wallet.present.translations import refusal
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
@@ -106,7 +106,7 @@ def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
     if holder is None:
         raise refusal("WALLET_BUSY", "wallet_busy", path=str(path))
     # It has the very wallet that is wanted here, so it is called as this one is.
-    who = as_called(holder.command[:1].upper() + holder.command[1:])
+    who = with_command_prefix(holder.command[:1].upper() + holder.command[1:])
     moment = show_moment(holder.since_ms)
     raise refusal("WALLET_BUSY", "wallet_busy_with", who=who, process=holder.process, path=str(path), since=moment)
 

@@ -16,7 +16,7 @@ from typing import Literal
 import msgspec
 
 from consensus.chain.block import Block, IndexedSignature, QuorumCertificate
-from consensus.chain.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
+from consensus.chain.messages import CertificateNotice, LastSignedRequest, LastSignedResponse, Proposal, Timeout, Vote
 from consensus.chain.transaction import TransactionBody, TransactionWire, sign_transaction
 from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.keys import PrivateKey
@@ -158,7 +158,7 @@ def _notice(target: Target) -> bytes:
 
 
 def _words_answer(target: Target) -> bytes:
-    answer = WordsAnswer(
+    answer = LastSignedResponse(
         epoch=target.epoch,
         asked_at_ms=time.time_ns() // 1_000_000,
         speech="speaking",
@@ -167,12 +167,12 @@ def _words_answer(target: Target) -> bytes:
         qc=_qc(target, _near(target)),
         entered_by=None,
     )
-    return encode_frame(FrameKind.WORDS_ANSWER, encode(answer))
+    return encode_frame(FrameKind.LAST_SIGNED_RESPONSE, encode(answer))
 
 
 def _words_request(target: Target) -> bytes:
-    request = WordsRequest(epoch=target.epoch, asked_at_ms=time.time_ns() // 1_000_000)
-    return encode_frame(FrameKind.WORDS_REQUEST, encode(request))
+    request = LastSignedRequest(epoch=target.epoch, asked_at_ms=time.time_ns() // 1_000_000)
+    return encode_frame(FrameKind.LAST_SIGNED_REQUEST, encode(request))
 
 
 def _height(target: Target) -> bytes:
@@ -215,8 +215,8 @@ FRAMES: dict[str, Callable[[Target], bytes]] = {
     "NOTICE": _notice,
     "EPOCH": _epoch,
     "HEIGHT": _height,
-    "WORDS_REQUEST": _words_request,
-    "WORDS_ANSWER": _words_answer,
+    "LAST_SIGNED_REQUEST": _words_request,
+    "LAST_SIGNED_RESPONSE": _words_answer,
     "RESPONSE": _raw(FrameKind.RESPONSE, FRAME_MAX_BYTES[FrameKind.RESPONSE] // 8),
     "TRANSACTIONS": _batch(in_a_members_name),
     "TRANSACTIONS:strangers": _batch(by_strangers),

@@ -20,7 +20,7 @@ from network.cli.contract.contract_room import require_room
 from network.cli.contract.contract_waiting import Arrival, await_change, no_wait_option
 from network.cli.governance.governance_signer import (
     GovernanceSigner,
-    Told,
+    SubmittedAct,
     decide_on_proposal,
     governing_options,
     proposal_answer,
@@ -54,7 +54,7 @@ def when_options(command: Any) -> Any:
     return command
 
 
-def _propose(seat: GovernanceSigner, kind: str, arguments: dict[str, Any]) -> Told:
+def _propose(seat: GovernanceSigner, kind: str, arguments: dict[str, Any]) -> SubmittedAct:
     return propose_once(seat, "lifecycle", kind, arguments, lambda governor: governor.propose_contract(kind, arguments))
 
 
@@ -66,7 +66,7 @@ def _version_in_force(seat: GovernanceSigner, name: str) -> int:
     return with_client(seat, read)
 
 
-def _report(seat: GovernanceSigner, told: Told, what: str, name: str, *, wait: bool, as_json: bool) -> None:
+def _report(seat: GovernanceSigner, told: SubmittedAct, what: str, name: str, *, wait: bool, as_json: bool) -> None:
     """Raises CONTRACT_CHANGE_FAILED."""
     decision = told.decision
     if not as_json and (told.proposal is not None or decision.due_height is None):
@@ -105,7 +105,7 @@ def _told_arrival(name: str, arrival: Arrival) -> str:
     return words.get(arrival.state, f"Another change of {name} has taken its place.")
 
 
-def _decision_answer(told: Told, arrival: Arrival | None) -> ContractDecisionAnswer:
+def _decision_answer(told: SubmittedAct, arrival: Arrival | None) -> ContractDecisionAnswer:
     decision, proposal = told.decision, told.proposal
     return ContractDecisionAnswer(
         height=decision.height,

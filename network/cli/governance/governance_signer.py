@@ -151,7 +151,7 @@ def read_as_any(
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class SubmittedAct:
     """A decision, the membership afterwards, and its proposal (None once closed)."""
 
     decision: Decision
@@ -163,16 +163,16 @@ def decide(
     seat: GovernanceSigner,
     work: Callable[[Governor], Awaitable[Decision]],
     check: Callable[[NetworkClient], Awaitable[None]] | None = None,
-) -> Told:
+) -> SubmittedAct:
     """Check if requested, decide, wait for finality, read the result."""
 
-    async def run(client: NetworkClient) -> Told:
+    async def run(client: NetworkClient) -> SubmittedAct:
         if check is not None:
             await check(client)
         decision = await work(Governor(client, seat.key))
         membership = await read_membership(client, seat.key)
         found = [row for row in membership.proposals if row.id == decision.proposal_id]
-        return Told(decision, membership, found[0] if found else None)
+        return SubmittedAct(decision, membership, found[0] if found else None)
 
     return with_client(seat, run)
 
@@ -184,7 +184,7 @@ def propose_once(
     arguments: Mapping[str, Any],
     work: Callable[[Governor], Awaitable[Decision]],
     check: Callable[[NetworkClient, MembershipView], Awaitable[None]] | None = None,
-) -> Told:
+) -> SubmittedAct:
     """Propose unless already open. Raises GOVERNANCE_PROPOSED_ALREADY, and as `decide`."""
 
     async def look(client: NetworkClient) -> None:
@@ -233,10 +233,10 @@ def decide_on_proposal(
     text: str,
     work: Callable[[Governor, ProposalRow], Awaitable[Decision]],
     check: Callable[[NetworkClient, MembershipView, ProposalRow], Awaitable[None]] | None = None,
-) -> tuple[Told, ProposalRow]:
+) -> tuple[SubmittedAct, ProposalRow]:
     """Find an open proposal by id prefix, check if requested, and decide."""
 
-    async def run(client: NetworkClient) -> tuple[Told, ProposalRow]:
+    async def run(client: NetworkClient) -> tuple[SubmittedAct, ProposalRow]:
         before = await read_membership(client, seat.key)
         try:
             proposal = find_proposal([row for row in before.proposals if row.contract == contract], text)
@@ -248,7 +248,7 @@ def decide_on_proposal(
         decision = await work(Governor(client, seat.key), proposal)
         after = await read_membership(client, seat.key)
         found = [row for row in after.proposals if row.id == proposal.id]
-        return Told(decision, after, found[0] if found else None), proposal
+        return SubmittedAct(decision, after, found[0] if found else None), proposal
 
     return with_client(seat, run)
 
@@ -313,7 +313,7 @@ def plain_table(title: str, columns: list[str]) -> Table:
     return table
 
 
-def report_decision(told: Told, what: str, group: str, *, as_json: bool, needs_others: bool = True) -> None:
+def report_decision(told: SubmittedAct, what: str, group: str, *, as_json: bool, needs_others: bool = True) -> None:
     decision, proposal, needed = told.decision, told.proposal, told.membership.majority
     if as_json:
         print_answer(

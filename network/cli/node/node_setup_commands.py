@@ -6,11 +6,11 @@ import shlex
 from pathlib import Path
 
 import click
-import msgspec
 
 from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
+from consensus.bounded_text import read_json_as
 from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
@@ -169,7 +169,7 @@ def directory(node: str, out: Path | None, folder: Path | None, as_json: bool) -
     if out is not None:
         write_new_file(out, data, private=False)
     if as_json:
-        print_answer(msgspec.json.decode(data, type=NodeDirectoryAnswer))
+        print_answer(read_json_as(data, NodeDirectoryAnswer))
         return
     table = plain_table(f"Nodes as of height {content.height}", ["node", "organisation", "peers", "clients", "state"])
     for item in content.nodes.values():

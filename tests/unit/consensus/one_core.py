@@ -19,11 +19,11 @@ from consensus.chain.genesis import ChainSettings
 from consensus.chain.messages import (
     SPEAKING,
     CertificateNotice,
+    LastSigned,
+    LastSignedResponse,
     Proposal,
     Timeout,
     Vote,
-    Word,
-    WordsAnswer,
     sign_block,
     sign_timeout,
     sign_vote,
@@ -38,13 +38,13 @@ from consensus.protocol.events import (
     BlockBuilt,
     BlockExecuted,
     Event,
+    LastSignedReceived,
     NoticeReceived,
     ProposalReceived,
     Started,
     TimeoutReceived,
     TimerFired,
     VoteReceived,
-    WordsAnswered,
     WorkChanged,
 )
 from tests.sim.named_chain import (
@@ -274,14 +274,14 @@ class OneCore(Peers):
         self,
         peer: int,
         *,
-        word: Word | None = None,
+        word: LastSigned | None = None,
         speech: str = SPEAKING,
         signed_round: int = 0,
         qc: QuorumCertificate | None = None,
         entered_by: TimeoutCertificate | None = None,
     ) -> list[Effect]:
         """A peer says what it last heard of this producer (nothing, unless said), and how far it is itself."""
-        answer = WordsAnswer(
+        answer = LastSignedResponse(
             epoch=self.epoch,
             asked_at_ms=self.now_ms,
             speech=speech,
@@ -290,7 +290,7 @@ class OneCore(Peers):
             qc=qc or self.root_qc,
             entered_by=entered_by,
         )
-        return self.handle(WordsAnswered(answer=answer, sender=peer, now_ms=self.now_ms))
+        return self.handle(LastSignedReceived(answer=answer, sender=peer, now_ms=self.now_ms))
 
     def notice(self, qc: QuorumCertificate, entered_by: TimeoutCertificate | None = None) -> list[Effect]:
         notice = CertificateNotice(qc=qc, entered_by=entered_by)

@@ -15,18 +15,18 @@ from consensus.chain.messages import (
     ASKING,
     SILENT,
     SPEAKING,
+    LastSigned,
+    LastSignedRequest,
+    LastSignedResponse,
     Proposal,
     Timeout,
     Vote,
-    Word,
-    WordsAnswer,
-    WordsRequest,
 )
 from consensus.chain.schedule import Schedule
 from consensus.primitives.encoding import decode
 from consensus.protocol.core import Core
 from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, LockoutChanged, Persist, SendTo, SetTimer
-from consensus.protocol.events import PeerConnected, Started, WordsAnswered, WordsAsked
+from consensus.protocol.events import LastSignedReceived, LastSignedRequested, PeerConnected, Started
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import CHECK, GENESIS_QC, NOW_MS, TRANSACTION, OneCore, Peers, of_type, said, told
 
@@ -38,11 +38,11 @@ RESTORED = encode_restored_record()
 def vote_word(block, index=3, keys=PEERS):
     vote = keys.vote(index, block)
     header = block.header
-    return Word("vote", header.epoch, header.round, vote.block_id, 0, vote.signature)
+    return LastSigned("vote", header.epoch, header.round, vote.block_id, 0, vote.signature)
 
 
 def timeout_word(round_number, index=3):
-    return Word("timeout", 0, round_number, b"", 0, PEERS.timeout(index, round_number).signature)
+    return LastSigned("timeout", 0, round_number, b"", 0, PEERS.timeout(index, round_number).signature)
 
 
 def finalize(node, first, last):
@@ -78,38 +78,38 @@ def test_a_leader_that_asks_proposes_only_when_it_may_speak():
 
 def test_a_producer_asks_at_its_start_again_every_interval_and_whoever_connects_until_it_is_answered():
     node = OneCore(answered=False)
-    assert said(node.started, WordsRequest) == [WordsRequest(epoch=0, asked_at_ms=NOW_MS)]
+    assert said(node.started, LastSignedRequest) == [LastSignedRequest(epoch=0, asked_at_ms=NOW_MS)]
     assert of_type(node.started, SetTimer)[-1].kind == TIMER_ASK
-    assert len(said(node.fire(TIMER_ASK), WordsRequest)) == 1
-    assert len(told(node.handle(PeerConnected(index=0, now_ms=NOW_MS)), 0, WordsRequest)) == 1
+    assert len(said(node.fire(TIMER_ASK), LastSignedRequest)) == 1
+    assert len(told(node.handle(PeerConnected(index=0, now_ms=NOW_MS)), 0, LastSignedRequest)) == 1
     node.answer_from(0)
     assert CancelTimer(kind=TIMER_ASK) in node.answer_from(2)
-    assert said(node.fire(TIMER_ASK), WordsRequest) == []
-    assert told(node.handle(PeerConnected(index=1, now_ms=NOW_MS)), 1, WordsRequest) == []
+    assert said(node.fire(TIMER_ASK), LastSignedRequest) == []
+    assert told(node.handle(PeerConnected(index=1, now_ms=NOW_MS)), 1, LastSignedRequest) == []
 
 
 @pytest.mark.parametrize("node", [OneCore(0, count=1), OneCore(None, answered=False)])
 def test_a_lone_producer_and_a_follower_ask_nobody(node):
-    assert said(node.started, WordsRequest) == []
+    assert said(node.started, LastSignedRequest) == []
     assert node.core.silence is None
 
 
 def test_an_answer_counts_only_from_a_producer_to_what_was_asked_in_this_life_and_with_proven_rounds():
     node = OneCore(answered=False)
-    good = WordsAnswer(0, NOW_MS, SPEAKING, 0, None, GENESIS_QC, None)
+    good = LastSignedResponse(0, NOW_MS, SPEAKING, 0, None, GENESIS_QC, None)
     for answer, sender in [
         (good, None),
         (good, 9),
         (good, 3),
-        (WordsAnswer(0, NOW_MS - 1, SPEAKING, 0, None, GENESIS_QC, None), 0),
-        (WordsAnswer(1, NOW_MS, SPEAKING, 0, None, GENESIS_QC, None), 0),
-        (WordsAnswer(0, NOW_MS, SPEAKING, 2, None, GENESIS_QC, None), 0),
-        (WordsAnswer(0, NOW_MS, SPEAKING, -1, None, GENESIS_QC, None), 0),
-        (WordsAnswer(0, NOW_MS, SPEAKING, 0, None, PEERS.qc(ONE, (0, 1)), None), 0),
+        (LastSignedResponse(0, NOW_MS - 1, SPEAKING, 0, None, GENESIS_QC, None), 0),
+        (LastSignedResponse(1, NOW_MS, SPEAKING, 0, None, GENESIS_QC, None), 0),
+        (LastSignedResponse(0, NOW_MS, SPEAKING, 2, None, GENESIS_QC, None), 0),
+        (LastSignedResponse(0, NOW_MS, SPEAKING, -1, None, GENESIS_QC, None), 0),
+        (LastSignedResponse(0, NOW_MS, SPEAKING, 0, None, PEERS.qc(ONE, (0, 1)), None), 0),
     ]:
-        node.handle(WordsAnswered(answer=answer, sender=sender, now_ms=NOW_MS))
+        node.handle(LastSignedReceived(answer=answer, sender=sender, now_ms=NOW_MS))
     assert node.core._voter.returning._willing == set()
-    node.handle(WordsAnswered(answer=good, sender=0, now_ms=NOW_MS))
+    node.handle(LastSignedReceived(answer=good, sender=0, now_ms=NOW_MS))
     assert node.core._voter.returning._willing == {0}
 
 
@@ -137,9 +137,11 @@ def test_a_producer_tells_another_one_the_newest_word_that_it_heard_of_it():
     for block in node.chain(1, 2):
         node.vote_from(3, block)
     node.timeout_from(2, 1)
-    request = WordsRequest(epoch=0, asked_at_ms=5)
+    request = LastSignedRequest(epoch=0, asked_at_ms=5)
     for asker, word in [(3, ("vote", 2)), (2, ("timeout", 1)), (1, None)]:
-        (answer,) = told(node.handle(WordsAsked(request=request, sender=asker, now_ms=NOW_MS)), asker, WordsAnswer)
+        (answer,) = told(
+            node.handle(LastSignedRequested(request=request, sender=asker, now_ms=NOW_MS)), asker, LastSignedResponse
+        )
         assert (answer.asked_at_ms, answer.speech, answer.qc) == (5, SPEAKING, node.core.high_qc)
         assert (None if answer.word is None else (answer.word.kind, answer.word.round)) == word
 
@@ -150,17 +152,21 @@ def test_a_word_is_remembered_out_of_certificates_and_over_a_restart():
     node.receive(one)
     node.receive(two)
     after = node.restarted()
-    request = WordsRequest(epoch=0, asked_at_ms=5)
-    (answer,) = told(after.handle(WordsAsked(request=request, sender=3, now_ms=NOW_MS)), 3, WordsAnswer)
+    request = LastSignedRequest(epoch=0, asked_at_ms=5)
+    (answer,) = told(after.handle(LastSignedRequested(request=request, sender=3, now_ms=NOW_MS)), 3, LastSignedResponse)
     assert (answer.word.kind, answer.word.round) == ("vote", 1)
-    (answer,) = told(after.handle(WordsAsked(request=request, sender=2, now_ms=NOW_MS)), 2, WordsAnswer)
+    (answer,) = told(after.handle(LastSignedRequested(request=request, sender=2, now_ms=NOW_MS)), 2, LastSignedResponse)
     assert (answer.word.kind, answer.word.round) == ("proposal", 2)
 
 
 def test_nobody_is_told_about_anybody_else_nor_in_another_epoch():
     node = OneCore(0)
-    before = node.handle(WordsAsked(request=WordsRequest(epoch=1, asked_at_ms=5), sender=3, now_ms=NOW_MS))
-    unknown = node.handle(WordsAsked(request=WordsRequest(epoch=0, asked_at_ms=5), sender=None, now_ms=NOW_MS))
+    before = node.handle(
+        LastSignedRequested(request=LastSignedRequest(epoch=1, asked_at_ms=5), sender=3, now_ms=NOW_MS)
+    )
+    unknown = node.handle(
+        LastSignedRequested(request=LastSignedRequest(epoch=0, asked_at_ms=5), sender=None, now_ms=NOW_MS)
+    )
     assert of_type(before + unknown, SendTo) == []
 
 
@@ -192,13 +198,13 @@ def test_a_word_that_the_journal_knows_or_that_is_forged_silences_nobody():
     node = OneCore()
     node.receive(ONE)
     stranger = vote_word(PEERS.block(2, ONE), index=2)
-    proposal = Word("proposal", 0, 9, ONE.block_id, 0, bytes(64))
+    proposal = LastSigned("proposal", 0, 9, ONE.block_id, 0, bytes(64))
     for word in (
         vote_word(ONE),
         stranger,
         proposal,
-        Word("gossip", 0, 9, b"", 0, b""),
-        Word("vote", 0, -1, b"", 0, b""),
+        LastSigned("gossip", 0, 9, b"", 0, b""),
+        LastSigned("vote", 0, -1, b"", 0, b""),
     ):
         after = OneCore(journal=node.journal, answered=False)
         after.answer_from(0, word=word)
@@ -250,9 +256,9 @@ def test_a_forgotten_timeout_with_another_qc_is_another_word():
     (timeout,) = said(node.fire("round"), Timeout)
     again = OneCore(journal=node.journal)
     qc = PEERS.qc(ONE)
-    two = Word("timeout", 0, timeout.round, b"", 0, timeout.signature)
+    two = LastSigned("timeout", 0, timeout.round, b"", 0, timeout.signature)
     assert again.core._voter.remembers(two)
-    assert not again.core._voter.remembers(Word("timeout", 0, timeout.round, b"", qc.round, bytes(64)))
+    assert not again.core._voter.remembers(LastSigned("timeout", 0, timeout.round, b"", qc.round, bytes(64)))
 
 
 def test_what_was_said_where_a_silence_ended_does_not_begin_another_one():
@@ -310,7 +316,7 @@ def test_a_silent_producer_stays_silent_over_a_crash_and_asks_again():
         node.answer_from(peer)
     after = OneCore(journal=node.journal, answered=False)
     assert read_journal(after.journal, 0).silence == SigningLockout("restored", 0, 1)
-    assert said(after.started, WordsRequest)
+    assert said(after.started, LastSignedRequest)
 
 
 def test_the_mark_stands_before_every_word_of_the_new_life():
@@ -395,7 +401,7 @@ def test_other_producers_are_asked_anew_how_far_they_are():
     for producers in (keys[3:7], keys[1:5], keys[:7]):
         other = core_of_next_epoch(node, node.core, producers)
         assert read_journal(other.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
-        assert said(other.handle(Started(now_ms=NOW_MS)), WordsRequest)
+        assert said(other.handle(Started(now_ms=NOW_MS)), LastSignedRequest)
     again = core_of_next_epoch(node, node.core, tuple(reversed(keys[:4])))
     assert read_journal(again.journal_snapshot(), 1).silence == SigningLockout("restored", 1, 1)
 
@@ -435,8 +441,8 @@ def test_in_an_epoch_that_its_journal_has_left_a_producer_signs_nothing():
     assert said(node.fire("round"), Timeout) == []
     assert "epoch 1" in node.core.silence.until
     assert LockoutChanged(*node.core.silence) in node.started
-    request = WordsRequest(epoch=0, asked_at_ms=5)
-    (answer,) = told(node.handle(WordsAsked(request=request, sender=1, now_ms=NOW_MS)), 1, WordsAnswer)
+    request = LastSignedRequest(epoch=0, asked_at_ms=5)
+    (answer,) = told(node.handle(LastSignedRequested(request=request, sender=1, now_ms=NOW_MS)), 1, LastSignedResponse)
     assert answer.speech == SILENT
 
 

@@ -32,7 +32,7 @@ from contracts.execution.machine import ContractMachine
 from contracts.worker.wall import REQUIRED_PARTS
 from network.cli.contract.contract_commands import contract
 from network.contracts import contract_tracing
-from network.contracts.contract_tracing import WalledTracer, trace_transaction
+from network.contracts.contract_tracing import SandboxedTracer, trace_transaction
 from tests.unit.clients.bundle.ward import answer_block
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
@@ -159,7 +159,7 @@ async def test_blocks_that_do_not_fit_are_not_believed(served: ServedChain) -> N
 
 
 def test_the_chain_is_executed_behind_the_wall(served: ServedChain) -> None:
-    with WalledTracer(served.genesis, served.receipts[served.txid(3, 1)]) as tracer:
+    with SandboxedTracer(served.genesis, served.receipts[served.txid(3, 1)]) as tracer:
         wanted = REQUIRED_PARTS if sys.platform == "linux" else frozenset()
         assert {part.name for part in tracer.parts if part.had} >= wanted
 
@@ -168,7 +168,7 @@ def test_a_process_that_ends_is_told_with_a_code(served: ServedChain, monkeypatc
     monkeypatch.setattr(contract_tracing, "TRACER_MODULE", "no_such_module")
     with (
         pytest.raises(BlockRobotError, match="ended") as failed,
-        WalledTracer(served.genesis, served.receipts[served.txid(3, 1)]),
+        SandboxedTracer(served.genesis, served.receipts[served.txid(3, 1)]),
     ):
         raise AssertionError("it cannot begin")
     assert failed.value.code == "CONTRACT_WORKER_FAILED"

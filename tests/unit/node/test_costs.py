@@ -26,7 +26,7 @@ def test_every_route_has_a_price_and_no_other_name_has_one() -> None:
 
 
 def test_what_the_core_hears_is_paid_as_consensus() -> None:
-    heard = {FrameKind.PROPOSAL, FrameKind.VOTE, FrameKind.TIMEOUT, FrameKind.NOTICE, FrameKind.WORDS_ANSWER}
+    heard = {FrameKind.PROPOSAL, FrameKind.VOTE, FrameKind.TIMEOUT, FrameKind.NOTICE, FrameKind.LAST_SIGNED_RESPONSE}
     assert {kind for kind, cost in FRAME_COSTS.items() if cost.lane is Lane.CONSENSUS} == heard
 
 

@@ -7,8 +7,8 @@ from aiohttp import web
 
 from clients.sdk.terminal.json_answers import extend
 from clients.wallet.commands.notice_commands import take_receipt
-from clients.wallet.consent.consent_choices import Consenting, Word, choice_answer, round_period
-from clients.wallet.consent.notice_reading import Notices, Told
+from clients.wallet.consent.consent_choices import ConsentDecision, Consenting, choice_answer, round_period
+from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
@@ -47,7 +47,7 @@ class ToldChoice(ConsentChoice, frozen=True, kw_only=True):
     lacks_depth: bool
 
 
-def _told(notices: Notices, told: Told, request: web.Request) -> ToldNotice:
+def _told(notices: Notices, told: NoticeView, request: web.Request) -> ToldNotice:
     answer = extend(ToldNotice, told.answer(), must_show=notices.is_new(told))
     return msgspec.structs.replace(answer, lines=told.words(language_of(request)))
 
@@ -152,7 +152,7 @@ async def _withdraw(session: PageSession, request: web.Request) -> web.Response:
     return accepted(session.jobs.start("consent", work))
 
 
-async def _said(session: PageSession, job: Job, word: Word, status: str) -> Result:
+async def _said(session: PageSession, job: Job, word: ConsentDecision, status: str) -> Result:
     job.tell("fetching the receipt")
     receipted = await take_receipt(session.wallet, word.txid)
     return {

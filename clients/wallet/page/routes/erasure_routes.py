@@ -11,7 +11,7 @@ from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.record_days import Wanted, kind_of, kinds_json, read_zone, select
-from clients.wallet.page.request_fields import Asked
+from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.routes.reading_routes import told_erasure, told_share
 from clients.wallet.page.session import PageSession
 from clients.wallet.present.record_answers import CustodianWord
@@ -54,7 +54,7 @@ def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[l
     return active, left
 
 
-def _wanted(session: PageSession, asked: Asked) -> list[bytes]:
+def _wanted(session: PageSession, asked: RequestFields) -> list[bytes]:
     everything, day = asked.flag("all", default=False), asked.text("day", "", max_chars=10)
     zone, ids = asked.text("zone", ""), asked.ids("records")
     if everything or day:

@@ -20,7 +20,7 @@ from clients.wallet.commands.export_command import bundle_warning, export_answer
 from clients.wallet.export.export_building import Exporting, Wanted
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
-from clients.wallet.page.request_fields import Asked
+from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import KeptFile, PageSession
 from clients.wallet.present.translations import refusal
 from pages.local_page import LocalRoute
@@ -36,7 +36,7 @@ def routes(session: PageSession) -> list[LocalRoute]:
     ]
 
 
-def _read_wanted(asked: Asked) -> tuple[Wanted, bool]:
+def _read_wanted(asked: RequestFields) -> tuple[Wanted, bool]:
     wanted = Wanted(
         records=tuple(asked.ids("records")),
         from_ms=asked.number("from_ms", 0),

@@ -30,7 +30,7 @@ from clients.wallet.page.record_days import (
     withheld_count,
 )
 from clients.wallet.page.record_seals import verified_block
-from clients.wallet.page.request_fields import Asked, read_id
+from clients.wallet.page.request_fields import RequestFields, read_id
 from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
 from clients.wallet.present.record_answers import ErasureRow, VisitStanding
@@ -211,7 +211,7 @@ async def _cancel(session: PageSession, request: web.Request) -> web.Response:
 # Records
 
 
-def read_wanted(asked: Asked) -> tuple[Wanted, str]:
+def read_wanted(asked: RequestFields) -> tuple[Wanted, str]:
     zone = asked.text("zone", "")
     wanted = Wanted(
         day=asked.text("day", "", max_chars=10),

@@ -10,7 +10,7 @@ import msgspec
 from aiohttp import web
 
 from clients.sdk.terminal.qr_codes import read_qr
-from clients.wallet.consent.notice_reading import Notices, Told
+from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.session import PageSession
@@ -57,7 +57,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     return answer_json({"role": role, "notice": notice})
 
 
-def _what_is(told: Told) -> tuple[str, int, str]:
+def _what_is(told: NoticeView) -> tuple[str, int, str]:
     """Return a notice's organisation, version and hash (empty if unpublished)."""
     return told.organisation, told.version, "" if told.published is None else told.published.row.digest.hex()
 

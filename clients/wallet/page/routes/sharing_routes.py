@@ -11,7 +11,7 @@ from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
-from clients.wallet.page.request_fields import Asked
+from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import Snapshot
 from clients.wallet.present.translations import refusal
@@ -34,7 +34,7 @@ def routes(session: PageSession) -> list[LocalRoute]:
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class ShareRequest:
     """A sharing request from the page."""
 
     records: list[str]
@@ -53,9 +53,9 @@ class Wish:
         return sharing, grantee, select_shareable(reports, choose(reports, self.records, self.visits), self.purpose)
 
 
-def _read_wish(asked: Asked, now_ms: int) -> Wish:
+def _read_wish(asked: RequestFields, now_ms: int) -> ShareRequest:
     visit = asked.text("visit", "", max_chars=66)
-    return Wish(
+    return ShareRequest(
         records=asked.texts("records"),
         visits=[visit] if visit else [],
         wanted=asked.text("with", max_chars=200),

@@ -15,7 +15,7 @@ from clients.sdk.connections import NodeAddress
 from clients.sdk.proof_checks import ProvedState
 from clients.sdk.sessions import GrantKey
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.sharing.incoming_shares import Receiving
+from clients.wallet.sharing.incoming_shares import IncomingShares
 from clients.wallet.sharing.outgoing_shares import Grantee, Shared, Sharing
 from clients.wallet.store.keystore import Keystore, KnownVisit
 from clients.wallet.store.member_keys import draw_words
@@ -217,11 +217,11 @@ class SharedWard(Ward):
         until_ms = given.get("until_ms", self.until_ms())
         return await self.sharing.share(entries, grantee, purpose, until_ms, self.told.append)
 
-    def receiving(self, wallet: Wallet) -> Receiving:
+    def receiving(self, wallet: Wallet) -> IncomingShares:
         async def no_sleep(_: float) -> None:
             """Time passes."""
 
-        return Receiving(wallet, follow_max_ms=0, sleep=no_sleep)
+        return IncomingShares(wallet, follow_max_ms=0, sleep=no_sleep)
 
     async def known_visit(self) -> KnownVisit:
         (visit,) = await self.wallet.scan()

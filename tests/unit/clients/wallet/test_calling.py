@@ -11,7 +11,7 @@ import pytest
 
 from clients.sdk.terminal.terminal import home_folder
 from clients.wallet.cli.group_options import place_wallet
-from clients.wallet.cli.invocation import WALLET_COMMAND, as_called, called, verify_command
+from clients.wallet.cli.invocation import WALLET_COMMAND, called, verify_command, with_command_prefix
 from clients.wallet.present.translations import LANGUAGES, Form, describe_error, load, section, text
 from clients.wallet.recovery.guardian_sheets import build_sheet
 from clients.wallet.recovery.slip39_shares import split_words
@@ -82,9 +82,9 @@ def test_what_the_page_says_names_its_own_wallet(language: str) -> None:
 
 def test_it_is_said_once_however_often_a_text_goes_through_and_what_people_wrote_stays() -> None:
     with typed_for("ann", **PLACES):
-        once = as_called("Run: blockrobot wallet records. Or: blockrobot wallet --profile NAME restore.")
+        once = with_command_prefix("Run: blockrobot wallet records. Or: blockrobot wallet --profile NAME restore.")
         assert once == f"Run: {IN_FULL} records. Or: blockrobot wallet --profile NAME restore."
-        assert as_called(once) == once
+        assert with_command_prefix(once) == once
         assert "by blockrobot wallet fans" in text("records.notice_changed", organisation="by blockrobot wallet fans")
 
 

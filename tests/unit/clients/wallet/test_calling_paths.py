@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.wallet.cli.invocation import WALLET_COMMAND, as_called, called
+from clients.wallet.cli.invocation import WALLET_COMMAND, called, with_command_prefix
 from clients.wallet.present.translations import LANGUAGES, describe_error, refusal
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.conftest import typed_for
@@ -24,13 +24,13 @@ PLACES = st.none() | TOLD.map(lambda name: Path("/srv") / name)
 @pytest.mark.parametrize("behind", ["/ann.wallet", "'", '"', ".old", "s"])
 def test_a_name_that_begins_like_the_command_is_none(behind: str) -> None:
     with typed_for("ann"):
-        assert as_called(f"Look at x {WALLET_COMMAND}{behind}") == f"Look at x {WALLET_COMMAND}{behind}"
+        assert with_command_prefix(f"Look at x {WALLET_COMMAND}{behind}") == f"Look at x {WALLET_COMMAND}{behind}"
 
 
 @pytest.mark.parametrize("behind", [" records", "`", "`.", ".", ", then", ":", "\n", "", " (then)", ")"])
 def test_a_command_is_called_as_this_wallet_is_before_whatever_ends_it(behind: str) -> None:
     with typed_for("ann"):
-        assert as_called(f"Run (`{WALLET_COMMAND}{behind}") == f"Run (`{WALLET_COMMAND} --profile ann{behind}"
+        assert with_command_prefix(f"Run (`{WALLET_COMMAND}{behind}") == f"Run (`{WALLET_COMMAND} --profile ann{behind}"
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -54,12 +54,12 @@ def test_twice_is_as_good_as_once_whatever_folders_are_called(
 ) -> None:
     with typed_for("ann", wallet_dir=wallet_dir, genesis=genesis):
         for has_fields in (False, True):
-            once = as_called(told, has_fields=has_fields)
-            assert as_called(once, has_fields=has_fields) == once
+            once = with_command_prefix(told, has_fields=has_fields)
+            assert with_command_prefix(once, has_fields=has_fields) == once
 
 
 @given(place=TOLD)
 def test_a_wallet_in_a_folder_of_any_name_is_named_once(place: str) -> None:
     with typed_for("ann", wallet_dir=Path("/srv") / place):
-        assert as_called(f"Run {WALLET_COMMAND} records") == f"Run {called()} records"
-        assert as_called(called()) == called()
+        assert with_command_prefix(f"Run {WALLET_COMMAND} records") == f"Run {called()} records"
+        assert with_command_prefix(called()) == called()

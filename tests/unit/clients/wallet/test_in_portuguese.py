@@ -24,7 +24,7 @@ from clients.wallet.commands import (
 )
 from clients.wallet.commands.account import rotate_commands
 from clients.wallet.commands.account.rotate_commands import words_lines
-from clients.wallet.consent.notice_reading import Told
+from clients.wallet.consent.notice_reading import NoticeView
 from clients.wallet.consent.receipt_fetching import Receipts
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_status import BreachEnd, OfficersErasure, VisitRights
@@ -340,14 +340,14 @@ def test_a_name_that_fits_nothing_is_refused_in_portuguese(run: Any, world: Worl
 
 def test_who_tells_nothing_is_named_in_portuguese(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
-    (told,) = Told("hospital", None, 7).lines()
+    (told,) = NoticeView("hospital", None, 7).lines()
     assert told.startswith("hospital não publicou nenhum aviso de privacidade: pergunte no balcão")
 
 
 def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monkeypatch: pytest.MonkeyPatch) -> None:
     notice = demo_notice()
     row = NoticeRow("hospital", 1, b"\x01" * 32, 1, NOW_MS)
-    told = Told("hospital", PublishedNotice(row, notice), 7)
+    told = NoticeView("hospital", PublishedNotice(row, notice), 7)
     assert section("notice.line", "en") == NOTICE_LINES
     english = [line.strip() for line in told.lines()[1:-1]]
     assert english == tell_notice(notice) == told.answer().lines

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.sharing.incoming_shares import Receipt, Receiving
+from clients.wallet.sharing.incoming_shares import IncomingShares, Receipt
 from consensus.errors import BlockRobotError
 from consensus.records.sharing import KeyPart, SharedDownload, seal_package
 from tests.unit.clients.wallet.shared_ward import SharedWard, ThreeCustodians
@@ -112,7 +112,7 @@ async def test_two_liars_of_three_are_told_of_by_a_code_or_a_status(tmp_path: Pa
         assert found <= {"GRANT_PARTS_MISSING", "ENVELOPE_INVALID"} or found <= {"ok", "corrupted"}, lie
 
 
-async def _look(receiving: Receiving, receipt: Receipt, record_id: bytes, access_id: bytes) -> set[str]:
+async def _look(receiving: IncomingShares, receipt: Receipt, record_id: bytes, access_id: bytes) -> set[str]:
     """What frames were found to be, or the code of the refusal."""
     try:
         view = await receiving.look(receipt, record_id, access_id)

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.recovery.key_rotation import Rotating
 from clients.wallet.sharing import chain_grants
@@ -21,8 +21,8 @@ from clients.wallet.sharing.incoming_shares import (
     KIND_FRAMES_ERASED,
     KIND_RESTRICTED,
     KIND_REVOKED,
+    IncomingShares,
     Receipt,
-    Receiving,
 )
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
@@ -41,11 +41,11 @@ def doctor(ward: SharedWard) -> Wallet:
 
 
 @pytest.fixture
-def receiving(ward: SharedWard, doctor: Wallet) -> Receiving:
+def receiving(ward: SharedWard, doctor: Wallet) -> IncomingShares:
     return ward.receiving(doctor)
 
 
-async def only(receiving: Receiving) -> Receipt:
+async def only(receiving: IncomingShares) -> Receipt:
     (receipt,) = await receiving.inbox()
     return receipt
 
@@ -63,7 +63,7 @@ def kinds(receipt: Receipt) -> set[str]:
 
 
 async def test_the_doctor_sees_what_the_robot_took_and_nothing_else(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     _, ids = ward.record_visit()
     await ward.share(doctor)
@@ -81,7 +81,7 @@ async def test_the_doctor_sees_what_the_robot_took_and_nothing_else(
 
 
 async def test_nobody_else_finds_the_grant_and_a_second_reading_begins_where_the_first_ended(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(chain_grants, "PAGE_COUNT", 2)
     ward.record_visit(1)
@@ -96,7 +96,7 @@ async def test_nobody_else_finds_the_grant_and_a_second_reading_begins_where_the
 
 
 async def test_a_page_that_leaves_a_grant_out_is_refused(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ward.record_visit(1)
     await ward.share(doctor)
@@ -113,7 +113,7 @@ async def test_a_page_that_leaves_a_grant_out_is_refused(
 
 @pytest.mark.parametrize("left", [True, False])
 async def test_who_has_left_or_was_revoked_still_hears_what_became_of_what_she_knew(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch, left: bool
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares, monkeypatch: pytest.MonkeyPatch, left: bool
 ) -> None:
     visit, ids = ward.record_visit(1)
     await ward.share(doctor)
@@ -136,7 +136,7 @@ async def test_who_has_left_or_was_revoked_still_hears_what_became_of_what_she_k
 
 
 async def test_a_grant_whose_key_reads_nothing_any_more_hides_no_other(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ward.record_visit(1)
     await ward.share(doctor)
@@ -155,7 +155,7 @@ async def test_a_grant_whose_key_reads_nothing_any_more_hides_no_other(
 
 
 async def test_what_concerns_a_grant_is_asked_in_its_own_session(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     _, ids = ward.record_visit(1)
     await ward.share(doctor)
@@ -172,7 +172,7 @@ async def test_what_concerns_a_grant_is_asked_in_its_own_session(
 
 
 async def test_two_grants_of_one_owner_to_one_key_are_both_read_and_looked_at(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     visit, ids = ward.record_visit(2)
     await ward.share(doctor)
@@ -191,7 +191,7 @@ async def test_two_grants_of_one_owner_to_one_key_are_both_read_and_looked_at(
 
 
 async def test_a_grant_that_cannot_be_read_is_told_with_why_and_hides_no_other(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ward.record_visit(1)
     await ward.share(doctor)
@@ -215,7 +215,7 @@ async def test_a_grant_that_cannot_be_read_is_told_with_why_and_hides_no_other(
 
 
 async def test_one_custodian_alone_opens_nothing_and_says_why(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     _, ids = ward.record_visit(1)
     await ward.share(doctor)
@@ -230,7 +230,7 @@ async def test_one_custodian_alone_opens_nothing_and_says_why(
 
 
 async def test_a_custodian_that_lies_about_its_part_or_frames_is_found_out(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     _, ids = ward.record_visit(1)
     await ward.share(doctor)
@@ -264,7 +264,7 @@ async def test_a_custodian_that_lies_about_its_part_or_frames_is_found_out(
 
 
 async def test_after_the_end_nothing_is_released_and_copies_are_asked_back(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     _, ids = ward.record_visit(1)
     await ward.share(doctor)
@@ -280,7 +280,7 @@ async def test_after_the_end_nothing_is_released_and_copies_are_asked_back(
     assert (receipt.is_open, kinds(receipt), receipt.to_confirm) == (False, {KIND_REVOKED}, ids)
 
 
-async def test_its_time_over_it_is_over(ward: SharedWard, doctor: Wallet, receiving: Receiving) -> None:
+async def test_its_time_over_it_is_over(ward: SharedWard, doctor: Wallet, receiving: IncomingShares) -> None:
     ward.record_visit(1)
     await ward.share(doctor, until_ms=ward.until_ms(1))
     assert (await only(receiving)).is_open
@@ -294,7 +294,7 @@ async def test_its_time_over_it_is_over(ward: SharedWard, doctor: Wallet, receiv
 
 
 async def test_the_inbox_tells_what_was_erased_since_and_the_owner_sees_it_confirmed(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     visit, (gone, kept) = ward.record_visit()
     await ward.share(doctor)
@@ -315,7 +315,7 @@ async def test_the_inbox_tells_what_was_erased_since_and_the_owner_sees_it_confi
 
 
 async def test_pictures_that_were_erased_before_sharing_are_no_news_and_later_ones_are(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     visit, (early, late) = ward.record_visit()
     await ward.erase(visit, [early], [0])
@@ -327,7 +327,7 @@ async def test_pictures_that_were_erased_before_sharing_are_no_news_and_later_on
 
 
 async def test_an_erasure_of_single_pictures_is_told_before_every_custodian_has_confirmed_it(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     visit, (record_id,) = ward.record_visit(1)
     await ward.share(doctor)
@@ -339,7 +339,7 @@ async def test_an_erasure_of_single_pictures_is_told_before_every_custodian_has_
 
 
 async def test_who_looks_again_after_saying_that_copies_are_gone_is_not_shown_as_having_none(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     visit, (gone, first, second) = ward.record_visit(3)
     await ward.share(doctor)
@@ -361,11 +361,11 @@ async def test_who_looks_again_after_saying_that_copies_are_gone_is_not_shown_as
 
 
 async def test_corrections_restrictions_and_denials_are_told_of_the_records_they_are_about(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     _, (first, _) = ward.record_visit()
     rights, visit = Rights(ward.wallet), await ward.known_visit()
-    one = Chosen(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))
+    one = RecordChoice(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))
     await rights.correct(one, "attribution", "Before it was shared.")
     await ward.share(doctor)
     assert (await only(receiving)).notices == ()
@@ -386,12 +386,12 @@ async def test_corrections_restrictions_and_denials_are_told_of_the_records_they
 
 
 async def test_a_restriction_that_came_later_bars_the_doctor(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     _, ids = ward.record_visit(1)
     await ward.share(doctor)
     receipt = await only(receiving)
-    await Rights(ward.wallet).restrict(Chosen(await ward.known_visit()), "legal-claim")
+    await Rights(ward.wallet).restrict(RecordChoice(await ward.known_visit()), "legal-claim")
     with pytest.raises(BlockRobotError, match="RECORD_RESTRICTED"):
         await receiving.request_access(receipt, ids)
 
@@ -416,7 +416,7 @@ async def change_words(wallet: Wallet) -> None:
 
 
 async def test_who_has_new_words_since_still_opens_what_was_shared_before_and_after(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     _, ids = ward.record_visit(1)
     await ward.share(doctor)
@@ -430,7 +430,7 @@ async def test_who_has_new_words_since_still_opens_what_was_shared_before_and_af
 
 
 async def test_an_owner_with_new_words_still_sees_and_ends_what_she_shared(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving
+    ward: SharedWard, doctor: Wallet, receiving: IncomingShares
 ) -> None:
     ward.record_visit(1)
     await ward.share(doctor)

@@ -237,7 +237,7 @@ def test_what_could_not_be_printed_does_not_count_as_shown(
     with monkeypatch.context() as patches:
         for module in (notice_commands, consent_commands):
             patches.setattr(module, "print_answer", closed)
-        patches.setattr(notice_commands, "show_told", closed)
+        patches.setattr(notice_commands, "show_notice", closed)
         patches.setattr("clients.sdk.terminal.terminal.os.dup2", lambda *_: None)
         run(*arguments, *as_json)
     assert (content.notice_shown_version, content.notice_consented_version) == (0, 0)

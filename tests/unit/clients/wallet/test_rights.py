@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from clients.wallet.consent.rights_requests import (
-    Chosen,
+    RecordChoice,
     Rights,
-    Said,
+    RightsStatement,
     choose,
     describe_event,
     read_correction,
@@ -133,7 +133,7 @@ async def test_restricting_several_visits_is_spread_too_and_one_alone_waits_for_
 
     for _ in range(12):
         world.open_visit()
-    visits = [Chosen(report.visit) for report in await world.wallet.records()]
+    visits = [RecordChoice(report.visit) for report in await world.wallet.records()]
     rights, orders = Rights(world.wallet, sleep=sleep), set()
     for _ in range(4):
         saying.said.clear()
@@ -149,10 +149,10 @@ async def test_restricting_several_visits_is_spread_too_and_one_alone_waits_for_
 async def test_what_was_said_before_a_refusal_is_returned_with_it(world: World, saying: Saying) -> None:
     for _ in range(3):
         world.open_visit()
-    visits = [Chosen(report.visit) for report in await world.wallet.records()]
+    visits = [RecordChoice(report.visit) for report in await world.wallet.records()]
     rights = Rights(world.wallet, sleep=no_sleep)
 
-    async def lift_twice(chosen: Chosen) -> Said:
+    async def lift_twice(chosen: RecordChoice) -> RightsStatement:
         saying.refusal = "CALL_REFUSED" if len(saying.said) == 2 else ""
         return await rights.lift(chosen)
 
@@ -165,7 +165,7 @@ async def test_what_was_said_before_a_refusal_is_returned_with_it(world: World, 
 async def test_a_corrections_text_stays_in_the_wallet_and_proves_itself(world: World, saying: Saying) -> None:
     visit = world.open_visit()
     (report,) = await world.wallet.records()
-    _, correction = await Rights(world.wallet).correct(Chosen(report.visit), "attribution", "That is my sister.")
+    _, correction = await Rights(world.wallet).correct(RecordChoice(report.visit), "attribution", "That is my sister.")
     (_, _, arguments) = saying.said[-1]
     assert arguments == [[], "attribution", commit_correction(correction)]
     assert b"sister" not in repr(arguments).encode()
@@ -183,7 +183,7 @@ async def test_what_was_refused_is_forgotten_and_what_may_have_become_final_is_k
     for code, kept in (("CALL_REFUSED", 0), ("TRANSACTION_NOT_FINAL_IN_TIME", 1)):
         saying.refusal = code
         with pytest.raises(BlockRobotError):
-            await rights.correct(Chosen(report.visit), "metadata", "It was on Monday.")
+            await rights.correct(RecordChoice(report.visit), "metadata", "It was on Monday.")
         assert len(world.store.content.corrections) == kept
 
 
@@ -217,7 +217,7 @@ async def test_what_cannot_be_said_is_not_sent(world: World, saying: Saying, act
     world.open_visit()
     (report,) = await world.wallet.records()
     with pytest.raises(BlockRobotError) as refusal:
-        await act(Rights(world.wallet), Chosen(report.visit))
+        await act(Rights(world.wallet), RecordChoice(report.visit))
     assert (refusal.value.code, saying.said) == (code, [])
 
 
@@ -238,7 +238,7 @@ async def test_a_visit_is_named_by_a_beginning_that_is_its_own(world: World) -> 
         choose(reports, ("00" * 16,), ())
     record = reports[0].records[0].record_id.hex()
     both = choose(reports, (record,), (reports[0].visit.owner.hex(),))
-    assert both == [Chosen(reports[0].visit)], "the whole visit holds the record"
+    assert both == [RecordChoice(reports[0].visit)], "the whole visit holds the record"
 
 
 async def test_records_show_what_stands_of_a_visit(world: World) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from clients.wallet.consent.rights_requests import Chosen, Rights, choose
+from clients.wallet.consent.rights_requests import RecordChoice, Rights, choose
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.sharing.outgoing_shares import Sharing, place_end, require_purpose_to_share, select_shareable
 from clients.wallet.store.keystore import Keystore
@@ -271,7 +271,7 @@ async def test_what_the_chain_would_refuse_is_refused_before_anything_is_asked_f
     await rights.object_to_release(["research"], at_once=True, tell=lambda _, __: None)
     with pytest.raises(BlockRobotError, match="PURPOSE_OBJECTED"):
         await select("research")
-    one = Chosen(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))
+    one = RecordChoice(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))
     await rights.restrict(one, "accuracy")
     with pytest.raises(BlockRobotError, match="RECORD_RESTRICTED"):
         await select()

@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 from clients.wallet.cli import main
 from clients.wallet.commands import erase_command, inbox_commands, share_commands
 from clients.wallet.commands.share_commands import read_end, say_step
-from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES, section
 from clients.wallet.sharing.incoming_shares import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
@@ -297,7 +297,7 @@ def test_one_restricted_record_is_named_and_the_others_are_fetched_for_their_rea
 
     async def restrict() -> None:
         (entry,) = [entry for entry in await ward.entries() if entry.record_id == barred]
-        await Rights(ward.wallet).restrict(Chosen(entry.visit, (entry,)), "accuracy")
+        await Rights(ward.wallet).restrict(RecordChoice(entry.visit, (entry,)), "accuracy")
 
     asyncio.run(restrict())
     out = tmp_path / "shared"

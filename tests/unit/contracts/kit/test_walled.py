@@ -14,7 +14,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from contracts.kit import Chain, chain, walled, worker
 from contracts.kit.engine import Engine
-from contracts.kit.walled import WalledEngine
+from contracts.kit.walled import SandboxedEngine
 from contracts.worker.wall import REQUIRED_PARTS
 from tests.unit.contracts.kit.test_chain import COUNTER
 
@@ -22,7 +22,7 @@ SOURCE = "@export\ndef f(n: int) -> int:\n    return n\n"
 
 
 def test_the_wall_is_that_of_nodes() -> None:
-    engine = WalledEngine()
+    engine = SandboxedEngine()
     wanted = REQUIRED_PARTS if sys.platform == "linux" else frozenset()
     assert {part.name for part in engine.parts if part.had} >= wanted
     assert engine.pid != os.getpid()
@@ -50,7 +50,7 @@ def test_chains_know_nothing_of_each_other_and_leave_nothing() -> None:
 def test_a_process_that_is_killed_is_told_with_a_code_and_the_next_chain_has_another() -> None:
     broken = Chain()
     broken.deploy_source(SOURCE, "f")
-    os.kill(WalledEngine().pid, signal.SIGKILL)
+    os.kill(SandboxedEngine().pid, signal.SIGKILL)
     for _ in range(2):
         with pytest.raises(BlockRobotError) as failed:
             broken.call("f", "f", 1)

@@ -9,10 +9,10 @@ import pytest
 from consensus.chain.block import compute_receipts_root, compute_transactions_root
 from consensus.chain.messages import (
     CertificateNotice,
+    LastSignedResponse,
     Proposal,
     Timeout,
     Vote,
-    WordsAnswer,
     is_valid_block_signature,
     is_valid_timeout_signature,
     is_valid_vote,
@@ -201,10 +201,10 @@ def test_no_forged_certificate_passes_the_check_of_an_honest_node() -> None:
 def test_a_node_that_came_back_is_lied_to_about_what_it_said(name: str) -> None:
     own = Own(high_qc=qc_of(b"c" * 32, 4))
     behaviour, kept = liar(name, own)
-    truth = WordsAnswer(0, 7, "speaking", 4, vote(b"a" * 32), own.high_qc, None)
+    truth = LastSignedResponse(0, 7, "speaking", 4, vote(b"a" * 32), own.high_qc, None)
     behaviour.send_to(0, truth)
     (answer,) = kept.seen_by(0)
-    assert isinstance(answer, WordsAnswer)
+    assert isinstance(answer, LastSignedResponse)
     assert answer.signed_round != truth.signed_round
     assert (answer.epoch, answer.asked_at_ms) == (0, 7)
     if name == "forged-certificates":
@@ -223,7 +223,13 @@ def test_garbage_is_bounded_in_rate_and_never_ends_its_node() -> None:
         behaviour.tick()
     assert len(kept.sent) == 3 + 10 * RAW_EVERY_TICKS_COUNT * MESSAGES_PER_TICK_COUNT
     assert len(own.raw) == 10
-    assert {type(message) for _, message in kept.sent[3:]} == {Proposal, Vote, Timeout, CertificateNotice, WordsAnswer}
+    assert {type(message) for _, message in kept.sent[3:]} == {
+        Proposal,
+        Vote,
+        Timeout,
+        CertificateNotice,
+        LastSignedResponse,
+    }
     assert all(encode(message) for _, message in kept.sent)
 
 
@@ -282,5 +288,5 @@ def test_a_liar_about_epochs_signs_for_others_than_it_is_in_and_shows_certificat
     for qc in relabelled:
         with pytest.raises(BlockRobotError):
             verify_qc(qc, replace(SCHEDULE, epoch=3), CHAIN_ID, GENESIS.block_id)
-    assert {type(message) for message in said} >= {Vote, Timeout, CertificateNotice, WordsAnswer}
+    assert {type(message) for message in said} >= {Vote, Timeout, CertificateNotice, LastSignedResponse}
     assert own.raw
