@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import datetime
+import math
 import re
 
 _DAY = "%Y-%m-%d"
 _CLOCK = "%H:%M:%S"
+UNITS_MS = {"ms": 1, "s": 1_000, "m": 60_000, "min": 60_000, "h": 3_600_000, "d": 86_400_000, "w": 7 * 86_400_000}
+_DURATION = re.compile(r"([+-]?)((?:\d+(?:\.\d+)?(?:ms|min|[smhdw]))+)", re.ASCII)
+_PART = re.compile(r"(\d+(?:\.\d+)?)(ms|min|[smhdw])", re.ASCII)
 _OFFSET = re.compile(r"\s+UTC([+-]\d\d:\d\d)?$", re.ASCII)
 
 
@@ -34,12 +38,25 @@ def show_day(time_ms: int) -> str:
     return local_time(time_ms).strftime(_DAY)
 
 
-def read_moment(written: str) -> int:
-    """Return milliseconds from these functions' output or ISO 8601; default zone local.
+def parse_duration(written: str) -> int:
+    """Return the ms of a duration such as `250ms`, `-90s`, `1h30m`, `7d` or `2w`. Raises ValueError."""
+    found = _DURATION.fullmatch(written.strip())
+    total_ms = sum(float(number) * UNITS_MS[unit] for number, unit in _PART.findall(found[2])) if found else math.inf
+    if found is None or not math.isfinite(total_ms):
+        raise ValueError(f"{written!r} is no duration.")
+    return round(-total_ms if found[1] == "-" else total_ms)
 
+
+def read_moment(written: str, now_ms: int | None = None) -> int:
+    """Return the ms since 1970 of what these functions show, or of an ISO 8601 date with or without a time.
+
+    A moment that names no zone is of this machine's. With `now_ms`, also a duration with its sign: `+30d`, `-12h`.
     Raises ValueError.
     """
-    text = _OFFSET.sub(lambda found: found[1] or "+00:00", written.strip())
+    text = written.strip()
+    if now_ms is not None and text[:1] in ("+", "-"):
+        return now_ms + parse_duration(text)
+    text = _OFFSET.sub(lambda found: found[1] or "+00:00", text)
     try:
         return round(datetime.datetime.fromisoformat(text).astimezone().timestamp() * 1000)
     except (ValueError, OverflowError, OSError) as error:

@@ -20,10 +20,11 @@ from clients.sdk.terminal.plurals import counted
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.times import MOMENT
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from consensus.errors import BlockRobotError
 from consensus.rights.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, VISITS_MAX_COUNT
-from pages.moments import read_moment, show_moment
+from pages.moments import show_moment
 
 _DAY_MS = 24 * 3600 * 1000
 
@@ -40,21 +41,10 @@ def lost_keys() -> None:
     """
 
 
-def _moment(_: click.Context, __: click.Parameter, text: str) -> int:
-    try:
-        return read_moment(text)
-    except ValueError:
-        raise click.BadParameter('Give a date and a time, as "2026-03-01 09:30".') from None
-
-
 def _span_options(command: Any) -> Any:
     for option in (
-        click.option(
-            "--until", "until_ms", callback=_moment, required=True, help="When it ends, at most an hour later."
-        ),
-        click.option(
-            "--from", "from_ms", callback=_moment, required=True, help='When it begins, as "2026-03-01 09:30".'
-        ),
+        click.option("--until", "until_ms", type=MOMENT, required=True, help="When it ends, at most an hour later."),
+        click.option("--from", "from_ms", type=MOMENT, required=True, help='When it begins, as "2026-03-01 09:30".'),
         click.option(
             "--robot", default="", help="The robot, by the beginning of its key. [default: the one that was there]"
         ),

@@ -20,6 +20,7 @@ from clients.sdk.terminal.plurals import counted
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.times import MOMENT
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import APPROVED, PROPOSED, Mandate, Mandates
 from clients.wallet.present.mandate_answers import MandateProposalAnswer, MandatesAnswer, mandate_answer
@@ -27,7 +28,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from consensus.members.handles import encode_short
 from consensus.rights.mandates import ACCEPT_MS, ACTS, APPROVE_MS, MANDATE_REASONS, PAPERS_MAX_COUNT
-from pages.moments import read_moment, show_moment
+from pages.moments import show_moment
 
 _DAY_MS = 24 * 3600 * 1000
 _FILE = click.Path(path_type=Path, dir_okay=False)
@@ -45,14 +46,6 @@ def mandates() -> None:
     Example: blockrobot officer mandates propose --for brh1-... --to brh1-... --papers birth.pdf
     --reason minor --until 2027-01-31
     """
-
-
-def _moment(_: click.Context, __: click.Parameter, text: str) -> int:
-    try:
-        moment_ms = read_moment(text)
-    except ValueError:
-        raise click.BadParameter('Give a date, or a date and a time, as "2027-01-31 18:00".') from None
-    return moment_ms - moment_ms % TIME_BUCKET_MS
 
 
 def _print_mandate(mandate: Mandate) -> None:
@@ -90,7 +83,7 @@ def _require_papers(papers: tuple[Path, ...]) -> None:
 @click.option("--to", "representative", required=True, help="The handle of who is to act, whole or in short.")
 @click.option("--papers", type=_FILE, multiple=True, required=True, help="A paper as a file; may be repeated.")
 @click.option("--reason", type=click.Choice(sorted(MANDATE_REASONS)), required=True, help="Why; not told to the chain.")
-@click.option("--until", "until_ms", callback=_moment, required=True, help="When it ends, in a year at most.")
+@click.option("--until", "until_ms", type=MOMENT, required=True, help="When it ends, in a year at most.")
 @click.option("--receipt", type=_FILE, help="Write the papers' receipt here. [default: beside the first paper]")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
@@ -115,6 +108,7 @@ def propose(
     Example: blockrobot officer mandates propose --for brh1-... --to brh1-... --papers birth.pdf
     --reason minor --until 2027-01-31
     """
+    until_ms -= until_ms % TIME_BUCKET_MS
     _require_papers(papers)
     made = make_receipt(papers, reason)
 

@@ -12,10 +12,8 @@ from network.byzantine import check_behaviour
 from network.faults.profiles import link_profile
 from node.faults import CLOCK_OFFSET_MAX_MS, DISKS, SEED_MAX
 from node.p2p.shaping import BANDWIDTH_MAX_BYTES_PER_S, SOUND, LinkFault
+from pages.moments import UNITS_MS, parse_duration
 
-_UNITS_MS = {"ms": 1, "s": 1_000, "m": 60_000, "min": 60_000, "h": 3_600_000, "d": 86_400_000}
-_DURATION = re.compile(r"([+-]?)((?:\d+(?:\.\d+)?(?:ms|min|s|m|h|d))+)")
-_DURATION_PART = re.compile(r"(\d+(?:\.\d+)?)(ms|min|s|m|h|d)")
 _LINK = re.compile(r"\s*(\S+?)\s*(<->|->)\s*(\S+?)\s*")
 
 
@@ -199,7 +197,7 @@ class ActionReader:
         return SetLink(source, target, fault, is_both=found[2] == "<->")
 
     def skew(self, name: str, offset: str) -> Skew:
-        offset_ms = 0 if offset.strip() in {"0", "+0", "-0"} else parse_duration(offset)
+        offset_ms = 0 if offset.strip() in {"0", "+0", "-0"} else read_duration(offset)
         if abs(offset_ms) > CLOCK_OFFSET_MAX_MS:
             raise BlockRobotError("FAULT_INVALID", "A clock is wrong by ten years at most.")
         return Skew(self.node(name), offset_ms)
@@ -257,15 +255,13 @@ def check_seed(seed: int) -> int:
     return seed
 
 
-def parse_duration(text: str) -> int:
+def read_duration(text: str) -> int:
     """Return the ms of a duration such as `250ms`, `-90s`, `1h30m`. Raises FAULT_INVALID."""
-    found = _DURATION.fullmatch(text.strip())
-    if found is None:
-        raise BlockRobotError("FAULT_INVALID", f"{text!r} is no duration; write 250ms, 2s, -90s, 5m, 1h30m or 2d.")
-    total = sum(float(number) * _UNITS_MS[unit] for number, unit in _DURATION_PART.findall(found[2]))
-    if not math.isfinite(total):
-        raise BlockRobotError("FAULT_INVALID", "The duration is longer than can be said.")
-    return round(-total if found[1] == "-" else total)
+    try:
+        return parse_duration(text)
+    except ValueError:
+        detail = f"{text!r} is no duration; write 250ms, 2s, -90s, 5m, 1h30m or 2d."
+        raise BlockRobotError("FAULT_INVALID", detail) from None
 
 
 def format_duration(duration_ms: int) -> str:
@@ -274,6 +270,6 @@ def format_duration(duration_ms: int) -> str:
     sign, rest = ("+" if duration_ms > 0 else "-"), abs(duration_ms)
     parts = []
     for unit in ("d", "h", "m", "s", "ms"):
-        count, rest = divmod(rest, _UNITS_MS[unit])
+        count, rest = divmod(rest, UNITS_MS[unit])
         parts += [f"{count}{unit}"] if count else []
     return sign + "".join(parts)

@@ -47,7 +47,7 @@ from network.faults.actions import (
     SetLink,
     Skew,
     make_link_fault,
-    parse_duration,
+    read_duration,
 )
 from network.faults.profiles import LINK_PROFILES
 from node.faults import SEED_MAX
@@ -180,7 +180,7 @@ class _PlanReader:
         if not isinstance(value, str):
             raise _wrong(place, f'{key} is missing or no text such as {key} = "2s".')
         try:
-            duration_ms = parse_duration(value) if value != "0" else 0
+            duration_ms = read_duration(value) if value != "0" else 0
         except BlockRobotError as error:
             raise _wrong(place, error.detail) from None
         if not 0 <= duration_ms <= PLAN_MAX_MS:

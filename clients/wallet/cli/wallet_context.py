@@ -19,6 +19,7 @@ from clients.sdk.terminal.terminal import (
 )
 from clients.wallet.cli.group_options import KEYRING_KEY
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.former_text import member_gone_line
 from clients.wallet.present.translations import WrongUsage, refusal, text
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.passphrase_sources import read_from_keyring
@@ -30,7 +31,6 @@ from consensus.errors import BlockRobotError
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
-STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 _READS_ONLY_MARK = "blockrobot_reads_only"
 _LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 PASSPHRASE_TRIES_MAX_COUNT = 5
@@ -159,14 +159,3 @@ def tell_liars(troubles: Mapping[str, BlockRobotError]) -> None:
 def tell_member_gone(opened: Wallet) -> None:
     for line in member_gone_line(opened):
         error_console.print(text("former.warning", line=line), style="bold red", markup=False)
-
-
-def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:
-    """Return the warning of lost membership, if any (`language` None: current)."""
-    if not opened.member_gone:
-        return []
-    told, lost = [text("former.gone", language=language)], len(opened.out_of_reach)
-    if lost:
-        told.append(text("former.lost", language=language, count=lost))
-    next_key = "former.finish" if opened.store.content.next_words else "former.to_desk"
-    return [" ".join([*told, text(next_key, language=language, page=STOLEN_PAGE)])]

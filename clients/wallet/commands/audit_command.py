@@ -10,7 +10,7 @@ from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_all, records_of
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.page.audit_story import event_sentence
+from clients.wallet.present.audit_story import event_sentence
 from clients.wallet.present.record_answers import AuditAnswer, AuditEvent, ProbeAnswer
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, language_in_use, text
 from clients.wallet.records.erasure_status import custodian_names

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
@@ -17,8 +16,9 @@ from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import verify_command
+from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet
-from clients.wallet.commands.notice_commands import Receipted, require_said, take_receipt, tell_first
+from clients.wallet.commands.notice_commands import require_said, tell_first
 from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
 from clients.wallet.consent.consent_choices import (
     DEPTH,
@@ -30,7 +30,7 @@ from clients.wallet.consent.consent_choices import (
     round_period,
 )
 from clients.wallet.consent.notice_reading import Notices
-from clients.wallet.consent.receipt_fetching import ConsentReceipts, Receipts
+from clients.wallet.consent.receipt_fetching import ConsentReceipts, Receipted, Receipts, take_receipt
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.consent_answers import (
     ConsentGiveAnswer,
@@ -45,26 +45,10 @@ from consensus.members.handles import encode_short
 from consensus.rights.consents import GIVEN
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.sensors import SENSORS
-from pages.moments import read_moment, show_moment
+from pages.moments import show_moment
 
-_SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
-_SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
-_NO_BOUND = 0
 _SAID_COLUMNS = 4
 """By this sensor a robot tells people apart: without a yes to it, it keeps nothing of any other."""
-
-
-def read_time(written: str | None, now_ms: int) -> int:
-    """Parse `+30d`, `+12h`, `+45m`, or local date and time, to ms; 0 for none."""
-    if written is None:
-        return _NO_BOUND
-    span = _SPAN.fullmatch(written.strip())
-    if span:
-        return now_ms + int(span[1]) * _SPAN_MS[span[2]]
-    try:
-        return read_moment(written)
-    except ValueError:
-        raise WrongUsage("no_time_ahead", given=written) from None
 
 
 def _codes(command: Any) -> Any:
@@ -168,7 +152,7 @@ def give(
         raise WrongUsage("consent_what", known=", ".join(PURPOSES))
     chosen = sensors or (DEPTH,)
     now_ms = round(time.time() * 1000)
-    from_ms, until_ms = round_period(read_time(begins, now_ms), read_time(ends, now_ms))
+    from_ms, until_ms = round_period(*(read_time(written, now_ms, wrong="no_time_ahead") for written in (begins, ends)))
     if ends is not None and until_ms <= max(from_ms, now_ms):
         raise WrongUsage("until_over")
 

@@ -16,9 +16,10 @@ from clients.sdk.terminal.json_answers import Problem
 from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer, problem_json
 from clients.wallet.cli.shell_completion import complete_records
 from clients.wallet.cli.wallet_context import run_with_wallet
-from clients.wallet.commands.share_commands import own_share, tell_copies, tell_recipients
+from clients.wallet.commands.share_commands import tell_copies, tell_recipients
 from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.present.share_text import own_share
 from clients.wallet.present.sharing_answers import EraseAnswer, ErasureRequest
 from clients.wallet.present.translations import WrongUsage, text
 from clients.wallet.records.erasure import Erasing, ErasureReport, missing_pictures

@@ -2,46 +2,27 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from pathlib import Path
 
 import click
 
-from clients.bundle.checks.bundle_check import Verdict, unproved
-from clients.bundle.checks.frame_check import count_pictures
+from clients.bundle.checks.bundle_check import Verdict
 from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import verify_command
+from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
 from clients.wallet.export.export_building import Exporting, Plan, Wanted
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.record_answers import ExportAnswer, ExportProblem
-from clients.wallet.present.translations import WrongUsage, describe_error, language_in_use, section, text
-from consensus.errors import CATALOGUE, BlockRobotError
+from clients.wallet.present.export_text import bundle_warning, export_answer, say_problem
+from clients.wallet.present.translations import WrongUsage, language_in_use, section, text
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.rights.purposes import require_purpose
-from pages.moments import read_moment
-
-_AGO = re.compile(r"-(\d{1,6})([hd])", re.ASCII)
-_AGO_MS = {"h": 3_600_000, "d": 24 * 3_600_000}
-
-
-def read_past(written: str | None, now_ms: int) -> int:
-    """Parse `-7d`, `-12h` (ago), or local date and time, to ms; 0 for none."""
-    if written is None:
-        return 0
-    ago = _AGO.fullmatch(written.strip())
-    try:
-        if ago:
-            return max(1, now_ms - int(ago[1]) * _AGO_MS[ago[2]])
-        return max(1, read_moment(written))
-    except ValueError:
-        raise WrongUsage("no_time", given=written) from None
 
 
 def _read_ids(written: tuple[str, ...]) -> tuple[bytes, ...]:
@@ -55,24 +36,6 @@ def _read_ids(written: tuple[str, ...]) -> tuple[bytes, ...]:
             raise WrongUsage("no_record", given=digits)
         ids.append(record_id)
     return tuple(dict.fromkeys(ids))
-
-
-def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
-    """Return sentences on what the bundle discloses."""
-    wanted = plan.wanted
-    visits = text("count.visits", count=len(plan.visits))
-    lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.record_count))]
-    learns = [
-        ("export.joined", bool(plan.visits)),
-        ("export.pictures", wanted.pictures and bool(plan.record_count)),
-        ("export.identity", wanted.identity),
-        ("export.no_key", True),
-    ]
-    lines += [f"  - {text(key)}" for key, is_so in learns if is_so]
-    if wanted.pictures and len(plan.visits) > 1:
-        lines.append(text("export.asks_at_once" if now else "export.asks_one_by_one"))
-    lines.append(text("export.keep"))
-    return lines
 
 
 def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
@@ -122,7 +85,7 @@ def export(
     require_purpose(purpose)
     require_free(out, replace=force)
     now_ms = round(time.time() * 1000)
-    from_ms, until_ms = read_past(begins, now_ms), read_past(ends, now_ms)
+    from_ms, until_ms = read_time(begins, now_ms), read_time(ends, now_ms)
     if until_ms and until_ms <= from_ms:
         raise WrongUsage("until_order")
     wanted = Wanted(_read_ids(records), from_ms, until_ms, pictures, identity, purpose)
@@ -146,36 +109,9 @@ def export(
         _print(out, verdict)
 
 
-def export_answer(out: Path, verdict: Verdict) -> ExportAnswer:
-    """Return a bundle's contents and gaps."""
-    problems = verdict.manifest.problems
-    return ExportAnswer(
-        file=str(out),
-        bytes=out.stat().st_size,
-        is_complete=not problems,
-        visits=len(verdict.visits),
-        records=len(verdict.records),
-        pictures=count_pictures(verdict.frames),
-        audit_entries=verdict.events,
-        accesses=verdict.accesses,
-        erasures=verdict.erasures,
-        consent_receipts=len(verdict.consents.history),
-        signed_consent_receipts=len(verdict.signed),
-        proved_until_height=verdict.as_of_height,
-        genesis_id=verdict.manifest.genesis_id,
-        problems=[ExportProblem(record_id=each.record_id, code=each.code, sentence=each.sentence) for each in problems],
-        not_proved=unproved(verdict),
-    )
-
-
 def _say_progress(hear: Heard) -> Heard:
     steps = section("export.step", language_in_use())
     return lambda what, done, of: hear(str(steps.get(what.replace(" ", "_"), what)), done, of)
-
-
-def say_problem(code: str, sentence: str, language: str | None = None) -> str:
-    """Return the problem; outside English the code's meaning comes first."""
-    return describe_error(BlockRobotError(code, sentence), language)[0] if code in CATALOGUE else sentence
 
 
 def _print(out: Path, verdict: Verdict) -> None:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -14,27 +13,25 @@ import click
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
-from clients.wallet.commands.account.rotate_commands import unreadable_words
 from clients.wallet.commands.view_commands import list_missing_rooms, tell_missing_rooms
-from clients.wallet.ledger.visit_audit import AuditEntry, Finding, audit_visit, findings_of
+from clients.wallet.ledger.visit_audit import AuditEntry, Finding
 from clients.wallet.ledger.visit_scan import find_record
 from clients.wallet.ledger.wallet import VisitReport, Wallet
+from clients.wallet.present.former_text import unreadable_words
 from clients.wallet.present.record_answers import FetchedRecord, FrameStatus
+from clients.wallet.present.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
 from clients.wallet.present.sharing_answers import (
     ConfirmDeletedAnswer,
     InboxAnswer,
     LookAnswer,
     LookAtOwn,
-    ReceivedShare,
-    ShareNotice,
-    UnreadShare,
-    VisitAlarm,
 )
-from clients.wallet.present.translations import code_text, describe_error, refusal, text
+from clients.wallet.present.translations import code_text, refusal, text
 from clients.wallet.records.leftover_files import find_earlier_of, tell_earlier
 from clients.wallet.records.picture_files import delete_frames, write_frames
 from clients.wallet.records.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, name_places
 from clients.wallet.sharing.chain_grants import find_by_prefix
+from clients.wallet.sharing.inbox import Inbox, copies_left, read_inbox
 from clients.wallet.sharing.incoming_shares import (
     KIND_ERASED,
     KIND_FRAMES_ERASED,
@@ -42,120 +39,12 @@ from clients.wallet.sharing.incoming_shares import (
     IncomingShares,
     Receipt,
     SharedView,
-    UnreadableGrant,
 )
-from clients.wallet.store.sharing_memory import ReceivedGrant
 from consensus.errors import BlockRobotError
-from consensus.rights.purposes import PURPOSES
 from pages.moments import show_moment
 
 LOOKS_SHOWN = 20
 _GONE = frozenset({KIND_ERASED, KIND_FRAMES_ERASED})
-
-
-@dataclass(frozen=True, slots=True)
-class Inbox:
-    """Grants received, and problems of own visits. `looks` (others' access) and `changed` (records found altered) are
-    oldest first; `unread` grants have errors.
-    """
-
-    receipts: tuple[Receipt, ...]
-    alarms: tuple[VisitReport, ...]
-    reads_new: bool
-    faded: tuple[ReceivedGrant, ...] = ()
-    looks: tuple[AuditEntry, ...] = ()
-    changed: tuple[tuple[AuditEntry, Finding], ...] = ()
-    unread: tuple[UnreadableGrant, ...] = ()
-
-
-async def read_inbox(opened: Wallet) -> Inbox:
-    """Read grants and own visits. Raises NOT_REGISTERED; former members still see known grants."""
-    receiving = IncomingShares(opened)
-    receipts = await receiving.inbox()
-    try:
-        reports = await opened.records()
-    except BlockRobotError as error:
-        if error.code != "MEMBER_NO_MORE":
-            raise
-        reports = []
-    alarms = tuple(each for each in reports if each.missing_count or each.unreadable_ids)
-    events = [entry for report in reports for entry in await audit_visit(opened, report.visit)]
-    events.sort(key=lambda entry: (entry.height, entry.index))
-    return Inbox(
-        tuple(receipts),
-        alarms,
-        receiving.reads_new,
-        tuple(receiving.faded),
-        tuple(entry for entry in events if entry.kind == "access_requested" and "grant" in entry.data),
-        tuple((entry, finding) for entry in events for finding in findings_of(entry) if finding[1] == "corrupted"),
-        tuple(receiving.unread),
-    )
-
-
-def copies_left(receipt: Receipt, records: Sequence[bytes]) -> list[Path]:
-    """Return local folders still holding pictures of these records."""
-    places = [Path(copy.folder) / copy.record_id.hex() for copy in receipt.received.copies if copy.record_id in records]
-    return [place for place in places if place.exists()]
-
-
-def received_share(receipt: Receipt) -> ReceivedShare:
-    grant = receipt.grant
-    return ReceivedShare(
-        grant_id=grant.grant_id.hex(),
-        visit=grant.row.owner.hex(),
-        records=[record_id.hex() for record_id in grant.row.records],
-        purpose=grant.row.purpose,
-        shared_at_ms=grant.row.time,
-        until_ms=grant.row.until_ms,
-        open=receipt.is_open,
-        looked=receipt.looked,
-        to_look=[record_id.hex() for record_id in receipt.to_look],
-        notices=[
-            ShareNotice(record_id=notice.record_id.hex(), kind=notice.kind, confirmed=notice.confirmed)
-            for notice in receipt.notices
-        ],
-        to_confirm=[record_id.hex() for record_id in receipt.to_confirm],
-        copies=[str(place) for place in copies_left(receipt, grant.row.records)],
-    )
-
-
-def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
-    say = functools.partial(text, language=language)
-    grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
-    records = say("count.records", count=len(grant.row.records))
-    end = say("received.open", until=show_moment(grant.row.until_ms)) if receipt.is_open else say("received.over")
-    meaning = say(f"purpose.{grant.row.purpose}") if grant.row.purpose in PURPOSES else grant.row.purpose
-    visit = grant.row.owner.hex()[:12]
-    lines = [say("received.line", grant=name, records=records, visit=visit, end=end, purpose=meaning)]
-    news = [notice for notice in receipt.notices if not notice.confirmed]
-    # Who never looked has no copy.
-    words = "received.had" if receipt.looked else "received.never_had"
-    for kind in dict.fromkeys(notice.kind for notice in news):
-        told = [notice for notice in news if notice.kind == kind]
-        what = say(f"{words}.{kind}", count=len(told))
-        lines.append("  " + say("received.news", number=len(told), records=records, what=what))
-        if len(told) < len(grant.row.records):
-            lines += [f"    {notice.record_id.hex()}" for notice in told]
-    lines += ["  " + say("received.copy", place=place) for place in copies_left(receipt, receipt.to_confirm)]
-    if receipt.to_confirm and not receipt.looked:
-        lines.append("  " + say("received.never"))
-    elif receipt.to_confirm:
-        lines.append("  " + say("received.confirm", grant=name))
-    elif len(news) < len(receipt.notices):
-        lines.append("  " + say("received.confirmed"))
-    if receipt.to_look:
-        lines.append("  " + say("received.look", grant=name))
-    return lines
-
-
-def unread_share(unread: UnreadableGrant) -> UnreadShare:
-    error = unread.error
-    return UnreadShare(grant_id=unread.received.grant_id.hex(), code=error.code, detail=error.detail)
-
-
-def unread_line(unread: UnreadableGrant, language: str | None = None) -> str:
-    why, _ = describe_error(unread.error, language)
-    return text("received.unread", language=language, grant=unread.received.grant_id.hex()[:12], why=why)
 
 
 def _print_alarms(alarms: Sequence[VisitReport]) -> None:
@@ -175,14 +64,6 @@ def _inbox_answer(found: Inbox) -> InboxAnswer:
         reads_new=found.reads_new,
         looks=[_look_at_own(entry) for entry in found.looks],
         changed_records=[record_id.hex() for _, (record_id, _, _) in found.changed],
-    )
-
-
-def visit_alarm(report: VisitReport) -> VisitAlarm:
-    return VisitAlarm(
-        visit=report.visit.owner.hex(),
-        missing_records=report.missing_count,
-        unreadable_records=[record_id.hex() for record_id in report.unreadable_ids],
     )
 
 

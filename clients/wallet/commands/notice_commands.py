@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 
 import click
 from msgspec import UNSET
 
-from clients.bundle.checks.consent_receipts import CheckedReceipt
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.consent.notice_reading import Notices, NoticeView
-from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.consent.receipt_fetching import Receipted, take_receipt
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.consent_answers import FetchedReceipt, RegisterAnswer
-from clients.wallet.present.translations import WrongUsage, describe_error, refusal, text
-from consensus.errors import BlockRobotError
+from clients.wallet.present.consent_answers import RegisterAnswer
+from clients.wallet.present.translations import WrongUsage, text
 from consensus.rights.consent_receipts import FIRST_SENSORS
 from pages.moments import show_moment
 
@@ -53,46 +50,6 @@ def tell_first(notices: Notices | None, told: NoticeView, question: str, *, yes:
         ask(question, err=as_json)
     if notices is not None:
         notices.note_shown(told)
-
-
-@dataclass(frozen=True, slots=True)
-class Receipted:
-    """A statement's receipt, or why it is missing."""
-
-    receipt: CheckedReceipt | None
-    refusal: BlockRobotError | None
-
-    @property
-    def fetched(self) -> FetchedReceipt | None:
-        if self.receipt is None:
-            return None
-        published = self.receipt.published
-        version = None if published is None else published.row.version
-        return FetchedReceipt(signed_by=self.receipt.node, notice_version=version)
-
-    @property
-    def error_code(self) -> str | None:
-        return None if self.receipt is not None or self.refusal is None else self.refusal.code
-
-    def line(self) -> str:
-        if self.receipt is None:
-            why = describe_error(self.refusal)[0] if self.refusal is not None else ""
-            return text("register.receipt_late", why=why)
-        published, organisation = self.receipt.published, self.receipt.organisation
-        if published is None:
-            return text("register.receipt_unpublished", organisation=organisation)
-        return text("register.receipt", organisation=organisation, version=published.row.version)
-
-
-async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
-    """Fetch a final statement's receipt; failures are not raised."""
-    try:
-        return Receipted(await ConsentReceipts(opened).obtain(txid), None)
-    except BlockRobotError as error:
-        return Receipted(None, error)
-    except OSError as error:
-        why = error.strerror or type(error).__name__
-        return Receipted(None, refusal("FILE_UNUSABLE", "wallet_unwritten", why=why))
 
 
 @click.command()

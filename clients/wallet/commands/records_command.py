@@ -11,13 +11,14 @@ from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
-from clients.wallet.commands.account.rotate_commands import former_visits, print_words, unreadable_words
+from clients.wallet.commands.account.rotate_commands import print_words
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.ledger.mandates import Mandates
 from clients.wallet.ledger.record_filter import Filter, Page, Shown, read_filter, select
 from clients.wallet.ledger.robot_names import RobotNames, read_robot_names, tell_robot
 from clients.wallet.ledger.visit_status import VisitRights
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.present.former_text import former_visits, unreadable_words
 from clients.wallet.present.record_answers import RecordRow, RecordsAnswer, VisitRow
 from clients.wallet.present.translations import code_text, text, withheld_text
 from clients.wallet.present.visit_status_text import print_standing, standing_answer

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
 import functools
-import re
 import time
 from collections.abc import Sequence
 
@@ -13,19 +11,18 @@ import click
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
 from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import choose
-from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.share_text import explain, made_share, name_grantee, own_share, say_role, share_lines
 from clients.wallet.present.sharing_answers import (
-    GranteeLook,
     HandleAnswer,
-    MadeShare,
-    OwnShare,
     RevokeAnswer,
     ShareAnswer,
     SharesAnswer,
 )
-from clients.wallet.present.translations import DEFAULT_LANGUAGE, WrongUsage, code_text, language_in_use, text
+from clients.wallet.present.translations import DEFAULT_LANGUAGE, WrongUsage, language_in_use, text
 from clients.wallet.sharing.chain_grants import find_by_prefix
 from clients.wallet.sharing.outgoing_shares import (
     STEP_KEYS,
@@ -39,110 +36,27 @@ from clients.wallet.sharing.outgoing_shares import (
     place_end,
     require_purpose_to_share,
     select_shareable,
+    share_each,
 )
-from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
-from consensus.members.vouchers import ROLES
-from consensus.records.sharing import GRANT_RECORDS_MAX_COUNT, GRANTEE_ROLES
-from consensus.rights.purposes import require_purpose
-from pages.moments import show_moment
+from consensus.records.sharing import GRANTEE_ROLES
+from pages.moments import parse_duration, show_moment
 
-_SPANS_MS = {"m": 60_000, "h": 3_600_000, "d": 86_400_000, "w": 7 * 86_400_000}
-_SPAN = re.compile(r"([0-9]{1,6})\s*([mhdw])")
-_MOMENTS = ["%Y-%m-%d", "%Y-%m-%dT%H:%M", "%Y-%m-%d %H:%M"]
 _STEPS = {STEP_KEYS: "share.keys", STEP_SIGNING: "share.signing"}
 
 
-def read_end(span: str | None, until: datetime.datetime | None, now_ms: int) -> int:
-    """Return the end in ms: after a span (7d, 12h), or at a local time."""
+def read_end(span: str | None, until: str | None, now_ms: int) -> int:
+    """Return the end in ms: after a duration (7d, 12h), or at a time."""
     if span is not None and until is not None:
         raise WrongUsage("end_twice")
-    if span is None and until is None:
-        raise WrongUsage("how_long")
     if until is not None:
-        return place_end(int(until.astimezone().timestamp() * 1000), now_ms)
-    found = _SPAN.fullmatch((span or "").strip())
-    if found is None:
-        raise WrongUsage("span")
-    return place_end(now_ms + int(found[1]) * _SPANS_MS[found[2]], now_ms)
-
-
-def say_role(role: str) -> str:
-    return text(f"role.{role}") if role in ROLES else role
-
-
-def name_grantee(grantee: Grantee) -> str:
-    return text(
-        "share.grantee",
-        name=grantee.label or text("share.nobody"),
-        role=say_role(grantee.member.role),
-        organisation=grantee.member.org,
-        handle=encode_short(grantee.member.handle),
-    )
-
-
-def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int) -> str:
-    """Describe what is shared, how long, and what is irreversible. Raises PURPOSE_UNKNOWN."""
-    require_purpose(purpose)
-    pictures = sum(entry.pictures_left_count for entry in entries)
-    gone = sum(entry.state.expires_at_ms < until_ms for entry in entries)
-    return text(
-        "share.plan",
-        records=text("count.records", count=len(entries)),
-        things=text("count.pictures_and_sounds", count=pictures),
-        sensors=", ".join(code_text("sensor", code) for code in sorted({each.metadata.sensor for each in entries})),
-        first=show_moment(min(entry.metadata.started_at_ms for entry in entries)),
-        last=show_moment(max(entry.metadata.ended_at_ms for entry in entries)),
-        grantee=name_grantee(grantee),
-        purpose=purpose,
-        meaning=text(f"purpose.{purpose}"),
-        until=show_moment(until_ms),
-        early=text("share.early", count=gone) if gone else "",
-    )
-
-
-def made_share(shared: Shared) -> MadeShare:
-    return MadeShare(
-        grant_id=shared.grant_id.hex(),
-        visit=shared.visit.owner.hex(),
-        records=[record_id.hex() for record_id in shared.records],
-        left_out=[record_id.hex() for record_id in shared.left_out],
-        until_ms=shared.until_ms,
-        pictures=shared.pictures_count,
-        custodians=list(shared.custodians),
-        custodians_away=list(shared.absent),
-    )
-
-
-def tell_of_first(error: BlockRobotError, done: Sequence[Shared], language: str = DEFAULT_LANGUAGE) -> BlockRobotError:
-    """Extend a failure with completed grants; each holds up to 64 records."""
-    if not done:
-        return error
-    names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
-    count = sum(len(shared.records) for shared in done)
-    detail = text("share.partly", language=language, count=count, names=names, why=error.detail)
-    return BlockRobotError(error.code, detail)
-
-
-async def share_each(
-    sharing: Sharing,
-    entries: Sequence[RecordEntry],
-    grantee: Grantee,
-    purpose: str,
-    until_ms: int,
-    tell: Tell,
-    *,
-    language: str = DEFAULT_LANGUAGE,
-) -> list[Shared]:
-    """Share records of one visit in as many grants as needed; failures name completed ones."""
-    done: list[Shared] = []
-    for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
-        part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
-        try:
-            done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
-        except BlockRobotError as error:
-            raise tell_of_first(error, done, language) from None
-    return done
+        return place_end(read_time(until, now_ms, wrong="no_time_ahead"), now_ms)
+    if span is None:
+        raise WrongUsage("how_long")
+    try:
+        return place_end(now_ms + parse_duration(span), now_ms)
+    except ValueError:
+        raise WrongUsage("span") from None
 
 
 def say_step(step: str) -> str:
@@ -183,7 +97,7 @@ def _print_shared(shared: Shared, grantee: Grantee) -> None:
 @click.option("--as", "label", default="", help="What you call the other; it stays in your wallet.")
 @click.option("--purpose", required=True, help="What for: a purpose's code.")
 @click.option("--for", "span", help="For how long: 90m, 12h, 7d, 2w.")
-@click.option("--until", type=click.DateTime(_MOMENTS), help="Until when, by your clock.")
+@click.option("--until", help="Until when: 2027-01-31, or 2027-01-31T18:00 by your clock.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
@@ -196,7 +110,7 @@ def share(
     label: str,
     purpose: str,
     span: str | None,
-    until: datetime.datetime | None,
+    until: str | None,
     yes: bool,
     as_json: bool,
 ) -> None:
@@ -230,66 +144,6 @@ def share(
         return
     for shared in done:
         _print_shared(shared, grantee)
-
-
-def own_share(share_: Share, now_ms: int) -> OwnShare:
-    grant, given = share_.grant, share_.given
-    return OwnShare(
-        grant_id=grant.grant_id.hex(),
-        visit=share_.visit.owner.hex(),
-        records=[record_id.hex() for record_id in grant.row.records],
-        handle=None if given is None else given.handle.hex(),
-        name=None if given is None else given.label or None,
-        purpose=grant.row.purpose,
-        shared_at_ms=grant.row.time,
-        until_ms=grant.row.until_ms,
-        status=_status(share_, now_ms),
-        looks=[
-            GranteeLook(time_ms=look.time_ms, records=look.records_count, custodians_released=look.released_count)
-            for look in share_.looks
-        ],
-        confirmed_deleted=[record_id.hex() for record_id in grant.row.records if record_id in share_.confirmed],
-        cut=[record_id.hex() for record_id in grant.row.records if record_id in share_.cut],
-        erased=[record_id.hex() for record_id in grant.row.records if record_id in share_.erased],
-    )
-
-
-def _status(share_: Share, now_ms: int) -> str:
-    if share_.grant.row.is_open(now_ms):
-        return "open"
-    return "revoked" if share_.grant.row.status == "revoked" else "over"
-
-
-def share_lines(share_: Share, now_ms: int) -> list[str]:
-    grant, until, status = share_.grant, show_moment(share_.grant.row.until_ms), _status(share_, now_ms)
-    ends = {
-        "open": text("shares.open", until=until),
-        "over": text("shares.over", until=until),
-        "revoked": text("shares.revoked"),
-    }
-    lines = [
-        text(
-            "shares.line",
-            grant=grant.grant_id.hex()[:12],
-            records=text("count.records", count=len(grant.row.records)),
-            visit=share_.visit.owner.hex()[:12],
-            name=share_.name,
-            purpose=code_text("purpose", grant.row.purpose),
-            end=text("shares.nothing_left") if status == "open" and not share_.left else ends[status],
-        )
-    ]
-    if share_.erased:
-        lines.append("  " + text("shares.erased", count=len(share_.erased)))
-    if share_.cut:
-        lines.append("  " + text("shares.cut", count=len(share_.cut)))
-    for look in share_.looks:
-        key = "shares.ready" if look.released_count else "shares.asked"
-        lines.append("  " + text(key, moment=show_moment(look.time_ms), count=look.records_count))
-    if not share_.looks:
-        lines.append("  " + text("shares.no_looks"))
-    if share_.confirmed:
-        lines.append("  " + text("shares.deleted", count=len(share_.confirmed)))
-    return lines
 
 
 @click.command()

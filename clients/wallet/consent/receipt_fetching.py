@@ -17,6 +17,8 @@ from clients.sdk.connections import NodeAddress
 from clients.sdk.node_answers import read_answer, read_hex
 from clients.wallet.export.proof_collection import StateCollector
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.consent_answers import FetchedReceipt
+from clients.wallet.present.translations import describe_error, refusal, text
 from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.api_documents import ConsentReceiptAnswer, ConsentReceiptRequest
 from consensus.bounded_text import TextInvalidError, read_json_as
@@ -201,3 +203,43 @@ class ConsentReceipts:
                     break
                 place = page.next
         return sorted(found, key=lambda txid: found[txid])
+
+
+@dataclass(frozen=True, slots=True)
+class Receipted:
+    """A statement's receipt, or why it is missing."""
+
+    receipt: CheckedReceipt | None
+    refusal: BlockRobotError | None
+
+    @property
+    def fetched(self) -> FetchedReceipt | None:
+        if self.receipt is None:
+            return None
+        published = self.receipt.published
+        version = None if published is None else published.row.version
+        return FetchedReceipt(signed_by=self.receipt.node, notice_version=version)
+
+    @property
+    def error_code(self) -> str | None:
+        return None if self.receipt is not None or self.refusal is None else self.refusal.code
+
+    def line(self) -> str:
+        if self.receipt is None:
+            why = describe_error(self.refusal)[0] if self.refusal is not None else ""
+            return text("register.receipt_late", why=why)
+        published, organisation = self.receipt.published, self.receipt.organisation
+        if published is None:
+            return text("register.receipt_unpublished", organisation=organisation)
+        return text("register.receipt", organisation=organisation, version=published.row.version)
+
+
+async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
+    """Fetch a final statement's receipt; failures are not raised."""
+    try:
+        return Receipted(await ConsentReceipts(opened).obtain(txid), None)
+    except BlockRobotError as error:
+        return Receipted(None, error)
+    except OSError as error:
+        why = error.strerror or type(error).__name__
+        return Receipted(None, refusal("FILE_UNUSABLE", "wallet_unwritten", why=why))

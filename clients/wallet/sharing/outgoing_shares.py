@@ -20,7 +20,7 @@ from clients.sdk.quorum import require_quorum
 from clients.wallet.consent.rights_requests import RecordChoice
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.present.translations import refusal, text
+from clients.wallet.present.translations import DEFAULT_LANGUAGE, refusal, text
 from clients.wallet.records.viewing import Viewing
 from clients.wallet.sharing.chain_grants import Grant, cut_since, read_custodians, read_grants
 from clients.wallet.store.keystore import KnownVisit
@@ -472,3 +472,34 @@ def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[
         elif _is_look(entry) and entry.data["grant"] == grant_id:
             gone.difference_update(asked[entry.data["access_id"]].records)
     return frozenset(gone)
+
+
+def tell_of_first(error: BlockRobotError, done: Sequence[Shared], language: str = DEFAULT_LANGUAGE) -> BlockRobotError:
+    """Extend a failure with completed grants; each holds up to 64 records."""
+    if not done:
+        return error
+    names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
+    count = sum(len(shared.records) for shared in done)
+    detail = text("share.partly", language=language, count=count, names=names, why=error.detail)
+    return BlockRobotError(error.code, detail)
+
+
+async def share_each(
+    sharing: Sharing,
+    entries: Sequence[RecordEntry],
+    grantee: Grantee,
+    purpose: str,
+    until_ms: int,
+    tell: Tell,
+    *,
+    language: str = DEFAULT_LANGUAGE,
+) -> list[Shared]:
+    """Share records of one visit in as many grants as needed; failures name completed ones."""
+    done: list[Shared] = []
+    for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
+        part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
+        try:
+            done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
+        except BlockRobotError as error:
+            raise tell_of_first(error, done, language) from None
+    return done

@@ -12,16 +12,16 @@ import click
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_answer
 from clients.wallet.cli.prompts import ask_or_say
-from clients.wallet.cli.wallet_context import STOLEN_PAGE, on_abort, run_with_wallet
+from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
-from clients.wallet.ledger.wallet import VisitReport, Wallet
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.former_text import _stuck_lines, _taken_lines, exposed, words_lines
 from clients.wallet.present.linking_notice import tell_linked_moves
-from clients.wallet.present.record_answers import FormerVisits
 from clients.wallet.present.translations import WrongUsage, text
 from clients.wallet.present.wallet_answers import LeaveAnswer, RotateAnswer, TransferAnswer
 from clients.wallet.recovery.key_rotation import Rotating, Transferred
 from clients.wallet.recovery.mnemonic_handover import show_and_check, write_words
-from clients.wallet.store.keystore import KnownVisit, WalletContent
+from clients.wallet.store.keystore import WalletContent
 from consensus.errors import BlockRobotError
 
 CHECKED_COUNT = 1
@@ -94,50 +94,15 @@ def print_taken(count: int) -> None:
         console.print(f"[red]{line}[/red]")
 
 
-def _taken_lines(count: int, language: str | None = None) -> list[str]:
-    return [text("former.taken", language=language, count=count, page=STOLEN_PAGE)] if count else []
-
-
 def print_stuck(count: int) -> None:
     """Warn of visits whose key cannot be replaced any more."""
     for line in _stuck_lines(count):
         console.print(f"[red]{line}[/red]")
 
 
-def _stuck_lines(count: int, language: str | None = None) -> list[str]:
-    return [text("former.stuck", language=language, count=count, page=STOLEN_PAGE)] if count else []
-
-
-def unreadable_words(report: VisitReport) -> str:
-    return text("former.needed" if report.needs_former_words else "former.unreadable", count=len(report.unreadable_ids))
-
-
-def former_visits(content: WalletContent) -> FormerVisits:
-    """Return visits not controlled by the present mnemonic."""
-    return FormerVisits(
-        taken_visits=[visit.owner.hex() for visit in content.visits if visit.taken],
-        exposed_visits=[visit.owner.hex() for visit in exposed(content)],
-        stuck_visits=[visit.owner.hex() for visit in content.visits if visit.stuck and not visit.taken],
-    )
-
-
-def exposed(content: WalletContent) -> list[KnownVisit]:
-    """Return visits that former mnemonics control and that can be replaced."""
-    present = len(content.former)
-    return [visit for visit in content.visits if visit.era != present and not visit.taken and not visit.stuck]
-
-
 def print_words(content: WalletContent) -> None:
     for line in words_lines(content):
         console.print(f"[red]{line}[/red]")
-
-
-def words_lines(content: WalletContent, language: str | None = None) -> list[str]:
-    """Return sentences on visits not controlled by the present mnemonic."""
-    count = len(exposed(content))
-    told = [text("former.exposed", language=language, count=count)] if count else []
-    told += _taken_lines(sum(visit.taken for visit in content.visits), language)
-    return told + _stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits), language)
 
 
 class _Before:

@@ -6,10 +6,9 @@ import msgspec
 from aiohttp import web
 
 from clients.sdk.terminal.json_answers import extend
-from clients.wallet.commands.notice_commands import take_receipt
 from clients.wallet.consent.consent_choices import ConsentDecision, Consenting, choice_answer, round_period
 from clients.wallet.consent.notice_reading import Notices, NoticeView
-from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.consent.receipt_fetching import ConsentReceipts, take_receipt
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.session import PageSession

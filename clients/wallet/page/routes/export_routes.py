@@ -16,12 +16,12 @@ from clients.bundle.checks.bundle_check import Verdict
 from clients.bundle.proving import Heard
 from clients.bundle.writing import Contents, write_bundle
 from clients.wallet.cli.invocation import verify_command
-from clients.wallet.commands.export_command import bundle_warning, export_answer, say_problem
 from clients.wallet.export.export_building import Exporting, Wanted
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import KeptFile, PageSession
+from clients.wallet.present.export_text import bundle_warning, export_answer, say_problem
 from clients.wallet.present.translations import refusal
 from pages.local_page import LocalRoute
 from pages.moments import show_day

@@ -5,20 +5,14 @@ from __future__ import annotations
 from aiohttp import web
 
 from clients.sdk.terminal.json_answers import Answer, Hex, extend
-from clients.wallet.commands.inbox_commands import (
-    read_inbox,
-    receipt_lines,
-    received_share,
-    unread_line,
-    unread_share,
-    visit_alarm,
-)
 from clients.wallet.page.page_answers import answer_json, language_of, route
 from clients.wallet.page.routes.reading_routes import told_erasure
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
+from clients.wallet.present.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
 from clients.wallet.present.sharing_answers import ReceivedShare, UnreadShare, VisitAlarm
 from clients.wallet.present.translations import DEFAULT_LANGUAGE
+from clients.wallet.sharing.inbox import read_inbox
 from pages.local_page import LocalRoute
 
 

@@ -9,12 +9,8 @@ from aiohttp import web
 
 from clients.sdk.pictures.depth_colours import scale_json
 from clients.sdk.terminal.json_answers import Answer, Hex, extend
-from clients.wallet.cli.wallet_context import member_gone_line
-from clients.wallet.commands.account.rotate_commands import words_lines
-from clients.wallet.commands.share_commands import own_share, share_lines
 from clients.wallet.ledger.visit_audit import AuditEntry, findings_of, records_of
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.page.audit_story import ToldEvent, tell_event
 from clients.wallet.page.jobs import WAIT_MAX_MS
 from clients.wallet.page.page_answers import answer_json, language_of, query_of, route, tell_job, tell_problem
 from clients.wallet.page.record_days import (
@@ -33,7 +29,10 @@ from clients.wallet.page.record_seals import verified_block
 from clients.wallet.page.request_fields import RequestFields, read_id
 from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
+from clients.wallet.present.audit_story import ToldEvent, tell_event
+from clients.wallet.present.former_text import member_gone_line, words_lines
 from clients.wallet.present.record_answers import ErasureRow, VisitStanding
+from clients.wallet.present.share_text import own_share, share_lines
 from clients.wallet.present.sharing_answers import OwnShare
 from clients.wallet.present.translations import LANGUAGES, language_in_use, section
 from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, erasure_lines, erasure_row

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from aiohttp import web
 
-from clients.wallet.commands.share_commands import explain, made_share, share_each
 from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.page.jobs import Job, Result
@@ -14,6 +13,7 @@ from clients.wallet.page.page_answers import accepted, answer_json, body_of, lan
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import Snapshot
+from clients.wallet.present.share_text import explain, made_share
 from clients.wallet.present.translations import refusal
 from clients.wallet.sharing.outgoing_shares import (
     Grantee,
@@ -21,6 +21,7 @@ from clients.wallet.sharing.outgoing_shares import (
     place_end,
     require_purpose_to_share,
     select_shareable,
+    share_each,
 )
 from pages.local_page import LocalRoute
 

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet.commands import export_command
-from clients.wallet.commands.export_command import export, read_past
+from clients.wallet.commands.export_command import export
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import LANGUAGE_VARIABLE, section
 from tests.unit.clients.bundle.ward import Ward
@@ -136,13 +136,6 @@ def test_several_records_may_be_named_at_once(ward: Ward, tmp_path: Path) -> Non
     ids = [ward.record(visit).hex() for _ in range(3)]
     result = run(tmp_path / "mine.zip", "--yes", "--json", "--records", f"{ids[0]}, {ids[2]}", "--records", ids[0])
     assert json.loads(result.stdout)["records"] == 2
-
-
-def test_times_lie_back_from_now() -> None:
-    assert read_past(None, NOW_MS) == 0
-    assert read_past("-7d", NOW_MS) == NOW_MS - 7 * DAY_MS
-    assert read_past("-12h", NOW_MS) == NOW_MS - DAY_MS // 2
-    assert read_past("2027-01-31", NOW_MS) < read_past("2027-01-31T18:00", NOW_MS)
 
 
 def test_in_portuguese_it_warns_asks_and_says_what_is_missing_and_json_stays_as_it_is(

@@ -19,11 +19,10 @@ from clients.bundle.checks import consent_receipts as file
 from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.cli import verify
 from clients.wallet.commands import consent_commands
-from clients.wallet.commands.notice_commands import take_receipt
 from clients.wallet.consent import receipt_fetching as wallet_receipts
 from clients.wallet.consent.consent_choices import Consenting
 from clients.wallet.consent.notice_reading import Notices
-from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.consent.receipt_fetching import ConsentReceipts, take_receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.consent_receipts import sign_as_controller, sign_as_person

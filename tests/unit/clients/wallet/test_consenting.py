@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from clients.sdk.chain.receipts import FinalReceipt, final_receipt
 from clients.sdk.proof_checks import ProvedState
 from clients.wallet.commands import consent_commands
-from clients.wallet.commands.consent_commands import consent, read_time
+from clients.wallet.commands.consent_commands import consent
 from clients.wallet.consent.consent_choices import Consenting, round_period
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import LANGUAGE_VARIABLE
@@ -167,16 +167,6 @@ def test_a_period_is_rounded_so_that_it_is_never_longer_than_asked_for() -> None
     assert round_period(1, 2 * TIME_BUCKET_MS - 1) == (TIME_BUCKET_MS, TIME_BUCKET_MS)
     assert round_period(0, 0) == (0, 0)
     assert round_period(TIME_BUCKET_MS, TIME_BUCKET_MS) == (TIME_BUCKET_MS, TIME_BUCKET_MS)
-
-
-def test_a_time_is_a_span_or_a_date() -> None:
-    assert read_time(None, 5) == 0
-    assert read_time("+2h", 5) == 5 + 7_200_000
-    assert read_time(" +1d ", 5) == 5 + 86_400_000
-    assert read_time("2027-01-31T18:00+00:00", 5) == 1_801_418_400_000
-    for text in ("soon", "+5", "2027-13-01", ""):
-        with pytest.raises(click.UsageError):
-            read_time(text, 5)
 
 
 def test_every_sensor_has_a_sentence() -> None:

@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet.commands import erase_command
-from clients.wallet.commands.share_commands import explain
 from clients.wallet.ledger.visit_audit import audit_visit
+from clients.wallet.present.share_text import explain
 from clients.wallet.present.translations import LANGUAGE_VARIABLE
 from pages.moments import show_moment
 from tests.unit.clients.wallet.test_sharing_commands import People

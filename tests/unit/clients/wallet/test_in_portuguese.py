@@ -23,11 +23,11 @@ from clients.wallet.commands import (
     serve_command,
 )
 from clients.wallet.commands.account import rotate_commands
-from clients.wallet.commands.account.rotate_commands import words_lines
 from clients.wallet.consent.notice_reading import NoticeView
 from clients.wallet.consent.receipt_fetching import Receipts
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_status import BreachEnd, OfficersErasure, VisitRights
+from clients.wallet.present.former_text import words_lines
 from clients.wallet.present.linking_notice import tell_linked, tell_linked_moves
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, code_text, load, section
 from clients.wallet.present.visit_status_text import standing_lines

@@ -19,6 +19,7 @@ from clients.wallet.commands.share_commands import read_end, say_step
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES, section
+from clients.wallet.sharing import outgoing_shares
 from clients.wallet.sharing.incoming_shares import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
 from clients.wallet.sharing.outgoing_shares import STEP_KEYS, STEP_PARTS, STEP_SIGNING
 from consensus.errors import BlockRobotError
@@ -315,7 +316,7 @@ def fail_at_second_grant(people: People, monkeypatch: pytest.MonkeyPatch, *more:
     """Share two records, one a grant, with a custodian that goes away between the two."""
     ward = people.ward
     visit, _ = ward.record_visit()
-    monkeypatch.setattr(share_commands, "GRANT_RECORDS_MAX_COUNT", 1)
+    monkeypatch.setattr(outgoing_shares, "GRANT_RECORDS_MAX_COUNT", 1)
     honest = ward.sharing.__class__.share
 
     async def share_once(*given: Any) -> Any:
@@ -344,9 +345,9 @@ def test_how_long_is_said_in_one_of_two_ways() -> None:
     now_ms = 1_700_000_100_000
     assert read_end("7d", None, now_ms) - now_ms - WEEK_MS < GRANT_STEP_MS
     assert read_end("90m", None, now_ms) - now_ms - 90 * 60_000 < GRANT_STEP_MS
-    tomorrow = datetime.datetime.fromtimestamp(now_ms / 1000 + 86_400, datetime.UTC)
+    tomorrow = datetime.datetime.fromtimestamp(now_ms / 1000 + 86_400, datetime.UTC).isoformat()
     assert abs(read_end(None, tomorrow, now_ms) - now_ms - 86_400_000) < GRANT_STEP_MS
-    for wrong in ((None, None), ("7d", tomorrow), ("a week", None), ("7", None)):
+    for wrong in ((None, None), ("7d", tomorrow), ("a week", None), ("7", None), (None, "soon")):
         with pytest.raises(click.UsageError):
             read_end(*wrong, now_ms)
     with pytest.raises(click.UsageError, match="one of them, not both"):

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet.commands.account.rotate_commands import exposed
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.present.former_text import exposed
 from clients.wallet.records.erasure import Erasing
 from clients.wallet.recovery.key_rotation import Rotating
 from clients.wallet.store.keystore import KnownVisit

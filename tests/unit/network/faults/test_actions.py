@@ -18,7 +18,7 @@ from network.faults.actions import (
     Skew,
     format_duration,
     make_link_fault,
-    parse_duration,
+    read_duration,
 )
 from network.faults.profiles import LINK_PROFILES
 from node.p2p.shaping import SOUND, LinkFault
@@ -88,14 +88,14 @@ def test_what_makes_no_sense_is_refused(read: Callable[[], object], code: str) -
     ],
 )
 def test_durations_are_read_as_people_write_them(text: str, duration_ms: int) -> None:
-    assert parse_duration(text) == duration_ms
-    assert parse_duration(format_duration(duration_ms)) == duration_ms
+    assert read_duration(text) == duration_ms
+    assert read_duration(format_duration(duration_ms)) == duration_ms
 
 
 @pytest.mark.parametrize("text", ["", "5", "s", "5 s", "1h-5m", "--5s", "5sm", "1e3s"])
 def test_what_is_no_duration_is_refused(text: str) -> None:
     with pytest.raises(BlockRobotError):
-        parse_duration(text)
+        read_duration(text)
 
 
 def test_figures_stand_in_the_place_of_the_profiles_own() -> None:

@@ -1,0 +1,40 @@
+"""How times are written on a command line: a date, a date with a time, or a duration from now (`pages.moments`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from clients.wallet.present.translations import WrongUsage
+from pages.moments import read_moment
+
+
+def read_time(written: str | None, now_ms: int, *, wrong: str = "no_time") -> int:
+    """Return ms since 1970, 0 for none. Raises UsageError with the text `wrong`, also for a time before 1970."""
+    if written is None:
+        return 0
+    try:
+        moment_ms = read_moment(written, now_ms)
+    except ValueError:
+        moment_ms = 0
+    if moment_ms <= 0:
+        raise WrongUsage(wrong, given=written)
+    return moment_ms
+
+
+class MomentType(click.ParamType[int]):
+    """A date, or a date and a time, as ms since 1970."""
+
+    name = "time"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        if isinstance(value, int):
+            return value
+        try:
+            return read_moment(value)
+        except ValueError:
+            self.fail('Give a date, or a date and a time, as "2027-01-31 18:00".', param, ctx)
+
+
+MOMENT = MomentType()
