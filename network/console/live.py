@@ -15,7 +15,6 @@ from consensus.visible_text import split_lines
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
 from network.console.chronicle import Timeline, make_event
-from network.console.clock import ForwardClock
 from network.console.export import write_export
 from network.console.looking import Looking, NodeSight
 from network.console.moments import FrameBuilder, Moment
@@ -30,6 +29,28 @@ from network.faults.run import StepDone, run_plan
 from node.config import CONFIG_FILE
 from node.faults import DISKS
 from pages.serving import PAGES_ASSETS
+
+
+def _wall_ms() -> int:
+    return time.time_ns() // 1_000_000
+
+
+class ForwardClock:
+    """Follows the machine's clock; after a setback it continues, ahead by as much."""
+
+    def __init__(self, wall_ms: Callable[[], int] = _wall_ms) -> None:
+        self._wall_ms = wall_ms
+        self._last_ms = 0
+        self._ahead_ms = 0
+
+    def now_ms(self) -> int:
+        now_ms = self._wall_ms() + self._ahead_ms
+        if now_ms < self._last_ms:
+            self._ahead_ms += self._last_ms - now_ms
+            now_ms = self._last_ms
+        self._last_ms = now_ms
+        return now_ms
+
 
 CONSOLE_ASSETS = Path(__file__).parent / "assets"
 INTERVAL_MS = 500

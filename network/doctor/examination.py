@@ -16,17 +16,31 @@ from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
 from network.blocks_kept import kept_lines
 from network.cluster import Cluster, fetch_status
+from network.custody.asking import ask_all
+from network.custody.upload_telling import find_upload_troubles
 from network.doctor import answers as words
 from network.doctor.answers import Answer
 from network.doctor.data_directory import check_authorities, check_directory
 from network.doctor.findings import Finding, in_order
 from network.doctor.ledger_probe import LedgerFacts, probe_ledgers
-from network.doctor.uploads import check_uploads
 from network.faults.control import FaultControl
 from network.provisioning.node_certificates import now_ms
 from network.provisioning.node_joining import newest_directory
 from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, load_genesis
 from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
+
+
+async def check_uploads(configs: Sequence[NodeConfig], answers: Sequence[Answer]) -> list[Finding]:
+    running = {answer.name for answer in answers if answer.status is not None}
+    custodians = [config for config in configs if config.custodian_key_path is not None and config.name in running]
+    found = []
+    for config, told in zip(custodians, await ask_all(custodians), strict=True):
+        if isinstance(told, BlockRobotError):
+            found.append(Finding("CUSTODY_SILENT", config.name, f"{told.detail} ({told.code})"))
+        else:
+            found += [Finding(code, config.name, sentence) for code, sentence in find_upload_troubles(told)]
+    return found
+
 
 ASK_TIMEOUT_S = 3.0
 DRIFT_DEFAULT_MS = 5_000

@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from clients.robot.run.event_log import IMAGE_RETRIEVE
+from clients.robot.run.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenario_bag import make_bag
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
@@ -20,12 +20,55 @@ from network.demo.checks import CheckList
 from network.demo.processes import LongCommand
 from network.demo.scene_truth import covered_frames
 from network.experiments.comparison import Reading, work_out
-from network.experiments.coverage import are_covered_frames, frames_by_tag, total
 from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
 from network.experiments.log_files import read_log
+from network.experiments.pages.event_table import EventTable
 from network.experiments.post_stage import Belongings, PostStage
 from network.testbed import NODES_COUNT, Stage
+
+
+@dataclass(slots=True)
+class TagFrames:
+    """One tag's frame numbers: paired, final on the chain, withheld."""
+
+    paired: set[int] = field(default_factory=set)
+    kept: set[int] = field(default_factory=set)
+    withheld: set[int] = field(default_factory=set)
+
+    @property
+    def lost(self) -> set[int]:
+        """Return the paired frames that were neither kept nor withheld."""
+        return self.paired - self.kept - self.withheld
+
+    @property
+    def is_settled(self) -> bool:
+        return self.paired == self.kept | self.withheld and not self.kept & self.withheld
+
+
+def frames_by_tag(table: EventTable) -> dict[str, TagFrames]:
+    tags: dict[str, TagFrames] = {}
+    for event in table.events:
+        if not event.alias or event.sequence is None:
+            continue
+        frames = tags.setdefault(event.alias, TagFrames())
+        if event.activity == IMAGE_PAIRED:
+            frames.paired.add(event.sequence)
+        elif event.activity == BLOCKCHAIN_TRANSACTION:
+            frames.kept.add(event.sequence)
+        elif event.activity == IMAGE_WITHHELD:
+            frames.withheld.add(event.sequence)
+    return tags
+
+
+def are_covered_frames(tags: Iterable[TagFrames], expected: Mapping[str, Set[int]]) -> bool:
+    """Return whether tags and people match one to one with exactly the scenario's frames."""
+    return sorted(sorted(tag.paired) for tag in tags) == sorted(sorted(own) for own in expected.values() if own)
+
+
+def total(sets: Iterable[Set[int]]) -> int:
+    return sum(len(one) for one in sets)
+
 
 PURPOSE = "demo"
 AFTER_RECORDING_MAX_S = 120.0

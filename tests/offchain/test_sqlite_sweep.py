@@ -22,9 +22,9 @@ from hypothesis import strategies as st
 import node.custody.stores.sqlite_sweep as sweeping
 from consensus.errors import BlockRobotError
 from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow, RecordFacts
-from node.custody.stores.sqlite_log import read_written_pages
 from node.custody.stores.sqlite_pages import PageFile
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
+from node.custody.stores.sqlite_sweep import read_written_pages
 from tests.offchain.stored_clips import bytes_in, make_clip, pieces_of
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,8 +8,7 @@ from consensus.errors import BlockRobotError
 from contracts.worker.machine import WorkerSpec
 from node.api.node_services import FinalizedLedger
 from node.budgets.token_buckets import Source
-from node.execution.sandboxed_contracts import SandboxedContracts
-from node.execution.view_slots import VIEWS_OF_SOURCE_MAX_COUNT, VIEWS_WAITING_MAX_COUNT
+from node.execution.sandboxed_contracts import VIEWS_OF_SOURCE_MAX_COUNT, VIEWS_WAITING_MAX_COUNT, SandboxedContracts
 from node.ledger.ledger_writer import FinalityFeed
 from tests.worker.written_blocks import Chain
 

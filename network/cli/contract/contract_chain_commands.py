@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,13 @@ from consensus.errors import BlockRobotError
 from consensus.exit_codes import EXIT_REFUSED
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
+from consensus.visible_text import split_lines
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
 from contracts.kit.sources import read_source
 from contracts.kit.telling import told
+from contracts.vm import compile_contract
+from contracts.vm.frontend.abi import Abi
 from network.cli.contract.contract_answers import CallRefusal, ContractCallAnswer, ContractQueryAnswer, EmittedEvent
-from network.cli.contract.contract_forms import ContractForm, find_form
 from network.cli.contract.contract_signers import (
     find_signers,
     read_with_first,
@@ -31,6 +34,36 @@ from network.cli.contract.contract_signers import (
     with_network,
 )
 from network.cli.governance.governance_signer import to_json
+from network.contracts.chain_contracts import read_edition
+
+
+@dataclass(frozen=True, slots=True)
+class ContractForm:
+    """A contract's source text and its ABI."""
+
+    source: str
+    abi: Abi
+
+    def line(self, number: int | None) -> str:
+        """Return a stripped source line, empty if out of range."""
+        lines = split_lines(self.source)
+        return lines[number - 1].strip() if number is not None and 0 < number <= len(lines) else ""
+
+
+def form_of(source: str, name: str) -> ContractForm:
+    """Compile a source. Raises CONTRACT_SOURCE_INVALID."""
+    return ContractForm(source, compile_contract(source, name).abi)
+
+
+async def find_form(client: NetworkClient, key: PrivateKey, name: str, source: str | None) -> ContractForm:
+    """Return the form of the given source, or of the active version, proved.
+
+    Raises CONTRACT_NOT_FOUND, CONTRACT_SOURCE_INVALID.
+    """
+    if source is not None:
+        return form_of(source, name)
+    return form_of((await read_edition(client, key, name, 0)).source, name)
+
 
 MISFITS = frozenset({"ARGUMENTS_INVALID", "ENTRY_UNKNOWN", "CONTRACT_UNKNOWN"})
 

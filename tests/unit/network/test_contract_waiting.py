@@ -9,7 +9,7 @@ import pytest
 
 import network.cli.contract.contract_waiting as contract_waiting
 from contracts.lifecycle.registry import read_source
-from network.cli.contract.contract_room import OPEN_OF_ONE_MAX_COUNT, UPLOADS_MAX_COUNT
+from network.cli.contract.contract_lifecycle_commands import OPEN_OF_ONE_MAX_COUNT, UPLOADS_MAX_COUNT
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 from tests.unit.contracts.system.deploying import FAILING, VISITORS, VISITORS_2, upload
 from tests.unit.network.test_contract_lifecycle_commands import answer, chain, refusal, run

@@ -6,7 +6,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from node.budgets.token_buckets import Source
-from node.execution.view_slots import (
+from node.execution.sandboxed_contracts import (
     VIEWS_OF_SOURCE_MAX_COUNT,
     VIEWS_OF_VISIT_KEY_MAX_COUNT,
     VIEWS_WAITING_MAX_COUNT,

@@ -8,9 +8,8 @@ import pytest
 
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_TRANSACTIONS_MAX_COUNT
 from contracts.lifecycle.registry import load_contracts
-from network.bench.vm.vm_bench import OWNER, MemoryHost, RecordBench, run_vm_benchmark
+from network.bench.vm.vm_bench import OWNER, MemoryHost, RecordBench, group_of, run_vm_benchmark
 from network.bench.vm.vm_blocks import BlockBench
-from network.bench.vm.vm_profile import group_of
 
 
 def test_a_short_run_gives_all_figures_and_conditions() -> None:

@@ -12,8 +12,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
-from network.console.clock import ForwardClock
-from network.console.live import LiveConsole
+from network.console.live import ForwardClock, LiveConsole
 from network.console.looking import Looking, NodeSight
 from network.provisioning.network_layout import create_network
 from tests.unit.network.console.sights import sights

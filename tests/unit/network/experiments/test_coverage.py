@@ -10,11 +10,10 @@ import pytest
 from network.demo.checks import CheckList
 from network.demo.scene_truth import covered_frames
 from network.experiments.comparison import work_out
-from network.experiments.coverage import are_covered_frames, frames_by_tag
 from network.experiments.definitions import EXPERIMENTS
 from network.experiments.guard import Guard
 from network.experiments.pages.event_table import EventTable, LoggedEvent
-from network.experiments.run_one import ExperimentRun
+from network.experiments.run_one import ExperimentRun, are_covered_frames, frames_by_tag
 
 EXPERIMENT = EXPERIMENTS[2]
 SCENARIO = EXPERIMENT.load_scenario()

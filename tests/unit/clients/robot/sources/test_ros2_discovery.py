@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from clients.robot.sources.live.ros2_discovery import LOOK_MAX_S, LOOK_MIN_S, OWN_TOPIC, SETTLED_S, Discovery
+from clients.robot.sources.live.ros2 import LOOK_MAX_S, LOOK_MIN_S, OWN_TOPIC, SETTLED_S, Discovery
 
 NOBODY: dict[str, str] = {}
 NEIGHBOUR = {OWN_TOPIC: "rcl_interfaces/msg/ParameterEvent"}

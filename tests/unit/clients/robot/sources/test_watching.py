@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clients.robot.sources.live.feed_watch import SILENT_AFTER_S, Watch
+from clients.robot.sources.live.live_source import SILENT_AFTER_S, Watch
 from clients.robot.sources.live.ros1 import Ros1Feed
 
 BOTH = {"/depth": "a/msg/B", "/tags": "a/msg/C"}
