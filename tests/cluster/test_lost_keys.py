@@ -32,7 +32,7 @@ def late_robot(monkeypatch: pytest.MonkeyPatch) -> None:
 
 async def record_for(ward: Ward, ann: Wallet) -> list[RecordEntry]:
     """Let the robot record her, and return what it recorded."""
-    assert (await ward.record())["kept"] > 0
+    assert (await ward.record()).kept > 0
     return [entry for report in await ann.records() for entry in report.records]
 
 

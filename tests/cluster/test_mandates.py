@@ -58,7 +58,7 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
         await other.register(ward.desk.issue("0FF1CE02", "officer"), [])
         await ward.prepare_robot()
         handle = child.store.content.handle
-        assert (await ward.record())["kept"] == 0, "nobody said anything"
+        assert (await ward.record()).kept == 0, "nobody said anything"
         speaking = Consenting(mother, handle)
         with pytest.raises(BlockRobotError, match="NOT_THE_MEMBER"):
             await speaking.withdraw([], [])
@@ -69,7 +69,7 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
             await speaking.give(["demo"], ["depth"])
         word = await speaking.give(["demo"], ["depth"], until_ms=until_ms)
         await ward.told_everywhere(word.from_height)
-        kept = (await ward.record())["kept"]
+        kept = (await ward.record()).kept
         assert kept > 0
         reports = await child.records()
         assert sum(entry.metadata.frame_count for report in reports for entry in report.records) >= kept
@@ -78,7 +78,7 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
         (own,) = await Mandates(child).read_own()
         await Mandates(child).end(own)
         await ward.told_everywhere()
-        assert (await ward.record())["kept"] == 0
+        assert (await ward.record()).kept == 0
         with pytest.raises(BlockRobotError, match="NOT_THE_MEMBER"):
             await speaking.give(["demo"], ["depth"], until_ms=until_ms)
         (row,) = (await Consenting(child).choices()).rows
@@ -89,7 +89,7 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
         await give((eva, other), child, mother, [paper])
         with pytest.raises(BlockRobotError, match="OWN_NO_STANDS"):
             await speaking.give(["demo"], ["depth"], until_ms=until_ms)
-        assert (await ward.record())["kept"] == 0
+        assert (await ward.record()).kept == 0
 
 
 async def ended_as_it_was(eva: Wallet, other: Wallet, child: Wallet, mother: Wallet, own: Mandate) -> None:

@@ -54,7 +54,7 @@ class Sides:
         await self.doctor.register(self.ward.desk.issue("D0C", "staff"), [])
         await Consenting(self.ann).give(["demo"], ["depth"])
         await self.ward.prepare_robot()
-        assert (await self.ward.record())["kept"] > 0
+        assert (await self.ward.record()).kept > 0
         (report,) = await self.ann.records()
         return list(report.records)
 

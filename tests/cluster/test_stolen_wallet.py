@@ -40,7 +40,7 @@ async def begin(ward: Ward, ann: Wallet) -> VisitReport:
     await ann.register(ward.desk.issue(UID, "subject"), [])
     await Consenting(ann).give(["demo"], ["depth"])
     await ward.prepare_robot()
-    assert (await ward.record())["kept"] > 0
+    assert (await ward.record()).kept > 0
     (report,) = await ann.records()
     return report
 
@@ -120,9 +120,9 @@ async def test_who_has_the_old_words_is_refused_everywhere_and_she_goes_on(
             await settle(ann, again.records[0], early, "ACCESS_ENDED")
             assert await look(ann, again.records[0]) == "verified"
 
-            assert (await ward.record())["kept"] == 0, "a roster with the old keys records nobody"
+            assert (await ward.record()).kept == 0, "a roster with the old keys records nobody"
             await renew_roster(ward)
-            assert (await ward.record())["kept"] > 0, "and a new one records her under the new keys"
+            assert (await ward.record()).kept > 0, "and a new one records her under the new keys"
             first, second = await ann.records()
             assert (first.visit.era, second.visit.era, second.visit.current) == (1, 1, b"")
             assert await look(ann, second.records[0]) == "verified"

@@ -71,7 +71,7 @@ async def test_a_person_does_everything_in_the_page_that_she_does_in_the_termina
         assert not file.exists(), "what opens the page works once"
         overview = await page.settle(lambda told: told["state"] == "ready")
         assert (overview["counts"]["records"], overview["person"]["role"]) == (0, "subject")
-        assert (await ward.record())["kept"] > 0
+        assert (await ward.record()).kept > 0
         await page.settle(lambda told: told["counts"]["records"] > 2)
         second = await served.run("records")
         listed, told = await second.communicate()

@@ -105,8 +105,8 @@ REPLACED: tuple[Replaced, ...] = (
         Kind.AUTHORISATION,
         "node/api/access/sessions.py",
         "a closed session still opens",
-        ('        """Forget a session; an unknown token is no error."""\n        self._forget(sha256(token))\n'),
-        '        """Forget a session; an unknown token is no error."""\n        self._forget(token)\n',
+        "        self._forget(sha256(token))\n",
+        "        self._forget(token)\n",
         "tests/unit/node/api/test_sessions.py",
     ),
     Replaced(

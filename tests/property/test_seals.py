@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.page.record_seals import Seal, VerifiedBlock, seal_json
+from clients.wallet.page.record_seals import Seal, VerifiedBlock, tell_seal
 from clients.wallet.records.viewing import (
     CHECKS,
     CUSTODY_CHECKS,
@@ -62,9 +62,9 @@ def test_a_seal_is_good_and_a_verdict_verified_only_if_every_check_passed(
 ) -> None:
     counted = min(CLIP_FRAMES_MAX_COUNT, max(1, len(frames) + difference))
     view = found(frames, counted)
-    seal = seal_json(Seal(view, BLOCK, 0), language)
+    seal = tell_seal(Seal(view, BLOCK, 0), language)
     is_sound = STATUS_CORRUPTED not in frames and counted == len(frames)
-    assert (seal["state"] == "good") == all(check["ok"] for check in seal["checks"]) == is_sound
+    assert (seal.state == "good") == all(check.ok for check in seal.checks) == is_sound
     assert (view.verdict == "verified") == is_sound
     assert all(0 <= place < len(frames) for place in view.corrupted), "a verdict names what is there"
     assert view.corrupted == sorted(set(view.corrupted))
@@ -72,17 +72,15 @@ def test_a_seal_is_good_and_a_verdict_verified_only_if_every_check_passed(
 
 @given(frames=statuses.filter(lambda each: STATUS_CORRUPTED in each), check=st.sampled_from(CHECKS))
 def test_a_seal_says_which_check_failed_and_nothing_of_those_that_come_after_it(frames: list[str], check: str) -> None:
-    seal = seal_json(Seal(found(frames, len(frames), check), BLOCK, 0), "en")
-    told = {each["code"]: each["ok"] for each in seal["checks"]}
+    seal = tell_seal(Seal(found(frames, len(frames), check), BLOCK, 0), "en")
+    told = {each.code: each.ok for each in seal.checks}
     passed = ("header_votes", "record_on_chain", *CHECKS[: CHECKS.index(check)])
     assert told == dict.fromkeys(passed, True) | {check: False, "complete": True}
-    assert seal["damaged"] == (seal["corrupted"] if check in CUSTODY_CHECKS else [])
+    assert seal.damaged == (seal.corrupted if check in CUSTODY_CHECKS else [])
 
 
 @given(frames=statuses.filter(lambda each: STATUS_CORRUPTED not in each), data=st.data())
 def test_no_erasure_of_pictures_turns_a_good_seal_red(frames: list[str], data: st.DataObject) -> None:
     gone = data.draw(st.sets(st.integers(0, len(frames) - 1)))
     after = [STATUS_ERASED if index in gone else status for index, status in enumerate(frames)]
-    assert [seal_json(Seal(found(each, len(frames)), BLOCK, 0), "en")["state"] for each in (frames, after)] == [
-        "good"
-    ] * 2
+    assert [tell_seal(Seal(found(each, len(frames)), BLOCK, 0), "en").state for each in (frames, after)] == ["good"] * 2

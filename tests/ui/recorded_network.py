@@ -10,8 +10,8 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
 
+from clients.robot.run.run_summary import FrameCounts
 from clients.wallet.consent.consent_choices import Consenting
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.store.keystore import Keystore
@@ -99,10 +99,10 @@ class RecordedNetwork:
         """Register the robot, and give it the roster of who consents."""
         await self._ward.prepare_robot()
 
-    async def record(self) -> dict[str, Any]:
+    async def record(self) -> FrameCounts:
         """Let the robot record her walk once more, as a visit of its own; return the counts of frames."""
         frames = await self._ward.record()
-        assert frames["kept"] > 0
+        assert frames.kept > 0
         async with self.wallet() as ann:
             reports = await ann.records()
         self.records = [entry for report in reports for entry in report.records]

@@ -16,7 +16,7 @@ import pytest_asyncio
 from msgspec.structs import replace
 from playwright.async_api import Dialog, Page, Route, expect
 
-from clients.wallet.consent.consent_choices import Consenting, Word
+from clients.wallet.consent.consent_choices import ConsentDecision, Consenting
 from clients.wallet.page.routes import clip_routes
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.notices import encode_notice
@@ -178,7 +178,7 @@ async def test_whoever_reloads_while_something_is_under_way_is_asked_first(
     page, may_go_on, was_asked, asked = shown.page, asyncio.Event(), asyncio.Event(), list[str]()
     refuse = Consenting.refuse
 
-    async def slowly(self: Consenting, *what: list[str]) -> Word:
+    async def slowly(self: Consenting, *what: list[str]) -> ConsentDecision:
         await may_go_on.wait()
         return await refuse(self, *what)
 

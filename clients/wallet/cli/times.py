@@ -10,8 +10,8 @@ from clients.wallet.present.translations import WrongUsage
 from pages.moments import read_moment
 
 
-def read_time(written: str | None, now_ms: int, *, wrong: str = "no_time") -> int:
-    """Return ms since 1970, 0 for none. Raises UsageError with the text `wrong`, also for a time before 1970."""
+def read_time(written: str | None, now_ms: int) -> int:
+    """Return ms since 1970, 0 for none. Raises UsageError, also for a time before 1970."""
     if written is None:
         return 0
     try:
@@ -19,7 +19,7 @@ def read_time(written: str | None, now_ms: int, *, wrong: str = "no_time") -> in
     except ValueError:
         moment_ms = 0
     if moment_ms <= 0:
-        raise WrongUsage(wrong, given=written)
+        raise WrongUsage("no_time", given=written)
     return moment_ms
 
 

@@ -152,7 +152,7 @@ def give(
         raise WrongUsage("consent_what", known=", ".join(PURPOSES))
     chosen = sensors or (DEPTH,)
     now_ms = round(time.time() * 1000)
-    from_ms, until_ms = round_period(*(read_time(written, now_ms, wrong="no_time_ahead") for written in (begins, ends)))
+    from_ms, until_ms = round_period(*(read_time(written, now_ms) for written in (begins, ends)))
     if ends is not None and until_ms <= max(from_ms, now_ms):
         raise WrongUsage("until_over")
 

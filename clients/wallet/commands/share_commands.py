@@ -50,7 +50,7 @@ def read_end(span: str | None, until: str | None, now_ms: int) -> int:
     if span is not None and until is not None:
         raise WrongUsage("end_twice")
     if until is not None:
-        return place_end(read_time(until, now_ms, wrong="no_time_ahead"), now_ms)
+        return place_end(read_time(until, now_ms), now_ms)
     if span is None:
         raise WrongUsage("how_long")
     try:
@@ -97,7 +97,7 @@ def _print_shared(shared: Shared, grantee: Grantee) -> None:
 @click.option("--as", "label", default="", help="What you call the other; it stays in your wallet.")
 @click.option("--purpose", required=True, help="What for: a purpose's code.")
 @click.option("--for", "span", help="For how long: 90m, 12h, 7d, 2w.")
-@click.option("--until", help="Until when: 2027-01-31, or 2027-01-31T18:00 by your clock.")
+@click.option("--until", help="Until when: +7d, 2027-01-31 or 2027-01-31T18:00.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context

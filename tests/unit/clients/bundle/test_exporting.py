@@ -21,7 +21,7 @@ from clients.bundle.cli import verify
 from clients.bundle.documents import read_document
 from clients.bundle.telling import open_corrections
 from clients.bundle.writing import write_bundle
-from clients.wallet.consent.rights_requests import Chosen, Rights
+from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.export import export_building as exporting_module
 from clients.wallet.export.export_building import Exporting, Wanted
 from clients.wallet.records.viewing import Viewing
@@ -439,8 +439,8 @@ async def test_restrictions_and_corrections_go_along_with_what_they_say(ward: Wa
     visit = ward.open_visit()
     record_id = ward.record(visit)
     (known,) = await ward.wallet.scan()
-    said, _ = await Rights(ward.wallet).correct(Chosen(known), "attribution", "That is my sister.")
-    await Rights(ward.wallet).restrict(Chosen(known), "accuracy")
+    said, _ = await Rights(ward.wallet).correct(RecordChoice(known), "attribution", "That is my sister.")
+    await Rights(ward.wallet).restrict(RecordChoice(known), "accuracy")
     assert said.visit.owner == visit.owner
     await export(ward, tmp_path / "mine.zip")
     with zipfile.ZipFile(tmp_path / "mine.zip") as packed:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clients.robot.run.run_summary import FrameCounts
 from clients.robot.sensing.input_checks import REFUSED_IN_A_ROW_MAX_COUNT
 from clients.robot.sources.topics import parse_topics
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE
@@ -52,7 +53,7 @@ def run_over(folder: Path, recording: Path) -> Robot:
     return robot
 
 
-def check_whole(robot: Robot) -> dict[str, Any]:
+def check_whole(robot: Robot) -> FrameCounts:
     """Hold that nothing is lost, waiting or open; return the counts of frames."""
     counts = robot.statistics.count_frames()
     assert counts.lost == 0

@@ -38,7 +38,7 @@ WRONG = [
     (("audit", "5cc7"), "A mais na linha de comandos: 5cc7"),
     (
         ("share", "ab", "--with", "x", "--purpose", "care", "--until", "amanhã"),
-        "Valor inválido para '--until': 'amanhã' não tem nenhum dos formatos '%Y-%m-%d',",
+        "'amanhã' não é um momento: escreva 2027-01-31, 2027-01-31T18:00 ou, a partir de agora, +30d ou -12h.",
     ),
     (("--language", "klingon", "audit"), "Valor inválido para '--language': 'klingon' não é nenhum de 'en', 'pt'."),
     (("rotate", "--over-minutes", "muitos"), "Valor inválido para '--over-minutes': 'muitos' não é um número válido."),

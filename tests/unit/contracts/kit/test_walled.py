@@ -32,7 +32,7 @@ def test_the_process_of_the_tests_cannot_execute_a_contract() -> None:
     """What compiles and executes is imported by modules that the walled process alone asks."""
     for module in (chain, walled):
         text = Path(module.__file__ or "").read_text(encoding="utf-8")
-        assert not re.search(r"compile_contract|import .*\binvoke\b|(?<!Walled)Engine\(|MemoryState", text)
+        assert not re.search(r"compile_contract|import .*\binvoke\b|(?<!Sandboxed)Engine\(|MemoryState", text)
 
 
 def test_chains_know_nothing_of_each_other_and_leave_nothing() -> None:

@@ -13,7 +13,7 @@ import pytest_asyncio
 
 from consensus.primitives.encoding import encode
 from node.budgets.token_buckets import Allowance
-from node.p2p import connection, greeting
+from node.p2p import connection
 from node.p2p import network as links
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello
 from tests.unit.node.p2p.linked_nodes import WAIT_S, LinkedNodes, eventually
@@ -74,10 +74,10 @@ async def test_a_certificate_holds_few_connections_that_say_no_hello_and_is_name
     await eventually(lambda: crowd.nodes["b"].links.connected == ["a"])
     with thief_at(crowd) as thief:
         held = [await thief.call(f"127.0.0.{2 + number % 3}") for number in range(9)]
-        for reader, _ in held[: -greeting.UNGREETED_OF_PEER_MAX_COUNT]:
+        for reader, _ in held[: -links.UNGREETED_OF_PEER_MAX_COUNT]:
             await _ends(reader)
         node = crowd.nodes["b"]
-        assert len(node.links._open) == 1 + greeting.UNGREETED_OF_PEER_MAX_COUNT
+        assert len(node.links._open) == 1 + links.UNGREETED_OF_PEER_MAX_COUNT
         assert node.refused() == {"a": "PEER_SILENT"}
         assert node.links.connected == ["a"], "the genuine node keeps its link"
 
@@ -85,7 +85,7 @@ async def test_a_certificate_holds_few_connections_that_say_no_hello_and_is_name
 async def test_who_says_no_hello_in_time_is_closed_and_named(
     crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(greeting, "HELLO_TIMEOUT_MS", 50)
+    monkeypatch.setattr(links, "HELLO_TIMEOUT_MS", 50)
     await crowd.start({"b": "hospital", "a": "hospital"})
     with thief_at(crowd) as thief:
         silent, half = await thief.call(), await thief.call()
@@ -98,7 +98,7 @@ async def test_who_says_no_hello_in_time_is_closed_and_named(
 async def test_all_that_say_no_hello_together_have_so_many_places(
     crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(greeting, "UNGREETED_MAX_COUNT", 1)
+    monkeypatch.setattr(links, "UNGREETED_MAX_COUNT", 1)
     await crowd.start({"b": "hospital", "a": "hospital"})
     with thief_at(crowd) as thief:
         first, _ = await thief.call(), await thief.call()
