@@ -188,7 +188,7 @@ def test_wrong_usage_is_told_to_people_in_their_language_and_to_programs_in_engl
         wrong.format_message() == "'soon' is no time: write 2027-01-31, 2027-01-31T18:00, or from now on +30d or -12h."
     )
     wrong.show()
-    assert "'soon' não é um momento: escreva -7d" in capsys.readouterr().err
+    assert "'soon' não é um momento: escreva 2027-01-31" in capsys.readouterr().err
     assert wrong.exit_code == click.UsageError("").exit_code
 
 
