@@ -22,7 +22,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.protocol.core import Core
 from contracts.execution.machine import ContractMachine
-from contracts.execution.sender_admission import find_account, require_standing
+from contracts.execution.sender_admission import find_account, require_admission
 from node.api.node_services import FinalizedLedger, Pool
 from node.api.services import Clock
 from node.consensus.engine import Engine, Outbox
@@ -161,7 +161,7 @@ class NodeComponents:
         self.mempool = Mempool(
             chain_id=genesis.chain_id,
             cache=around.transactions,
-            has_standing=self._has_standing,
+            has_standing=self._is_admitted,
             is_spent=self._is_spent,
             account_of=lambda transaction: find_account(self.executor.reader, transaction),
             byte_budgets=ByteBudgets(asyncio.get_running_loop().time),
@@ -369,12 +369,12 @@ class NodeComponents:
         else:
             self._directory_is_behind = False
 
-    def _has_standing(self, transaction: Transaction) -> bool:
+    def _is_admitted(self, transaction: Transaction) -> bool:
         reader = self.executor.reader
         position = reader.position
         if position is None:
             return False
-        require_standing(reader, transaction, position.timestamp_ms)
+        require_admission(reader, transaction, position.timestamp_ms)
         return True
 
     def _is_spent(self, txid: bytes) -> bool:

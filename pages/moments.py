@@ -1,4 +1,4 @@
-"""How a moment is shown: 24 hours, seconds, UTC offset (as `assets/format.js`)."""
+"""How a moment is shown (24 hours, seconds, UTC offset, as `assets/format.js`), and how moments and durations are read."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 
 from clients.sdk.terminal.json_answers import Answer, AnswerLine, list_kinds
-from network.cli.json_page import NOT_LISTED, listed_answers
+from network.cli.json_reference import NOT_LISTED, listed_answers
 from network.cli.main import main
 
 NOTING_FOLDER = Path(__file__).parent / "noted_answers"

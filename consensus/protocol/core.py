@@ -92,7 +92,7 @@ class Core(MessageHandler):
 
     def _on_started(self) -> None:
         self._effects += self._pacemaker.heartbeat()
-        self._effects += self._voter.returning.begin(self._now_ms)
+        self._effects += self._voter.signing_guard.begin(self._now_ms)
         if self._voter.has_left and self.silence is not None:
             self._effects.append(effects.LockoutChanged(*self.silence))
         self._doubt_own_memory()
@@ -113,14 +113,14 @@ class Core(MessageHandler):
     def _greet(self, index: int) -> None:
         if index != self.index:
             self._effects += [effects.SendTo(index=index, message=message) for message in self._last_words()]
-            self._effects += self._voter.returning.ask(index)
+            self._effects += self._voter.signing_guard.ask(index)
 
     def _on_timer(self, kind: str, round_number: int) -> None:
         self._pacemaker.fired(kind)
         if kind == effects.TIMER_FETCH:
             self._fetcher.retry()
         elif kind == effects.TIMER_ASK:
-            self._effects += self._voter.returning.ask_again()
+            self._effects += self._voter.signing_guard.ask_again()
         elif kind == effects.TIMER_EXECUTE:
             self._execute_failed()
         elif kind == effects.TIMER_PROPOSE:
@@ -295,7 +295,7 @@ class Core(MessageHandler):
     def _on_words_answered(self, answer: LastSignedResponse, sender: int | None) -> None:
         if sender == self.index or not self._genuine.has_producer(sender) or sender is None:
             return
-        if not self._voter.returning.is_answer(answer) or not self._accept_qc(answer.qc):
+        if not self._voter.signing_guard.is_answer(answer) or not self._accept_qc(answer.qc):
             return
         proven_round, tc = 1 + answer.qc.round, answer.entered_by
         if tc is not None and self._genuine.of_tc(tc):
@@ -375,7 +375,7 @@ class Core(MessageHandler):
 
     def _finalize(self, commit: Commit) -> None:
         path = self._tree.advance_root(commit.head)
-        self._voter.journalist.note_finalized(path)
+        self._voter.journal_builder.note_finalized(path)
         self._effects.append(effects.CommitBlocks(blocks=tuple(node.block for node in path), proof=commit.proof))
         self._effects += self._pacemaker.heartbeat()
         self._note_end()
@@ -386,7 +386,7 @@ class Core(MessageHandler):
             self._dirty = True
             if node is not None:
                 node.execution = Execution.VALID
-                self._voter.journalist.note_finalized(self._tree.advance_root(node))
+                self._voter.journal_builder.note_finalized(self._tree.advance_root(node))
                 self._execute_children(node)
             else:
                 self._on_connected(self._tree.replace_root(head, self._now_ms))

@@ -58,8 +58,8 @@ class CoreState:
         self._later_records: list[bytes] = restored.later
         self._voter = Voter(settings, chain_id, schedule, key, restored)
         if before is not None:
-            returning = before._voter.returning
-            self._voter.returning = returning.next(
+            signing_guard = before._voter.signing_guard
+            self._voter.signing_guard = signing_guard.next(
                 schedule, self._voter.index, settings.base_timeout_ms, boundary_round=before._tree.root.header.round
             )
         self._witness = MessageLog(chain_id, schedule, self._voter.index, check)
@@ -166,18 +166,18 @@ class CoreState:
 
     def block(self, block_id: bytes) -> Block | None:
         node = self._tree.get(block_id) or self._tree.orphans.get(block_id)
-        return self._voter.journalist.get_unstored(block_id) if node is None else node.block
+        return self._voter.journal_builder.get_unstored(block_id) if node is None else node.block
 
     def branch(self, block_id: bytes, above_height: int) -> list[Block]:
         path = self._tree.branch(block_id)
         if path is None:
             return []
-        ancestry = [*self._voter.journalist.unstored(), *path]
+        ancestry = [*self._voter.journal_builder.unstored(), *path]
         return [node.block for node in ancestry if node.header.height > above_height]
 
     def forget_journalled(self, stored_height: int) -> None:
         """The synced store holds all blocks to this height; unjournal them (R12)."""
-        self._voter.journalist.forget(stored_height)
+        self._voter.journal_builder.forget(stored_height)
 
     def journal_snapshot(self) -> tuple[bytes, ...]:
         blocks = [*self._tree.nodes.values(), *self._tree.orphans.values()]

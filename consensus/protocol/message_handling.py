@@ -19,7 +19,7 @@ class MessageHandler(CoreState):
         if self._voter.has_left:
             until = f"its ledger reaches epoch {self._voter.newest_epoch}, of which its journal speaks"
             return LockoutStatus(SILENCE_OUTDATED, until)
-        return self._voter.returning.report
+        return self._voter.signing_guard.report
 
     # Words of all
 
@@ -72,12 +72,12 @@ class MessageHandler(CoreState):
                 self._doubt(word.round)
 
     def _doubt(self, forgotten_round: int) -> None:
-        returning = self._voter.returning
-        mark = returning.mark
-        self._follow(mark, returning.doubt(forgotten_round))
+        signing_guard = self._voter.signing_guard
+        mark = signing_guard.mark
+        self._follow(mark, signing_guard.doubt(forgotten_round))
 
     def _follow(self, mark_before: SigningLockout | None, consequences: list[Effect]) -> None:
-        mark = self._voter.returning.mark
+        mark = self._voter.signing_guard.mark
         if mark != mark_before:
             record = encode_silence_record(self.epoch, self._voter.last_voted_round, mark)
             self._effects.append(Persist(records=(record,)))
@@ -97,7 +97,7 @@ class MessageHandler(CoreState):
         answer = LastSignedResponse(
             epoch=self.epoch,
             asked_at_ms=request.asked_at_ms,
-            speech=SILENT if self._voter.has_left else self._voter.returning.speech,
+            speech=SILENT if self._voter.has_left else self._voter.signing_guard.speech,
             signed_round=self._voter.last_voted_round,
             word=self._witness.newest(sender),
             qc=self.high_qc,
@@ -106,21 +106,21 @@ class MessageHandler(CoreState):
         self._effects.append(SendTo(index=sender, message=answer))
 
     def _hear_answer(self, answer: LastSignedResponse, sender: int, proven_round: int) -> bool:
-        returning = self._voter.returning
+        signing_guard = self._voter.signing_guard
         if not 0 <= answer.signed_round <= proven_round:
             return False
-        was_barred = returning.bars
+        was_barred = signing_guard.bars
         self._hear_own_word(answer.word)
-        mark = returning.mark
-        self._follow(mark, returning.take(sender, answer, self._voter.last_voted_round))
-        return was_barred and not returning.bars
+        mark = signing_guard.mark
+        self._follow(mark, signing_guard.take(sender, answer, self._voter.last_voted_round))
+        return was_barred and not signing_guard.bars
 
     def _end_silence(self) -> bool:
-        returning = self._voter.returning
-        mark = returning.mark
-        if mark is None or not returning.may_end(self._tree.root.header):
+        signing_guard = self._voter.signing_guard
+        mark = signing_guard.mark
+        if mark is None or not signing_guard.may_end(self._tree.root.header):
             return False
         if mark.epoch == self.epoch and mark.above_round is not None:
             self._voter.last_voted_round = max(self._voter.last_voted_round, mark.above_round)
-        self._follow(mark, returning.end())
-        return not returning.bars
+        self._follow(mark, signing_guard.end())
+        return not signing_guard.bars

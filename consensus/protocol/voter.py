@@ -30,27 +30,27 @@ class Voter:
         self._settings, self._chain_id, self._epoch = settings, chain_id, schedule.epoch
         self._key = key
         self.index = None if key is None else schedule.index_of(key.public_key)
-        self.journalist = JournalBuilder(schedule.epoch, restored)
+        self.journal_builder = JournalBuilder(schedule.epoch, restored)
         self.last_voted_round = restored.last_voted_round
         self.last_vote = restored.vote
         self.last_timeout = restored.timeout
         self.proposed_id = restored.proposed_id
         self.newest_epoch = restored.newest_epoch
-        self.returning = SigningGuard(schedule, self.index, settings.base_timeout_ms, restored.silence)
+        self.signing_guard = SigningGuard(schedule, self.index, settings.base_timeout_ms, restored.silence)
         self.has_ended = False
 
     def may_sign(self, round_number: int) -> bool:
         """R4, R40: whether signing is allowed, with nothing possibly signed in this or later rounds."""
-        spoken_round = max(self.last_voted_round, self.returning.signs_above_round)
+        spoken_round = max(self.last_voted_round, self.signing_guard.signs_above_round)
         return self.index is not None and not self._is_barred and round_number > spoken_round
 
     def may_have_signed(self, round_number: int) -> bool:
         is_open = self.index is not None and not self._is_barred
-        return is_open and self.last_voted_round < round_number <= self.returning.signs_above_round
+        return is_open and self.last_voted_round < round_number <= self.signing_guard.signs_above_round
 
     @property
     def _is_barred(self) -> bool:
-        return self.has_ended or self.has_left or self.journalist.is_behind or self.returning.bars
+        return self.has_ended or self.has_left or self.journal_builder.is_behind or self.signing_guard.bars
 
     @property
     def has_left(self) -> bool:
@@ -98,7 +98,7 @@ class Voter:
         self.last_vote = vote
         if is_own:
             self.proposed_id = node.block_id
-        record = self.journalist.write(
+        record = self.journal_builder.write(
             KIND_PROPOSAL if is_own else KIND_VOTE,
             branch=branch,
             last_voted_round=self.last_voted_round,
@@ -125,7 +125,7 @@ class Voter:
         )
         self.last_voted_round = max(self.last_voted_round, round_number)
         self.last_timeout = timeout
-        record = self.journalist.write(
+        record = self.journal_builder.write(
             KIND_TIMEOUT,
             branch=(),
             last_voted_round=self.last_voted_round,
@@ -160,6 +160,6 @@ class Voter:
             vote=self.last_vote,
             timeout=self.last_timeout,
             proposed_id=self.proposed_id,
-            silence=self.returning.mark,
+            silence=self.signing_guard.mark,
         )
-        return self.journalist.snapshot(tree, state)
+        return self.journal_builder.snapshot(tree, state)

@@ -122,7 +122,7 @@ _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
 """Calls about oneself, and who may have them wait whatever his role."""
 
 
-def _is_own_matter(state: Reader, sender: bytes, contract: str, entry: str) -> bool:
+def _is_self_service_call(state: Reader, sender: bytes, contract: str, entry: str) -> bool:
     if contract == "records" and entry not in OWNER_ENTRIES_OF_RECORDS:
         return False
     return contract in _OWN_MATTERS and _OWN_MATTERS[contract](state, sender)
@@ -167,7 +167,7 @@ def is_registration(transaction: Transaction) -> bool:
     return transaction.body.contract == "identity" and transaction.body.entry == "register"
 
 
-def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
+def find_admission_error(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
     """Return an error code, or empty if admitted, by finalized state and time (ms).
 
     Callers verify the sender; only registrations cost elliptic-curve operations.
@@ -175,7 +175,7 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     sender, body = transaction.body.sender, transaction.body
     if active_role(state, sender):
         return ""
-    is_own = _is_own_matter(state, sender, body.contract, body.entry)
+    is_own = _is_self_service_call(state, sender, body.contract, body.entry)
     if is_own or _is_grantees_matter(state, transaction, chain_time_ms):
         return ""
     if _has_office(state, sender):
@@ -188,11 +188,11 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
 
 
 def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
-    return not find_fault(state, transaction, chain_time_ms)
+    return not find_admission_error(state, transaction, chain_time_ms)
 
 
-def require_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> None:
+def require_admission(state: StateReader, transaction: Transaction, chain_time_ms: int) -> None:
     """Require admission. Raises SENDER_NOT_ADMITTED, VOUCHER_FOREIGN, VOUCHER_EXPIRED or HANDLE_TAKEN."""
-    fault = find_fault(state, transaction, chain_time_ms)
+    fault = find_admission_error(state, transaction, chain_time_ms)
     if fault:
         raise BlockRobotError(fault)

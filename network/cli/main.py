@@ -4,107 +4,105 @@ from __future__ import annotations
 
 import click
 
-from clients.sdk.terminal.lazy_group import CommandPlace
+from clients.sdk.terminal.lazy_group import LazyCommand
 from network.cli.root_group import RootGroup
 
 _COMMANDS = {
-    "up": CommandPlace(
+    "up": LazyCommand(
         "network.cli.cluster.cluster_commands:up",
         "Start the local network, making it first if there is none. Its state survives down and up.",
     ),
-    "down": CommandPlace("network.cli.cluster.cluster_commands:down", "Stop the local network. Nothing final is lost."),
-    "status": CommandPlace(
+    "down": LazyCommand("network.cli.cluster.cluster_commands:down", "Stop the local network. Nothing final is lost."),
+    "status": LazyCommand(
         "network.cli.cluster.cluster_commands:status",
         "Show each node's height, finalized height, round, peers and custody checkpoint.",
     ),
-    "logs": CommandPlace(
-        "network.cli.cluster.cluster_commands:logs", "Show the last log lines of one node, or of all."
-    ),
-    "console": CommandPlace(
+    "logs": LazyCommand("network.cli.cluster.cluster_commands:logs", "Show the last log lines of one node, or of all."),
+    "console": LazyCommand(
         "network.cli.cluster.console_command:console",
         "Show a local network in the browser: who leads and votes, what flows, buttons for every fault, a time line.",
     ),
-    "node": CommandPlace(
+    "node": LazyCommand(
         "network.cli.node.node_commands:node",
         "Work on one node: NODE is its data directory, or its name in the local network (see --dir).",
     ),
-    "fault": CommandPlace(
+    "fault": LazyCommand(
         "network.cli.cluster.fault_commands:fault",
         "Break the local network on purpose, and mend it; `blockrobot status --watch` shows what happens.",
     ),
-    "demo": CommandPlace(
+    "demo": LazyCommand(
         "network.cli.measure.demo_command:demo",
         "Run the whole story: four nodes, a robot, two patients, a visitor; check every step.",
     ),
-    "org": CommandPlace("network.cli.governance.org_commands:org", "The organisations of the network and their nodes."),
-    "producer": CommandPlace(
+    "org": LazyCommand("network.cli.governance.org_commands:org", "The organisations of the network and their nodes."),
+    "producer": LazyCommand(
         "network.cli.governance.producer_commands:producer",
         "The producers of blocks: seats, votes, readiness, suspensions with their evidence.",
     ),
-    "settings": CommandPlace(
+    "settings": LazyCommand(
         "network.cli.governance.settings_commands:settings",
         "The chain's settings: what is in force, and what organisations propose.",
     ),
-    "frames": CommandPlace(
+    "frames": LazyCommand(
         "network.cli.governance.frames_commands:frames",
         "The empty frames of a robot: pictures that show nobody, on which everybody's own are shown.",
     ),
-    "notice": CommandPlace(
+    "notice": LazyCommand(
         "network.cli.governance.notice_commands:notice",
         "What people are told before anything is recorded of them (GDPR Art. 13 and 14), and the register of Art. 30.",
     ),
-    "contract": CommandPlace(
+    "contract": LazyCommand(
         "network.cli.contract.contract_commands:contract",
         "Contracts: write, check, test and trace them; put them on a chain; call them, ask them, follow their events.",
     ),
-    "certificate": CommandPlace(
+    "certificate": LazyCommand(
         "network.cli.node.certificate_commands:certificate",
         "The certificates of nodes: list, issue, renew, revoke. NODE is a name in the network or a data directory.",
     ),
-    "doctor": CommandPlace(
+    "doctor": LazyCommand(
         "network.cli.cluster.doctor_command:doctor",
         "Find what is wrong: nodes, clocks, certificates, disks, ports, ledgers, differing states. Exit code 1 if anything is.",  # noqa: E501
     ),
-    "explore": CommandPlace(
+    "explore": LazyCommand(
         "network.cli.cluster.explore_command:explore",
         "Open a node's explorer in the browser, in your own session: blocks, votes, transactions, contracts, receipts.",
     ),
-    "bench": CommandPlace(
+    "bench": LazyCommand(
         "network.cli.measure.bench_commands:bench", "Measure the network; exits 0 only if nothing failed."
     ),
-    "custody": CommandPlace(
+    "custody": LazyCommand(
         "network.cli.custody.custody_commands:custody",
         "See what custodians keep, prove what they erased, and mend what they lost.",
     ),
-    "experiment": CommandPlace(
+    "experiment": LazyCommand(
         "network.cli.measure.experiment_commands:experiment",
         "Run the paper's experiments, and make the same tables from anybody's event log.",
     ),
-    "privacy": CommandPlace(
+    "privacy": LazyCommand(
         "network.cli.measure.privacy_commands:privacy", "Attack our own ledger, and see what it gives away."
     ),
-    "sim": CommandPlace(
+    "sim": LazyCommand(
         "network.cli.measure.sim_command:sim", "Play networks of production nodes on a virtual clock, network and disk."
     ),
-    "card": CommandPlace("clients.registrar.cli:card", "Issue enrolment cards (registrars)."),
-    "roster": CommandPlace("clients.registrar.cli:roster", "Make robots' rosters (registrars)."),
-    "wallet": CommandPlace(
+    "card": LazyCommand("clients.registrar.cli:card", "Issue enrolment cards (registrars)."),
+    "roster": LazyCommand("clients.registrar.cli:roster", "Make robots' rosters (registrars)."),
+    "wallet": LazyCommand(
         "clients.wallet.cli.main:wallet", "See, check, follow and erase what robots recorded of you."
     ),
-    "officer": CommandPlace(
+    "officer": LazyCommand(
         "clients.officer.breach_commands:officer",
         "Handle visits that were denied, lost keys and mandates (data protection officers, with a wallet of their own).",
     ),
-    "verify": CommandPlace(
+    "verify": LazyCommand(
         "clients.bundle.cli:verify",
         "Check an export bundle offline: what is proved, against which network, up to which block, and what is not.",
     ),
-    "robot": CommandPlace("clients.robot.cli.main:robot", "Record people who carry a tag, each for herself alone."),
-    "completion": CommandPlace(
+    "robot": LazyCommand("clients.robot.cli.main:robot", "Record people who carry a tag, each for herself alone."),
+    "completion": LazyCommand(
         "network.cli.completion_command:completion",
         "Print the completion script of a shell: commands, options, profiles, records that were viewed here.",
     ),
-    "reference": CommandPlace(
+    "reference": LazyCommand(
         "network.cli.reference_command:reference",
         "Write http-api.md, errors.md, authorisation.md, state.md and json-output.md, made from the tables in the code.",
     ),

@@ -27,7 +27,7 @@ def reference(out: Path, check: bool, as_json: bool) -> None:
 
     Example: blockrobot reference --check
     """
-    from network.cli.json_page import PAGE, SCHEMA, write_json_page, write_json_schema  # noqa: PLC0415 - every client's, only when it is needed
+    from network.cli.json_reference import PAGE, SCHEMA, write_json_page, write_json_schema  # noqa: PLC0415 - every client's, only when it is needed
     from node.api.openapi.reference_pages import pages  # noqa: PLC0415 - a node's code, only when it is needed
 
     texts = {**pages(), PAGE: write_json_page(), SCHEMA: write_json_schema()}

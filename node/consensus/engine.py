@@ -58,7 +58,7 @@ from consensus.protocol.events import (
 )
 from contracts.execution.results import ExecutionFault
 from node.consensus.epoch_change import EpochStart, Head
-from node.consensus.journal_writer import Recorder, VotingJournal
+from node.consensus.journal_writer import JournalWriter, VotingJournal
 from node.execution.block_executor import ExecutedBlock, Executor
 from node.mempool.mempool import Mempool
 from node.storage.ledger_store import LedgerSnapshot, Position
@@ -139,7 +139,7 @@ class Engine:
         self._executor = executor
         self._mempool = mempool
         self._outages: dict[str, str] = {}
-        self._recorder = Recorder(
+        self._recorder = JournalWriter(
             journal,
             stopwatch=stopwatch,
             snapshot=self._snapshot_of_core,
@@ -216,7 +216,7 @@ class Engine:
         try:
             while self._waiting is None and not self._outages:
                 if self._effects:
-                    self._carry_out(self._effects.popleft())
+                    self._execute_effect(self._effects.popleft())
                 elif self._events:
                     if self._stopwatch() > deadline:
                         self._loop.call_soon(self._drain)
@@ -235,7 +235,7 @@ class Engine:
 
     # Effects
 
-    def _carry_out(self, effect: Effect) -> None:  # noqa: PLR0912 - one line for each effect
+    def _execute_effect(self, effect: Effect) -> None:  # noqa: PLR0912 - one line for each effect
         outbox = self._outbox
         if outbox is None:
             raise AssertionError("the engine has not been started")

@@ -43,7 +43,7 @@ class VotingJournal(Protocol):
     def size_bytes(self) -> int: ...
 
 
-class Recorder:
+class JournalWriter:
     """The engine's journal; event loop only, except `sync`."""
 
     def __init__(

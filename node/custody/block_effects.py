@@ -18,7 +18,7 @@ from node.custody.erasure import (
     compute_expiry_subject,
 )
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
-from node.custody.restrictions import STANDING_EVENTS, find_standing, follow_event, hold, is_void, settle
+from node.custody.restrictions import STANDING_EVENTS, find_restrictions, follow_event, hold, is_void, settle
 from node.custody.shares import Shares, may_release
 from node.custody.stores.custody_store import (
     BlockEffects,
@@ -145,7 +145,7 @@ class BlockApplier:
         named = tuple(data["records"])
         grant = Grant(data["access_id"], data["owner"], named, self._block.height, data.get("grant", b""))
         has_ended = grant.share and await self._store.share(grant.share) is None
-        if has_ended or is_void(grant, await find_standing(self._store, grant.owner)):
+        if has_ended or is_void(grant, await find_restrictions(self._store, grant.owner)):
             await self._store.apply(BlockEffects(grants=(grant,)))
             return
         held = [clip.record_id for clip in await self._store.clips_of_owner(grant.owner)]
@@ -166,7 +166,7 @@ class BlockApplier:
 
     async def _on_right(self, event: FinalizedEvent) -> None:
         owner = event.data["owner"]
-        before = await find_standing(self._store, owner) or VisitRestrictions(owner)
+        before = await find_restrictions(self._store, owner) or VisitRestrictions(owner)
         self._standings[owner] = await settle(self._store, follow_event(before, event, self._block.height))
         if self._standings[owner].quarantined:
             await self._shares.deny_visit(owner)

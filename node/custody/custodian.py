@@ -26,7 +26,7 @@ from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvents
 from node.custody.frame_wrapping import parts_of, wipe_keys, wrap_frames
 from node.custody.repair.reconciliation import Reconciliation
-from node.custody.restrictions import find_standing, is_void, require_release
+from node.custody.restrictions import find_restrictions, is_void, require_release
 from node.custody.share_service import ShareService
 from node.custody.shares import CLOCK_SLACK_MS, Shares, grant_covers, may_release
 from node.custody.stores.custody_store import (
@@ -219,7 +219,7 @@ class Custodian(ShareService, Fetching):
         clip = (await self._store.clips([facts.record_id])).get(facts.record_id)
         if clip is None or clip.status != "confirmed":
             return
-        standing = await find_standing(self._store, facts.owner)
+        standing = await find_restrictions(self._store, facts.owner)
         asked = [grant for grant in await self._store.grants_of_owner(facts.owner) if not is_void(grant, standing)]
         covering = [grant for grant in asked if grant_covers(grant, clip)]
         grants = [grant for grant in covering if await may_release(self._store, grant, clip.record_id)]
@@ -366,7 +366,7 @@ class Custodian(ShareService, Fetching):
         rows = await self._store.frames(record_id)
         # After the rows, since a word may have become final while they were read; the keys last, at once: of what was
         # erased meanwhile nothing leaves.
-        require_release(grant, await find_standing(self._store, owner))
+        require_release(grant, await find_restrictions(self._store, owner))
         return self._assemble(clip, rows)
 
     async def _confirmed_clip(self, record_id: bytes) -> ClipRow:
@@ -446,7 +446,7 @@ class Custodian(ShareService, Fetching):
     async def require_exportable(self, record_id: bytes) -> None:
         """Raise as `export` if a clip may not go to another custodian."""
         clip = await self._confirmed_clip(record_id)
-        standing = await find_standing(self._store, clip.owner)
+        standing = await find_restrictions(self._store, clip.owner)
         if standing is not None and standing.quarantined:
             raise BlockRobotError("CLIP_QUARANTINED")
 

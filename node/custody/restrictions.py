@@ -64,7 +64,7 @@ def with_natural(standing: VisitRestrictions, natural: Mapping[bytes, int]) -> V
     return structs.replace(standing, natural=tuple(sorted(natural.items())))
 
 
-async def find_standing(store: CustodyStore, owner: bytes) -> VisitRestrictions | None:
+async def find_restrictions(store: CustodyStore, owner: bytes) -> VisitRestrictions | None:
     return (await store.standings([owner])).get(owner)
 
 

@@ -22,7 +22,7 @@ from consensus.records.sharing import (
 from node.custody.block_effects import build_release
 from node.custody.erase_keys import ErasableKeys
 from node.custody.erasure import Eraser
-from node.custody.restrictions import find_standing, is_void, require_release
+from node.custody.restrictions import find_restrictions, is_void, require_release
 from node.custody.shares import Judged, Shares, grant_covers
 from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, FrameRow
 from node.custody.stores.share_store import PartRow, PartStatus
@@ -87,7 +87,7 @@ class ShareService:
 
     async def _owe_shared(self, part: PartRow) -> None:
         clip = (await self._store.clips([part.record_id]))[part.record_id]
-        standing = await find_standing(self._store, part.owner)
+        standing = await find_restrictions(self._store, part.owner)
         asked = [grant for grant in await self._store.grants_of_owner(part.owner) if grant.share == part.grant_id]
         due = [grant for grant in asked if grant_covers(grant, clip) and not is_void(grant, standing)]
         owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in due])
@@ -107,7 +107,7 @@ class ShareService:
         rows = await self._store.frames(clip.record_id) if request.with_frames else []
         part = await self._store.part(grant_id, clip.record_id)
         # After the rows, since a word may have become final while they were read; the keys last, at once.
-        require_release(grant, await find_standing(self._store, grant.owner))
-        await self._shares.require_standing(grant_id, self._clock_ms())
+        require_release(grant, await find_restrictions(self._store, grant.owner))
+        await self._shares.require_open_grant(grant_id, self._clock_ms())
         held, found = self._shares.open(part), self._assemble(clip, rows)
         return build_shared_download(found, self._member, held.package, held.parts, with_frames=request.with_frames)

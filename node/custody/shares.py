@@ -14,7 +14,7 @@ from consensus.primitives.encoding import Wire, decode, encode
 from consensus.records.sharing import GrantUpload, KeyPart
 from node.custody.erase_keys import ErasableKeys, unwrap_key, wrap_key
 from node.custody.erasure import Eraser
-from node.custody.restrictions import find_standing
+from node.custody.restrictions import find_restrictions
 from node.custody.stores.custody_store import ClipRow, CustodyStore, Grant
 from node.custody.stores.share_store import PartPlace, PartRow, ShareRow
 from node.process_memory import wipe
@@ -91,7 +91,7 @@ class Shares:
             raise BlockRobotError("CLIP_ERASED")
         if clip.owner != owner:
             raise BlockRobotError("NOT_PERMITTED", "The record belongs to another owner key.")
-        standing = await find_standing(self._store, owner)
+        standing = await find_restrictions(self._store, owner)
         if standing is not None and standing.quarantined:
             raise BlockRobotError("CLIP_QUARANTINED")
 
@@ -133,7 +133,7 @@ class Shares:
 
     # Release
 
-    async def require_standing(self, grant_id: bytes, now_ms: int) -> None:
+    async def require_open_grant(self, grant_id: bytes, now_ms: int) -> None:
         """Raise GRANT_ENDED unless a grant stands, by blocks and clock."""
         share = await self._store.share(grant_id)
         if share is None or share.until_ms <= now_ms:

@@ -103,7 +103,7 @@ class Mempool:
         """`is_spent`: whether a txid is on the branch or final; `account_of`: whose turns count."""
         self._chain_id = chain_id
         self._cache = cache
-        self._has_standing = has_standing
+        self._is_admitted = has_standing
         self._is_spent = is_spent
         self._account_of = account_of
         self._max_bytes = max_bytes
@@ -185,7 +185,7 @@ class Mempool:
             raise BlockRobotError("TRANSACTION_REPLAYED")
         body = transaction.body
         reserved = body.contract in RESERVED_CONTRACTS or (body.contract, body.entry) in RESERVED_CALLS
-        if not self._has_standing(transaction):
+        if not self._is_admitted(transaction):
             raise BlockRobotError("SENDER_NOT_ADMITTED")
         account = self._account_of(transaction)
         self._plan_evictions(

@@ -356,11 +356,11 @@ class TransactionIntake:
             except BlockRobotError as refusal:
                 error = refusal
         if error is not None and source.kind not in _KNOW_MEMBERS:
-            error = as_told_to_clients(error)
+            error = redact_for_clients(error)
         return Outcome(transaction.wire, transaction, is_new, error)
 
 
-def as_told_to_clients(error: BlockRobotError) -> BlockRobotError:
+def redact_for_clients(error: BlockRobotError) -> BlockRobotError:
     """Return the client's error: without a signature, equal for members and strangers."""
     return BlockRobotError(_NOT_ADMITTED) if error.code in _UNSIGNED else error
 

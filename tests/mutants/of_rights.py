@@ -181,7 +181,7 @@ REPLACED: tuple[Replaced, ...] = (
         "node/custody/custodian.py",
         "a clip is released though its visit was narrowed",
         (
-            "        require_release(grant, await find_standing(self._store, owner))\n"
+            "        require_release(grant, await find_restrictions(self._store, owner))\n"
             "        return self._assemble(clip, rows)"
         ),
         "        return self._assemble(clip, rows)",

@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from node.custody.custodian import Custodian
 from node.custody.finalized_events import FinalizedEvents
 from node.custody.repair.scrub import Judge, ScrubReport
-from node.custody.restrictions import find_standing
+from node.custody.restrictions import find_restrictions
 from node.custody.stores.custody_store import BlockEffects, VisitRestrictions
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, refused
 from tests.offchain.small_chain import (
@@ -196,7 +196,7 @@ async def test_what_is_kept_for_a_claim_outlives_its_expiry_until_it_is_lifted(o
     assert [arguments[0] for kind, arguments in await opened.owed() if kind == "erasure.expired"] == [[other.record_id]]
     await opened.follow(lifted())
     await refused("CLIP_ERASED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
-    standing = await find_standing(opened.store, ALICE)
+    standing = await find_restrictions(opened.store, ALICE)
     assert standing is not None
     assert standing.natural == ()
 

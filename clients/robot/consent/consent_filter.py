@@ -54,7 +54,7 @@ class ConsentFilter:
         self.people: dict[str, RosterRow] = {}
         self._kept: dict[str, int | None] = {}  # since when she consented to what was kept first of her visit
 
-    def admits(self, row: RosterRow, read_at_ms: int) -> bool:
+    def is_tag_allowed(self, row: RosterRow, read_at_ms: int) -> bool:
         """Return whether a tag read at this camera time is known."""
         refusal = self._find_refusal(row, read_at_ms + self.offset_ms)
         if refusal is not None:

@@ -240,7 +240,7 @@ class Pipeline:
         row = self._roster.find(sighting.uid, self._came_at_ms)
         if row is None:
             self._unknown_tags.note(sighting.uid)
-        consents = row is not None and self._keeper.admits(row, sighting.last_seen_ms)
+        consents = row is not None and self._keeper.is_tag_allowed(row, sighting.last_seen_ms)
         weighed = self.admission.weighs(sighting, known=consents)
         if not consents:
             self._senses.alone.note_stranger(sighting.first_seen_ms, sighting.last_seen_ms)

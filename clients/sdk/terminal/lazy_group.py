@@ -19,7 +19,7 @@ _LIKE_MIN = 0.6
 _ALIKE_MAX_COUNT = 3
 
 
-class CommandPlace(NamedTuple):
+class LazyCommand(NamedTuple):
     """A command's location (`module:attribute`) and first help paragraph."""
 
     where: str
@@ -30,7 +30,7 @@ class CommandPlace(NamedTuple):
 class LazyGroup(click.Group):
     """A lazily importing group; `places` is in help order."""
 
-    def __init__(self, *args: Any, places: Mapping[str, CommandPlace], **kwargs: Any) -> None:
+    def __init__(self, *args: Any, places: Mapping[str, LazyCommand], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.places = dict(places)
 

@@ -8,140 +8,140 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.lazy_group import CommandPlace
+from clients.sdk.terminal.lazy_group import LazyCommand
 from clients.wallet.cli.group_options import place_wallet, wallet_options
 from clients.wallet.cli.translated_help import TranslatedGroup
 
 _COMMANDS = {
-    "audit": CommandPlace(
+    "audit": LazyCommand(
         "clients.wallet.commands.audit_command:audit", "Show everything that happened to your records, in order."
     ),
-    "confirm-deleted": CommandPlace(
+    "confirm-deleted": LazyCommand(
         "clients.wallet.commands.inbox_commands:confirm_deleted",
         "Tell the owner that you have deleted your copies of what was erased, ended or denied since it was shared.",
     ),
-    "consent": CommandPlace(
+    "consent": LazyCommand(
         "clients.wallet.commands.consent_commands:consent",
         "Give, refuse and withdraw consent to being recorded; see what you said.",
     ),
-    "correct": CommandPlace(
+    "correct": LazyCommand(
         "clients.wallet.commands.rights_commands:correct",
         "Say what is wrong with a visit or records. It stands beside them on the chain; nothing is changed.",
     ),
-    "erase": CommandPlace(
+    "erase": LazyCommand(
         "clients.wallet.commands.erase_command:erase",
         "Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.",
     ),
-    "erasures": CommandPlace(
+    "erasures": LazyCommand(
         "clients.wallet.records.erasure_status:erasures",
         "Show what you asked to erase, which custodians have confirmed it, and which are overdue.",
     ),
-    "export": CommandPlace(
+    "export": LazyCommand(
         "clients.wallet.commands.export_command:export",
         "Take along what the network holds of you: a ZIP of pictures, JSON and proofs that anybody can check offline.",
     ),
-    "guardians": CommandPlace(
+    "guardians": LazyCommand(
         "clients.wallet.commands.account.guardians_commands:guardians",
         "Let people you trust bring your wallet back together if you lose it. Without a command: who they are.",
     ),
-    "handle": CommandPlace(
+    "handle": LazyCommand(
         "clients.wallet.commands.share_commands:handle",
         "Show your own handle. Whoever is to share something with you needs it; it is no secret.",
     ),
-    "inbox": CommandPlace(
+    "inbox": LazyCommand(
         "clients.wallet.commands.inbox_commands:inbox",
         "Show what was shared with you and what became of it since, and what is wrong with your own visits.",
     ),
-    "keyring": CommandPlace(
+    "keyring": LazyCommand(
         "clients.wallet.commands.account.keyring_command:keyring",
         "Keep this wallet's passphrase in the system's keyring, or take it out again.",
     ),
-    "leave": CommandPlace(
+    "leave": LazyCommand(
         "clients.wallet.commands.account.rotate_commands:leave",
         "End your membership. Says what stays and what goes, and asks.",
     ),
-    "lift": CommandPlace(
+    "lift": LazyCommand(
         "clients.wallet.commands.rights_commands:lift",
         "Lift a restriction. What has outlived its time under it is erased at once.",
     ),
-    "look": CommandPlace(
+    "look": LazyCommand(
         "clients.wallet.commands.inbox_commands:look",
         "Look at what was shared with you (GRANT, by `blockrobot wallet inbox`): all of it, or these records.",
     ),
-    "mandates": CommandPlace(
+    "mandates": LazyCommand(
         "clients.wallet.commands.mandates_commands:mandates",
         "See who acts for you and what was done in your name; accept to act for somebody; end it.",
     ),
-    "new": CommandPlace(
+    "new": LazyCommand(
         "clients.wallet.commands.account.new_commands:new",
         "Make a new wallet and show its 24 words, this once. Write them down: they are the wallet.",
     ),
-    "notice": CommandPlace(
+    "notice": LazyCommand(
         "clients.wallet.commands.notice_commands:notice",
         "Show what your organisation tells you about your data, and what changed since you consented.",
     ),
-    "object": CommandPlace(
+    "object": LazyCommand(
         "clients.wallet.commands.rights_commands:object_to",
         "Object to a purpose: nothing more is recorded of you for it, and nothing that was is released for it.",
     ),
-    "probe": CommandPlace(
+    "probe": LazyCommand(
         "clients.wallet.commands.audit_command:probe",
         "Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations).",
         hidden=True,
     ),
-    "receipts": CommandPlace(
+    "receipts": LazyCommand(
         "clients.wallet.commands.receipts_command:receipts",
         "Show the receipts whose proofs this wallet keeps, each checked here. No node is asked: it works without a network.",
     ),
-    "records": CommandPlace(
+    "records": LazyCommand(
         "clients.wallet.commands.records_command:records",
         "List what was recorded of you, proven against the chain: all, or what fits.",
     ),
-    "register": CommandPlace(
+    "register": LazyCommand(
         "clients.wallet.commands.notice_commands:register",
         "Register with the CODE on your card, and consent to the purposes named, by the depth camera.",
     ),
-    "restore": CommandPlace(
+    "restore": LazyCommand(
         "clients.wallet.commands.account.new_commands:restore",
         "Make the wallet again from its 24 words. Your visits are found again on the chain.",
     ),
-    "restrict": CommandPlace(
+    "restrict": LazyCommand(
         "clients.wallet.commands.rights_commands:restrict",
         "Keep records as they are, and let nobody but you see them, until you lift it.",
     ),
-    "revoke": CommandPlace(
+    "revoke": LazyCommand(
         "clients.wallet.commands.share_commands:revoke",
         "End what you shared (GRANT: the beginning of its name, by `blockrobot wallet shares`). At once, and for good.",
     ),
-    "rotate": CommandPlace(
+    "rotate": LazyCommand(
         "clients.wallet.commands.account.rotate_commands:rotate",
         "Get new words after a theft: whoever has the old ones sees, decides and erases nothing any more.",
     ),
-    "serve": CommandPlace(
+    "serve": LazyCommand(
         "clients.wallet.commands.serve_command:serve",
         "Open your wallet as a page in your browser, for you alone: it is served on this machine, and keys stay here.",
     ),
-    "share": CommandPlace(
+    "share": LazyCommand(
         "clients.wallet.commands.share_commands:share",
         "Share records of one visit with a member of the staff or an officer, for a purpose and a time.",
     ),
-    "shares": CommandPlace(
+    "shares": LazyCommand(
         "clients.wallet.commands.share_commands:shares",
         "Show what you share, with whom, until when, who looked and when, and who says that copies are deleted.",
     ),
-    "transfer": CommandPlace(
+    "transfer": LazyCommand(
         "clients.wallet.commands.account.rotate_commands:transfer",
         "Give visits that came late, under former words, a key of the present ones.",
     ),
-    "verify": CommandPlace(
+    "verify": LazyCommand(
         "clients.wallet.commands.view_commands:verify",
         "Check records against the chain on this machine, trusting no node, and put the verdict on the chain.",
     ),
-    "view": CommandPlace(
+    "view": LazyCommand(
         "clients.wallet.commands.view_commands:view",
         "Fetch, check and decrypt records (all if none is named) and write them as pictures, labels and sounds.",
     ),
-    "wrong-person": CommandPlace(
+    "wrong-person": LazyCommand(
         "clients.wallet.commands.rights_commands:wrong_person",
         "Say that a visit (the beginning of its name) shows somebody else. Nobody sees it from then on, you neither.",
     ),

@@ -14,7 +14,7 @@ import click
 import msgspec
 from rich.table import Table
 
-from clients.sdk.terminal.lazy_group import CommandPlace, LazyGroup
+from clients.sdk.terminal.lazy_group import LazyCommand, LazyGroup
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json, status_line
 from consensus.errors import BlockRobotError
@@ -27,19 +27,19 @@ from node.config import NodeConfig, load_genesis
 from node.custody.chain.custody_answers import CustodyStatus, RebuildAnswer, ScrubAnswer
 
 _PLACES = {
-    "status": CommandPlace(
+    "status": LazyCommand(
         "network.cli.custody.custody_commands:status",
         "Show how far each custodian is behind the chain, what it holds and lacks, and which erasures are overdue.",
     ),
-    "scrub": CommandPlace(
+    "scrub": LazyCommand(
         "network.cli.custody.custody_commands:scrub",
         "Prove now that chain and store agree, and that of what was erased no ciphertext and no key is left.",
     ),
-    "rebuild": CommandPlace(
+    "rebuild": LazyCommand(
         "network.cli.custody.custody_commands:rebuild",
         "Make a custodian's index again from the chain's state, erase what the chain has erased, fetch what is missing.",
     ),
-    "hunt": CommandPlace(
+    "hunt": LazyCommand(
         "network.cli.custody.custody_hunt_command:hunt",
         "Search every file and database of a local network for anything of these records, and say what may be there.",
     ),

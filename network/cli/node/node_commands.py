@@ -6,37 +6,37 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.lazy_group import CommandPlace, LazyGroup
+from clients.sdk.terminal.lazy_group import LazyCommand, LazyGroup
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import network_folder
 from network.cluster import Cluster
 from node.config import CONFIG_FILE, NodeConfig, load_config
 
 _PLACES = {
-    "add": CommandPlace(
+    "add": LazyCommand(
         "network.cli.node.node_add_command:add",
         "Add a node to the local network, in one go: for lessons, and for trying things out.",
     ),
-    "init": CommandPlace(
+    "init": LazyCommand(
         "network.cli.node.node_setup_commands:init",
         "Make the data directory of a node that joins a network which runs already.",
     ),
-    "directory": CommandPlace(
+    "directory": LazyCommand(
         "network.cli.node.node_setup_commands:directory",
         "Show who the nodes are by a node's chain; with --out, write it for `node init --directory` elsewhere.",
     ),
-    "run": CommandPlace(
+    "run": LazyCommand(
         "network.cli.node.node_run_command:run",
         "Run a node until Ctrl-C or SIGTERM. NODE is its data directory, or its name in the local network.",
     ),
-    "snapshot": CommandPlace(
+    "snapshot": LazyCommand(
         "network.cli.node.snapshot_commands:snapshot", "Bring a node to a block's state without the blocks before it."
     ),
-    "prune": CommandPlace(
+    "prune": LazyCommand(
         "network.cli.node.ledger_commands:prune",
         "Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.",
     ),
-    "diff": CommandPlace(
+    "diff": LazyCommand(
         "network.cli.node.ledger_commands:diff",
         "Name the first block and state key on which nodes A and B differ, and the transaction that wrote it.",
     ),

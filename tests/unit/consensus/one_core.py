@@ -229,7 +229,7 @@ class OneCore(Peers):
             check=CHECK,
         )
         if answered and epoch > 0:
-            self.core._voter.returning._is_asking = False
+            self.core._voter.signing_guard._is_asking = False
         self.started = self.handle(Started(now_ms=self.now_ms)) if start else []
         if start and answered and index is not None:
             for peer in others[: self.schedule.quorum - 1]:

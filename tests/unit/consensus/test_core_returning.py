@@ -108,9 +108,9 @@ def test_an_answer_counts_only_from_a_producer_to_what_was_asked_in_this_life_an
         (LastSignedResponse(0, NOW_MS, SPEAKING, 0, None, PEERS.qc(ONE, (0, 1)), None), 0),
     ]:
         node.handle(LastSignedReceived(answer=answer, sender=sender, now_ms=NOW_MS))
-    assert node.core._voter.returning._willing == set()
+    assert node.core._voter.signing_guard._willing == set()
     node.handle(LastSignedReceived(answer=good, sender=0, now_ms=NOW_MS))
-    assert node.core._voter.returning._willing == {0}
+    assert node.core._voter.signing_guard._willing == {0}
 
 
 def test_answers_of_silent_producers_do_not_count():

@@ -16,7 +16,7 @@ from consensus.chain.transaction import Transaction, TransactionWire
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import recover
-from contracts.execution.sender_admission import find_fault
+from contracts.execution.sender_admission import find_admission_error
 from node.budgets.token_buckets import Source, SourceKind
 from node.budgets.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool
@@ -57,7 +57,7 @@ class _Empty:
 
 def _stands(item: Transaction) -> bool:
     """As a node has it: raises why a sender has no standing."""
-    fault = find_fault(_Empty(), item, NOW_MS)  # type: ignore[arg-type] - only read by key
+    fault = find_admission_error(_Empty(), item, NOW_MS)  # type: ignore[arg-type] - only read by key
     if fault:
         raise BlockRobotError(fault)
     return True

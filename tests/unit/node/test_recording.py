@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from node.consensus.journal import Journal
-from node.consensus.journal_writer import Recorder
+from node.consensus.journal_writer import JournalWriter
 from tests.unit.node.test_journal import IDENTITY, PATH, FakeDisk, reopened
 from tests.virtual_time import run_virtual
 
@@ -19,7 +19,7 @@ class Stage:
         self.disk = FakeDisk()
         self.said: list[bytes] = []
         self.told: list[str] = []
-        self.recorder = Recorder(
+        self.recorder = JournalWriter(
             Journal.create(PATH, disk=self.disk, identity=IDENTITY),
             stopwatch=lambda: 0.0,
             snapshot=lambda: [b"+".join(self.said)],

@@ -23,7 +23,7 @@ from network.lab.privacy.scoring import Rate, choice_score, grouped_rate
 from node.api.access.sessions import SessionTable
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_cache import TransactionCache
-from node.mempool.transaction_intake import as_told_to_clients
+from node.mempool.transaction_intake import redact_for_clients
 
 SPEAKING_ENTRIES = ("give", "refuse", "withdraw", "object_to")
 """What people call themselves to say something of their consent. All else under a handle is a leak."""
@@ -149,7 +149,7 @@ def probe_standing(played: Played, *, seed: int) -> Rate:
     pool = Mempool(
         chain_id=chain.chain_id,
         cache=TransactionCache(),
-        has_standing=lambda transaction: _has_standing(chain, transaction.body.sender),
+        has_standing=lambda transaction: _is_admitted(chain, transaction.body.sender),
         is_spent=lambda _: False,
     )
     members = [holder.keys.identity.public_key for holder in played.holders.values()]
@@ -162,7 +162,7 @@ def probe_standing(played: Played, *, seed: int) -> Rate:
     return grouped_rate(hits, 0.5, seed=seed)
 
 
-def _has_standing(chain: Chain, key: bytes) -> bool:
+def _is_admitted(chain: Chain, key: bytes) -> bool:
     return MEMBER.has(chain.state, key)
 
 
@@ -179,7 +179,7 @@ def _answers(table: SessionTable, pool: Mempool, chain: Chain, key: bytes) -> tu
         pool.admit(forged, chain.now_ms())
         return session, "OK"
     except BlockRobotError as error:
-        return session, as_told_to_clients(error).code
+        return session, redact_for_clients(error).code
 
 
 def _with_sender(wire: bytes, sender: bytes) -> bytes:

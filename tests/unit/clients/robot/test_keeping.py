@@ -100,7 +100,7 @@ def at_the_desk(folder: Path, story: Callable[[Desk], Any]) -> None:
 
 def test_while_consent_holds_everything_is_kept_and_the_owner_told(tmp_path: Path) -> None:
     async def story(desk: Desk) -> None:
-        assert desk.keeper.admits(row(ANN), virtual_now_ms())
+        assert desk.keeper.is_tag_allowed(row(ANN), virtual_now_ms())
         desk.withheld(1)
         desk.kept(2)
         assert desk.flush() == {"ann": ([2], {"contact": 1})}
@@ -225,7 +225,7 @@ def test_while_the_view_is_stale_tags_count_as_unknown_and_what_waits_is_withhel
         desk.kept(1)
         desk.registry.failure = "NODE_UNREACHABLE"
         await asyncio.sleep(STALE_AFTER_MS / 1000 + 5)
-        assert not desk.keeper.admits(row(ANN), virtual_now_ms())
+        assert not desk.keeper.is_tag_allowed(row(ANN), virtual_now_ms())
         desk.kept(2)
         desk.withheld(3)
         assert desk.flush() == {}
@@ -233,7 +233,7 @@ def test_while_the_view_is_stale_tags_count_as_unknown_and_what_waits_is_withhel
         assert desk.consents.figures.sightings_refused == {"registry-stale": 1}
         desk.registry.failure = ""
         await desk.consents.refresh()
-        assert desk.keeper.admits(row(ANN), virtual_now_ms())
+        assert desk.keeper.is_tag_allowed(row(ANN), virtual_now_ms())
         desk.kept(4)
         assert desk.flush() == {"ann": ([4], {"contact": 1, "registry-stale": 2})}
 
@@ -248,7 +248,7 @@ def test_a_consent_that_has_not_begun_is_counted_apart_from_a_no(tmp_path: Path)
         desk.registry.say(ANN, height=desk.registry.height + 5)
         await desk.consents.refresh()
         for handle in (ANN, ANN, BEN):
-            assert not desk.keeper.admits(row(handle), virtual_now_ms())
+            assert not desk.keeper.is_tag_allowed(row(handle), virtual_now_ms())
         assert desk.consents.figures.sightings_refused == {"consent-coming": 2, "no-consent": 1}
 
     at_the_desk(tmp_path, story)
@@ -267,7 +267,7 @@ def test_the_end_of_a_period_parts_a_clip(tmp_path: Path) -> None:
         desk.kept(2, taken_at_ms=until + 100)
         assert desk.flush() == {"ann": ([1], {})}
         assert desk.statistics.withheld == {"outside-consent": 1}
-        assert not desk.keeper.admits(row(ANN), virtual_now_ms())
+        assert not desk.keeper.is_tag_allowed(row(ANN), virtual_now_ms())
 
     at_the_desk(tmp_path, story)
 
@@ -282,8 +282,8 @@ def test_a_camera_whose_clock_is_off_is_judged_by_the_robots_own(tmp_path: Path)
         await desk.consents.refresh()
         for offset_ms in (-3_600_000, 0, 3_600_000):
             desk.consents.camera_offset_ms = lambda offset_ms=offset_ms: offset_ms  # type: ignore[misc]
-            assert desk.keeper.admits(row(ANN), given_ms + 1_000 - offset_ms)
-            assert not desk.keeper.admits(row(ANN), given_ms - 1_000 - offset_ms)
+            assert desk.keeper.is_tag_allowed(row(ANN), given_ms + 1_000 - offset_ms)
+            assert not desk.keeper.is_tag_allowed(row(ANN), given_ms - 1_000 - offset_ms)
             desk.kept(1, taken_at_ms=given_ms - 1_000 - offset_ms)
             desk.kept(2, taken_at_ms=given_ms + 1_000 - offset_ms)
             assert desk.flush() == {"ann": ([2], {})}

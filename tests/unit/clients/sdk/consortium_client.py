@@ -13,7 +13,7 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.sender_admission import require_standing
+from contracts.execution.sender_admission import require_admission
 from tests.unit.contracts.system.consortium import Consortium
 
 
@@ -60,7 +60,7 @@ class ConsortiumClient:
         return ProvedState(height=self.chain.height, timestamp_ms=self.chain.time_ms, values=values)
 
     async def submit_and_wait(self, transaction: Transaction) -> FinalReceipt:
-        require_standing(self.chain.state, transaction, self.chain.time_ms)
+        require_admission(self.chain.state, transaction, self.chain.time_ms)
         (receipt,) = self.chain.block([transaction])
         return final_receipt(
             receipt, height=self.chain.height, index=0, block_id=bytes(32), timestamp_ms=self.chain.time_ms

@@ -12,7 +12,15 @@ import pytest
 
 from clients.sdk.terminal import terminal
 from network.cli.cluster.status_watch import picture_answer
-from network.cli.json_page import NOT_LISTED, PAGE, SCHEMA, SECTIONS, listed_answers, write_json_page, write_json_schema
+from network.cli.json_reference import (
+    NOT_LISTED,
+    PAGE,
+    SCHEMA,
+    SECTIONS,
+    listed_answers,
+    write_json_page,
+    write_json_schema,
+)
 from network.cluster_monitor import NodeLook, Observer, changes
 from tests.json_answers import (
     answers_of_processes,
