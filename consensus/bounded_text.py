@@ -1,6 +1,7 @@
 """Bounded reading of untrusted JSON and TOML.
 
-Deep nesting raises RecursionError; long dotted TOML keys take quadratic time.
+The parsers below would end deep nesting with RecursionError and take quadratic time for long dotted TOML keys; here
+both raise TextInvalidError.
 """
 
 from __future__ import annotations

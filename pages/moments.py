@@ -11,6 +11,7 @@ _CLOCK = "%H:%M:%S"
 UNITS_MS = {"ms": 1, "s": 1_000, "m": 60_000, "min": 60_000, "h": 3_600_000, "d": 86_400_000, "w": 7 * 86_400_000}
 _DURATION = re.compile(r"([+-]?)((?:\d+(?:\.\d+)?(?:ms|min|[smhdw]))+)", re.ASCII)
 _PART = re.compile(r"(\d+(?:\.\d+)?)(ms|min|[smhdw])", re.ASCII)
+_SHOWN_MAX_MS = 253_370_764_800_000  # 9999-01-01: what later functions cannot show is not read
 _OFFSET = re.compile(r"\s+UTC([+-]\d\d:\d\d)?$", re.ASCII)
 
 
@@ -55,7 +56,10 @@ def read_moment(written: str, now_ms: int | None = None) -> int:
     """
     text = written.strip()
     if now_ms is not None and text[:1] in ("+", "-"):
-        return now_ms + parse_duration(text)
+        moment_ms = now_ms + parse_duration(text)
+        if moment_ms > _SHOWN_MAX_MS:
+            raise ValueError(f"{written!r} is beyond the year 9999.")
+        return moment_ms
     text = _OFFSET.sub(lambda found: found[1] or "+00:00", text)
     try:
         return round(datetime.datetime.fromisoformat(text).astimezone().timestamp() * 1000)

@@ -193,7 +193,7 @@ class Matcher:
         self._waiting.clear()
 
     def bound_track(self, alias: str, present: Sequence[int]) -> int | None:
-        """Return the only present track, None also if shared."""
+        """Return the one present track that the tag is bound to; None if none, several, or also another tag's."""
         mine = [number for number in present if self._is_bound(alias, number)]
         if len(mine) != 1:
             return None

@@ -11,7 +11,7 @@ from pages.moments import read_moment
 
 
 def read_time(written: str | None, now_ms: int) -> int:
-    """Return ms since 1970, 0 for none. Raises UsageError, also for a time before 1970."""
+    """Return ms since 1970, 0 for none. Raises UsageError, also for a time before 1970 or after 9998."""
     if written is None:
         return 0
     try:

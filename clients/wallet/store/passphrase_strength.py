@@ -6,13 +6,14 @@ The minimum for a stand-alone password holds, as a stolen file can be attacked o
 from __future__ import annotations
 
 import enum
+import math
 import unicodedata
 
 from clients.wallet.present.translations import refusal
 
 PASSPHRASE_MIN_LETTERS = 15
 FAIR_MIN_GUESSES = 10**10
-"""zxcvbn's best score; fewer are refused at any length."""
+"""Fewer are refused at any length."""
 LONG_MIN_GUESSES = 10**14
 JUDGED_MAX_LETTERS = 72
 """zxcvbn's time grows faster than the square of the length."""
@@ -48,9 +49,11 @@ def count_letters(passphrase: str) -> int:
 
 
 def count_guesses(passphrase: str) -> int:
-    """Return how many guesses its first letters take, by zxcvbn; blanks and dashes are ignored."""
+    """Return how many guesses the parts that zxcvbn finds take together; blanks and dashes are ignored."""
     from zxcvbn import zxcvbn  # noqa: PLC0415 - its lists take long to load
 
     folded = unicodedata.normalize("NFKC", passphrase).casefold()
     bare = "".join(letter for letter in folded if not letter.isspace() and letter not in "-_.,")
-    return int(zxcvbn((bare or folded)[:JUDGED_MAX_LETTERS], user_inputs=_NEAR_HERE.split())["guesses"])
+    parts = zxcvbn((bare or folded)[:JUDGED_MAX_LETTERS], user_inputs=_NEAR_HERE.split())["sequence"]
+    # Not its sum: that adds 10,000 for each part, so four common words would do.
+    return math.prod(int(part["guesses"]) for part in parts)

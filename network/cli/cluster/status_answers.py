@@ -17,6 +17,7 @@ from clients.sdk.terminal.json_answers import (
     TimeMs,
     doc,
 )
+from network.cli.cluster.cluster_answers import ConsoleAnswer
 
 
 class KeptBlocks(Answer, frozen=True, kw_only=True):
@@ -186,7 +187,7 @@ class NodeStatus(Answer, frozen=True, kw_only=True):
 
 
 class StatusAnswer(Answer, frozen=True, kw_only=True):
-    """The nodes of a network. `ok` is false if one is stopped or does not answer. `up --console` answers as `console`."""
+    """The nodes of a network. `ok` is false if one is stopped or does not answer."""
 
     directory: Annotated[str, doc("The network's folder")]
     nodes: Annotated[list[NodeStatus], doc("Each node")]
@@ -222,4 +223,8 @@ class WatchedAnswer(AnswerLine, frozen=True, kw_only=True):
     changes: Annotated[list[str], doc("What changed since the line before, a sentence each")]
 
 
-ANSWERS: AnswersByCommand = {"up": StatusAnswer, "status": StatusAnswer, "status --watch": WatchedAnswer}
+ANSWERS: AnswersByCommand = {
+    "up": (StatusAnswer, ConsoleAnswer),
+    "status": StatusAnswer,
+    "status --watch": WatchedAnswer,
+}

@@ -171,7 +171,7 @@ class Custody:
     # What clients ask (`CustodyService`)
 
     async def stage(self, upload: ClipUpload, robot: bytes) -> None:
-        """Raises CLIP_ERASED, STORE_UNAVAILABLE, VISIT_NOT_OPEN."""
+        """Raises CLIP_ERASED, STORE_UNAVAILABLE, VISIT_NOT_OPEN, and UPLOAD_* as the custodian."""
         with self.admission.refused.noted(robot):
             await self.admission.wait_for_visit(upload.record_id, upload.owner, robot)
             await self._custodian.stage(upload, self.admission.read_terms(robot))

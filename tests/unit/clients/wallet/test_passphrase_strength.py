@@ -36,6 +36,11 @@ def test_a_short_one_is_refused_whatever_its_letters(passphrase: str) -> None:
         "----------------",
         "kettle" * 20,
         "$3nh@ $3nh@ $3nh@",
+        "hospital wallet robot card",
+        "summer winter spring autumn",
+        "monkey dragon football hockey",
+        "Password1!Password2!",
+        "passphrase wallet robot hospital patient",
     ],
 )
 def test_a_long_one_of_what_is_tried_first_is_refused(passphrase: str) -> None:
@@ -47,7 +52,7 @@ def test_a_long_one_of_what_is_tried_first_is_refused(passphrase: str) -> None:
     ("passphrase", "strength"),
     [
         ("tea and lemon cake", Strength.FAIR),
-        ("maria come laranjas", Strength.FAIR),
+        ("maria come laranjas verdes", Strength.FAIR),
         ("kettle orbit maple saddle", Strength.LONG),
         ("chaleira órbita bordo sela", Strength.LONG),
         ("夏草や兵どもが夢の跡古池や蛙飛", Strength.LONG),

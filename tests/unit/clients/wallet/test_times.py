@@ -22,7 +22,7 @@ def test_a_time_is_a_duration_from_now_or_a_date() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["soon", "+5", "2027-13-01", "", "7d", "+", "+1d2", "+" + "9" * 400 + "d", "-9999999d"]
+    "text", ["soon", "+5", "2027-13-01", "", "7d", "+", "+1d2", "+" + "9" * 400 + "d", "-9999999d", "+9999999d"]
 )
 def test_what_is_no_time_is_refused_as_wrong_usage(text: str) -> None:
     with pytest.raises(click.UsageError):
