@@ -26,7 +26,7 @@ from contracts.worker.walled_process import SandboxedProcess
 from network.contracts.tracing_worker import (
     FROM_WORKER,
     Begin,
-    CallOutcome,
+    BlockReplayed,
     Failed,
     NextBlock,
     Outcome,
@@ -118,7 +118,7 @@ class SandboxedTracer:
         answer = self._ask(NextBlock(encoded))
         return answer.trace if isinstance(answer, Traced) else None
 
-    def _ask(self, message: Begin | NextBlock) -> SandboxEntered | CallOutcome | Traced:
+    def _ask(self, message: Begin | NextBlock) -> SandboxEntered | BlockReplayed | Traced:
         answer = self._process.ask(message, FROM_WORKER)
         if isinstance(answer, Failed):
             raise BlockRobotError(answer.code, answer.detail)

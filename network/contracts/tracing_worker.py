@@ -65,7 +65,7 @@ class SandboxEntered(msgspec.Struct, frozen=True, tag=True):
     parts: tuple[SandboxFeature, ...]
 
 
-class CallOutcome(msgspec.Struct, frozen=True, tag=True):
+class BlockReplayed(msgspec.Struct, frozen=True, tag=True):
     """The block gave its header's root."""
 
     height: int
@@ -85,8 +85,8 @@ class Failed(msgspec.Struct, frozen=True, tag=True):
 
 
 TO_WORKER: msgspec.msgpack.Decoder[Begin | NextBlock] = msgspec.msgpack.Decoder(Begin | NextBlock)
-FROM_WORKER: msgspec.msgpack.Decoder[SandboxEntered | CallOutcome | Traced | Failed] = msgspec.msgpack.Decoder(
-    SandboxEntered | CallOutcome | Traced | Failed
+FROM_WORKER: msgspec.msgpack.Decoder[SandboxEntered | BlockReplayed | Traced | Failed] = msgspec.msgpack.Decoder(
+    SandboxEntered | BlockReplayed | Traced | Failed
 )
 
 
@@ -100,7 +100,7 @@ class _Tracer:
         self._state = base_of_genesis(genesis).state
         self._wanted = begin.wanted
 
-    def take(self, block: Block) -> CallOutcome | Traced:
+    def take(self, block: Block) -> BlockReplayed | Traced:
         """Raises BLOCK_INVALID."""
         if block.header.height == self._wanted.height:
             return Traced(_trace_in(self._state, self._chain_id, block, self._wanted))
@@ -108,7 +108,7 @@ class _Tracer:
         if not is_right:
             raise BlockRobotError("BLOCK_INVALID", f"Block {block.header.height} gives another state than it names.")
         self._state.absorb(overlay.writes, overlay.page_writes, overlay.state_root)
-        return CallOutcome(block.header.height)
+        return BlockReplayed(block.header.height)
 
 
 def _trace_in(state: MemoryState, chain_id: bytes, block: Block, wanted: Outcome) -> Trace:

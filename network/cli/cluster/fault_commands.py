@@ -212,6 +212,13 @@ def byzantine(node: str, behaviour: str, seed: int, folder: Path | None, as_json
     _do(control, control.reader.byzantine(node, behaviour, seed), as_json=as_json)
 
 
+def _switched_faults(name: str, switched: Any) -> SwitchedFaults | None:
+    try:
+        return None if switched is None else msgspec.convert(switched, SwitchedFaults)
+    except msgspec.ValidationError:
+        raise BlockRobotError("INTERNAL", f"{name} tells of its faults in another form; compare versions.") from None
+
+
 @fault.command(name="list")
 @folder_option
 @json_option
@@ -229,7 +236,7 @@ def list_faults(folder: Path | None, as_json: bool) -> None:
                 running=row.running,
                 paused=row.paused,
                 behaviour=row.behaviour,
-                switched=None if row.switched is None else msgspec.convert(row.switched, SwitchedFaults),
+                switched=_switched_faults(row.name, row.switched),
                 faults=row.describe(),
             )
             for row in rows
