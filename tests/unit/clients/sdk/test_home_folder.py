@@ -22,7 +22,7 @@ def test_a_folder_that_is_named_goes_before_the_platforms_own(tmp_path: Path, mo
 
 def test_a_command_makes_a_wallet_in_the_users_place_for_data(tmp_path: Path) -> None:
     passphrase = tmp_path / "passphrase"
-    passphrase.write_text("four plain words here\n", encoding="utf-8")
+    passphrase.write_text("violet kettle orbit sandwich\n", encoding="utf-8")
     environment = {"HOME": str(tmp_path), "PATH": os.defpath, "BLOCKROBOT_PASSPHRASE_FILE": str(passphrase)}
     command = [Path(sys.executable).with_name("blockrobot"), "wallet", "new", "--words-file", "words.txt"]
     made = subprocess.run(
