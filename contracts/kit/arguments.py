@@ -8,14 +8,15 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
-from contracts.vm.frontend.abi import Abi, Entry, parse_type
+from contracts.vm.frontend.abi import parse_type
 
 CODE = "CONTRACT_ARGUMENTS_INVALID"
+TYPE_MAX_CHARS = 1_000
 _INT = re.compile(r"[+-]?(0[xX][0-9a-fA-F]+|[0-9]+)", re.ASCII)
 _HEX = re.compile(r"(?:0x|hex:)((?:[0-9a-fA-F]{2})*)", re.ASCII)
 _WORDS = {"true": True, "false": False}
@@ -30,21 +31,40 @@ _HELP = {
 }
 
 
+class Signature(Protocol):
+    """An entry as compiled, or as the chain describes it: parameters as (name, type), the first `required` mandatory."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def params(self) -> tuple[tuple[str, str], ...]: ...
+    @property
+    def required(self) -> int: ...
+    @property
+    def returns(self) -> str: ...
+
+
+_S = TypeVar("_S", bound=Signature)
+
+
 class _MisfitError(Exception):
     """A text that does not fit one alternative of a type."""
 
 
-def find_entry(abi: Abi, name: str, kind: str) -> Entry:
+def find_entry(contract: str, entries: Sequence[_S], name: str, kind: str) -> _S:
     """Return the entry of this name and kind. Raises TRANSACTION_CONTRACT_UNKNOWN."""
-    entry = abi.entry(name)
+    entry = next((one for one in entries if one.name == name), None)
     if entry is not None and entry.kind == kind:
         return entry
-    there = ", ".join(one.name for one in abi.entries if one.kind == kind) or "none"
+    there = ", ".join(one.name for one in entries if one.kind == kind) or "none"
     what = f"is no {kind} but one marked @{entry.kind}" if entry is not None else f"is no {kind} of it"
-    raise BlockRobotError("TRANSACTION_CONTRACT_UNKNOWN", f"{abi.contract}.{name} {what}. There are: {there}.")
+    raise BlockRobotError("TRANSACTION_CONTRACT_UNKNOWN", f"{contract}.{name} {what}. There are: {there}.")
 
 
-def signature_of(entry: Entry) -> str:
+def signature_of(entry: Signature) -> str:
+    """Return an entry's signature: `name(a: int, b: str = ...) -> list`."""
     parts = [
         f"{name}: {kind}" + ("" if place < entry.required else " = ...")
         for place, (name, kind) in enumerate(entry.params)
@@ -52,8 +72,8 @@ def signature_of(entry: Entry) -> str:
     return f"{entry.name}({', '.join(parts)}) -> {entry.returns}"
 
 
-def read_arguments(entry: Entry, texts: Sequence[str]) -> list[Any]:
-    """Return the values of these texts. Raises CONTRACT_ARGUMENTS_INVALID."""
+def read_arguments(entry: Signature, texts: Sequence[str]) -> list[Any]:
+    """Return the values of these texts. Raises CONTRACT_ARGUMENTS_INVALID, also for a type that is none."""
     if not entry.required <= len(texts) <= len(entry.params):
         wanted = str(len(entry.params))
         if entry.required != len(entry.params):
@@ -61,16 +81,22 @@ def read_arguments(entry: Entry, texts: Sequence[str]) -> list[Any]:
         raise BlockRobotError(CODE, f"{signature_of(entry)} takes {wanted} arguments, not {len(texts)}.")
     values = []
     for text, (name, kind) in zip(texts, entry.params, strict=False):
-        node = ast.parse(kind, mode="eval").body
         try:
-            value = _read(text, node)
+            value = _read(text, _parse(kind))
             encode_value(value)
         except (_MisfitError, BlockRobotError):
             shown = text if len(text) <= 60 else text[:57] + "..."
-            wanted = _HELP.get(kind, f"a {kind}")
+            wanted = _HELP.get(kind, f"a {kind[:60]}")
             raise BlockRobotError(CODE, f"{entry.name}: {name} takes {wanted}; {shown!r} is none.") from None
         values.append(value)
     return values
+
+
+def _parse(kind: str) -> ast.expr:
+    try:
+        return ast.parse(kind[:TYPE_MAX_CHARS], mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise _MisfitError from None
 
 
 def _alternatives(node: ast.expr) -> list[ast.expr]:

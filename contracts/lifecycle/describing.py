@@ -75,16 +75,20 @@ class VersionRow:
     abi: tuple[EntryRow, ...]
 
 
+def entry_rows(entries: Any) -> tuple[EntryRow, ...]:
+    """Return the entries as `lifecycle` stores them."""
+    return tuple(
+        EntryRow(name, kind, tuple((param, of) for param, of in params), required, returns)
+        for name, kind, params, required, returns in entries
+    )
+
+
 def version_row(name: str, version: int, record: Any) -> VersionRow:
     """Raises CONTRACT_NOT_FOUND if a `lifecycle` version stored another form."""
     if not is_full_record(record):
         raise BlockRobotError("CONTRACT_NOT_FOUND", f"The entry of version {version} of {name!r} cannot be read.")
-    abi = tuple(
-        EntryRow(entry, kind, tuple((param, of) for param, of in params), required, returns)
-        for entry, kind, params, required, returns in record["entries"]
-    )
     fields = {field: record[field] for field in VersionRow.__dataclass_fields__ if field in record}
-    return VersionRow(name=name, version=version, abi=abi, **fields)
+    return VersionRow(name=name, version=version, abi=entry_rows(record["entries"]), **fields)
 
 
 @lru_cache(maxsize=ROWS_KEPT_COUNT)

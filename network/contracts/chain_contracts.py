@@ -21,9 +21,12 @@ from consensus.state.lifecycle import (
     SOURCE_PART,
     UPLOAD_PART,
     UPLOADS,
+    VERDICT,
     VERSION,
     VERSIONS,
 )
+from consensus.visible_text import split_lines
+from contracts.kit.arguments import signature_of
 from contracts.lifecycle.changes import is_full_record
 from contracts.lifecycle.describing import (
     ChangeDue,
@@ -32,11 +35,13 @@ from contracts.lifecycle.describing import (
     VersionRow,
     contract_rows,
     due_rows,
+    entry_rows,
     read_newest,
     version_row,
 )
 from contracts.lifecycle.registry import compute_source_hash, find_shipped_source
 from contracts.vm import compile_contract
+from contracts.vm.compiler.compile_cache import describe_source
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +71,11 @@ class Edition:
     abi: tuple[EntryRow, ...]
     row: VersionRow | None = None
     proposal: ProposalRow | None = None
+
+    def line(self, number: int | None) -> str:
+        """Return a stripped source line, empty if out of range."""
+        lines = split_lines(self.source)
+        return lines[number - 1].strip() if number is not None and 0 < number <= len(lines) else ""
 
 
 async def _values(client: NetworkClient, keys: Iterable[bytes], key: PrivateKey) -> tuple[dict[bytes, Any], int]:
@@ -134,13 +144,16 @@ async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: Propos
         name, version = str(proposal.arguments["name"]), int(proposal.arguments.get("version", 0))
         return replace(await read_edition(client, key, name, version), proposal=proposal)
     source_hash, name = proposal.arguments["source_hash"], str(proposal.arguments["name"])
-    place = UPLOADS.key(proposal.organisation)
-    uploads = (await _values(client, [place], key))[0][place] or []
-    parts = next((entry["parts"] for entry in uploads if entry["source_hash"] == source_hash), 0)
+    place, judged = UPLOADS.key(proposal.organisation), VERDICT.key(proposal.organisation, source_hash)
+    found, _ = await _values(client, [place, judged], key)
+    parts = next((entry["parts"] for entry in found[place] or [] if entry["source_hash"] == source_hash), 0)
     keys = [UPLOAD_PART.key(proposal.organisation, source_hash, number) for number in range(parts)]
     source = await _join(client, key, keys, source_hash)
-    edition = edition_of_source(source, name, f"{name} as proposed in {proposal.id.hex()[:12]}")
-    return replace(edition, proposal=proposal)
+    try:
+        abi = entry_rows(found[judged][1]["entries"])
+    except (TypeError, ValueError, LookupError):
+        raise BlockRobotError("CONTRACT_NOT_FOUND", "What the chain says of this source cannot be read.") from None
+    return Edition(f"{name} as proposed in {proposal.id.hex()[:12]}", source, abi, proposal=proposal)
 
 
 async def _join(client: NetworkClient, key: PrivateKey, keys: list[bytes], source_hash: bytes) -> str:
@@ -156,22 +169,8 @@ async def _join(client: NetworkClient, key: PrivateKey, keys: list[bytes], sourc
 
 def edition_of_source(source: str, name: str, title: str) -> Edition:
     """Return a local source as an edition. Raises CONTRACT_SOURCE_INVALID."""
-    entries = compile_contract(source, name).abi.entries
-    abi = tuple(
-        EntryRow(entry.name, entry.kind, entry.params, entry.required, entry.returns)
-        for entry in entries
-        if entry.kind in ("export", "view")
-    )
-    return Edition(title, source, abi)
-
-
-def signature_of(entry: EntryRow) -> str:
-    """Return an entry's signature: `name(a: int, b: str = ...) -> list`."""
-    params = [
-        f"{name}: {kind}" + ("" if place < entry.required else " = ...")
-        for place, (name, kind) in enumerate(entry.params)
-    ]
-    return f"{entry.name}({', '.join(params)}) -> {entry.returns}"
+    facts = describe_source(source.encode(), compile_contract(source, name))
+    return Edition(title, source, entry_rows(facts["entries"]))
 
 
 def compare_interfaces(old: Edition, new: Edition) -> list[tuple[str, str]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,9 @@ from consensus.errors import BlockRobotError
 from consensus.exit_codes import EXIT_REFUSED
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
-from consensus.visible_text import split_lines
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
 from contracts.kit.sources import read_source
 from contracts.kit.telling import told
-from contracts.vm import compile_contract
-from contracts.vm.frontend.abi import Abi
 from network.cli.contract.contract_answers import CallRefusal, ContractCallAnswer, ContractQueryAnswer, EmittedEvent
 from network.cli.contract.contract_signers import (
     find_signers,
@@ -34,35 +30,14 @@ from network.cli.contract.contract_signers import (
     with_network,
 )
 from network.cli.governance.governance_signer import to_json
-from network.contracts.chain_contracts import read_edition
+from network.contracts.chain_contracts import Edition, edition_of_source, read_edition
 
 
-@dataclass(frozen=True, slots=True)
-class ContractForm:
-    """A contract's source text and its ABI."""
-
-    source: str
-    abi: Abi
-
-    def line(self, number: int | None) -> str:
-        """Return a stripped source line, empty if out of range."""
-        lines = split_lines(self.source)
-        return lines[number - 1].strip() if number is not None and 0 < number <= len(lines) else ""
-
-
-def form_of(source: str, name: str) -> ContractForm:
-    """Compile a source. Raises CONTRACT_SOURCE_INVALID."""
-    return ContractForm(source, compile_contract(source, name).abi)
-
-
-async def find_form(client: NetworkClient, key: PrivateKey, name: str, source: str | None) -> ContractForm:
-    """Return the form of the given source, or of the active version, proved.
-
-    Raises CONTRACT_NOT_FOUND, CONTRACT_SOURCE_INVALID.
-    """
-    if source is not None:
-        return form_of(source, name)
-    return form_of((await read_edition(client, key, name, 0)).source, name)
+async def find_edition(client: NetworkClient, key: PrivateKey, name: str, file: Path | None) -> Edition:
+    """Return this file, or the version in force, as the chain says. Raises CONTRACT_NOT_FOUND or _SOURCE_INVALID."""
+    if file is not None:
+        return edition_of_source(read_source(file), name, str(file))
+    return await read_edition(client, key, name, 0)
 
 
 MISFITS = frozenset({"ARGUMENTS_INVALID", "ENTRY_UNKNOWN", "CONTRACT_UNKNOWN"})
@@ -116,11 +91,10 @@ def query(
     Example: blockrobot contract query settings in_force --json
     """
     signers = find_signers(folder, officer, key_file, wallet_profile)
-    source = _read_source(source_file)
 
     async def read(client: NetworkClient, key: PrivateKey) -> Any:
-        form = await find_form(client, key, contract, source)
-        values = read_arguments(find_entry(form.abi, view, "view"), arguments)
+        edition = await find_edition(client, key, contract, source_file)
+        values = read_arguments(find_entry(contract, edition.abi, view, "view"), arguments)
         return await client.query(contract, view, values, key)
 
     result = read_with_first(signers, read)
@@ -156,39 +130,34 @@ def call(
     Example: blockrobot contract call settings propose heartbeat_ms 9000 --as hospital
     """
     signer = take_signer(find_signers(folder, officer, key_file, wallet_profile))
-    source = _read_source(source_file)
 
-    async def send(client: NetworkClient) -> tuple[FinalReceipt, ContractForm | None]:
-        form = await find_form(client, signer.key, contract, source)
-        values = read_arguments(find_entry(form.abi, entry, "export"), arguments)
+    async def send(client: NetworkClient) -> tuple[FinalReceipt, Edition | None]:
+        edition = await find_edition(client, signer.key, contract, source_file)
+        values = read_arguments(find_entry(contract, edition.abi, entry, "export"), arguments)
         transaction = client.transactions.build(signer.key, contract, entry, values)
         try:
             receipt = await client.submit_and_wait(transaction)
         except asyncio.CancelledError:
             click.echo(f"No longer waiting; it may still become final: txid {transaction.txid.hex()}", err=True)
             raise
-        if receipt.ok or (source is not None and receipt.code not in MISFITS):
-            return receipt, form
-        return receipt, await _form_now(client, signer.key, contract)
+        if receipt.ok or (source_file is not None and receipt.code not in MISFITS):
+            return receipt, edition
+        return receipt, await _edition_now(client, signer.key, contract)
 
-    receipt, form = with_network(signer, send)
-    next_step = "" if receipt.ok else _next_step(receipt, form, contract, entry)
+    receipt, edition = with_network(signer, send)
+    next_step = "" if receipt.ok else _next_step(receipt, edition, contract, entry)
     if as_json:
         print_answer(_receipt_answer(receipt, next_step), ok=receipt.ok)
     else:
-        _print_receipt(receipt, form, next_step)
+        _print_receipt(receipt, edition, contract, next_step)
     if not receipt.ok:
         raise click.exceptions.Exit(EXIT_REFUSED)
 
 
-def _read_source(path: Path | None) -> str | None:
-    return None if path is None else read_source(path)
-
-
-async def _form_now(client: NetworkClient, key: PrivateKey, contract: str) -> ContractForm | None:
+async def _edition_now(client: NetworkClient, key: PrivateKey, contract: str) -> Edition | None:
     try:
         await client.catch_up(key)
-        return await find_form(client, key, contract, None)
+        return await find_edition(client, key, contract, None)
     except BlockRobotError:
         return None
 
@@ -212,7 +181,7 @@ def _receipt_answer(receipt: FinalReceipt, next_step: str) -> ContractCallAnswer
     )
 
 
-def _print_receipt(receipt: FinalReceipt, form: ContractForm | None, next_step: str) -> None:
+def _print_receipt(receipt: FinalReceipt, edition: Edition | None, contract: str, next_step: str) -> None:
     place = f"final at height {receipt.height}, {receipt.gas_used} gas, txid {receipt.txid.hex()}"
     if receipt.ok:
         console.print(f"OK: {place}")
@@ -220,21 +189,21 @@ def _print_receipt(receipt: FinalReceipt, form: ContractForm | None, next_step: 
             console.print(escape(f"  {event.contract}.{event.name} {told(decode_value(event.data))}"))
         return
     console.print(escape(f"Refused: {receipt.sentence}"))
-    if form is not None and receipt.line is not None and not receipt.message.startswith("In contract "):
-        console.print(escape(f"  {form.abi.contract}:{receipt.line}: {form.line(receipt.line)}"))
+    if edition is not None and receipt.line is not None and not receipt.message.startswith("In contract "):
+        console.print(escape(f"  {contract}:{receipt.line}: {edition.line(receipt.line)}"))
     console.print(f"  {place}")
     console.print(escape(f"Next step: {next_step}"))
 
 
-def _next_step(receipt: FinalReceipt, form: ContractForm | None, contract: str, entry: str) -> str:
+def _next_step(receipt: FinalReceipt, edition: Edition | None, contract: str, entry: str) -> str:
     if receipt.code in {"OUT_OF_GAS", "MEMORY_BUDGET", "WRITE_BUDGET", "EVENT_BUDGET"}:
         return "let one call do less: give it less data, or split the entry."
     if receipt.code not in MISFITS:
         return f"nothing was changed; see why: blockrobot contract trace {receipt.txid.hex()}"
     shown = f"blockrobot contract show {contract} --abi"
-    if form is None:
+    if edition is None:
         return f"compare with what the chain has: {shown}"
-    found = next((one for one in form.abi.entries if (one.name, one.kind) == (entry, "export")), None)
+    found = next((one for one in edition.abi if (one.name, one.kind) == (entry, "export")), None)
     if found is None:
         return f"the chain's version has no entry {entry} any more; see what it has: {shown}"
     return f"compare with what the chain has: {signature_of(found)}."

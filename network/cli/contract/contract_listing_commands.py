@@ -16,6 +16,7 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from contracts.kit.arguments import signature_of
 from contracts.kit.sources import read_source
 from contracts.lifecycle.describing import ChangeDue, ContractRow, EntryRow, VersionRow
 from contracts.lifecycle.registry import compute_source_hash
@@ -49,7 +50,6 @@ from network.contracts.chain_contracts import (
     read_contracts,
     read_edition,
     read_proposed,
-    signature_of,
 )
 from pages.moments import show_moment
 

@@ -10,9 +10,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 import network.cli.governance.governance_signer as governing
+import network.contracts.chain_contracts as chain_contracts
 from consensus.chain.genesis import genesis_to_json
 from consensus.errors import CATALOGUE
 from contracts.lifecycle.registry import read_source
+from contracts.vm import compile_contract
 from network.cli.contract.contract_commands import contract
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of
@@ -136,6 +138,18 @@ def test_a_proposal_can_be_compared_before_it_is_approved(chain: Consortium) -> 
         "'visitor.py' is no version's number, no file, and no open proposal about visitors."
         in run("diff", "visitors", "visitor.py").stderr
     )
+
+
+def test_a_proposed_source_is_shown_and_compared_without_compiling_it_here(
+    chain: Consortium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deploy(chain)
+    Path("visitors.py").write_text(VISITORS + "# again\n", encoding="utf-8")
+    opened = answer("propose", "visitors.py", "--as", "org-01")["proposal"]["id"][:12]
+    monkeypatch.setattr(chain_contracts, "compile_contract", lambda *_: pytest.fail("compiled"))
+    here = {entry.name for entry in compile_contract(VISITORS, "visitors").abi.entries}
+    assert {entry["name"] for entry in answer("show", "visitors", "--proposal", opened)["abi"]} == here
+    assert answer("diff", "visitors", opened)["abi"] == []
 
 
 def test_what_is_no_text_is_neither_proposed_nor_compared(chain: Consortium) -> None:

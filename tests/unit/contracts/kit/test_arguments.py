@@ -8,7 +8,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
-from contracts.vm.frontend.abi import Abi, Entry
+from contracts.vm.frontend.abi import Entry
 
 
 def entry(*kinds: str, required: int | None = None) -> Entry:
@@ -73,6 +73,8 @@ def test_a_text_is_read_by_the_type_of_its_parameter(kind: str, text: str, value
         ("dict[str, int]", '{"a": "b"}'),
         ("list", "[" * 100_000),
         ("tuple", "[1]"),
+        ("int (", "1"),
+        ("[" * 100_000, "1"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_name(kind: str, text: str) -> None:
@@ -91,9 +93,9 @@ def test_arguments_are_counted_and_the_entry_is_shown() -> None:
 
 
 def test_an_entry_is_found_by_name_and_kind() -> None:
-    abi = Abi("notes", (entry("int"),))
-    assert find_entry(abi, "act", "export").name == "act"
+    entries = (entry("int"),)
+    assert find_entry("notes", entries, "act", "export").name == "act"
     with pytest.raises(BlockRobotError, match=r"notes.act is no view but one marked @export. There are: none."):
-        find_entry(abi, "act", "view")
+        find_entry("notes", entries, "act", "view")
     with pytest.raises(BlockRobotError, match=r"notes.write is no export of it. There are: act."):
-        find_entry(abi, "write", "export")
+        find_entry("notes", entries, "write", "export")
