@@ -27,7 +27,7 @@ CONTRACT_MEMORY_MIB = 1024
 """The modelled memory of a call is 8 MiB, and its real peak at most four times that. The rest is for what a worker keeps:
 the results of up to 384 blocks above the ledger, a MiB each if they are full, and the compiled forms of 64 sources."""
 CONTRACT_MEMORY_MIN_MIB = 4
-_WALLS = ("on", "require", "off")
+_SANDBOX_MODES = ("on", "require", "off")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 SECTIONS: dict[str, frozenset[str]] = {
     "node": frozenset({"name", "genesis", "organisation"}),
@@ -37,7 +37,7 @@ SECTIONS: dict[str, frozenset[str]] = {
     "log": frozenset({"level"}),
     "faults": frozenset({"enabled"}),
     "storage": frozenset({"archive", "keep_blocks", "snapshot_lag_blocks"}),
-    "contracts": frozenset({"wall", "memory_mib"}),
+    "contracts": frozenset({"sandbox", "memory_mib"}),
     "explorer": frozenset({"public"}),
 }
 """The tables of the file and their fields."""
@@ -69,8 +69,8 @@ class NodeConfig:
     """How many of the newest blocks keep their bodies, however old they are."""
     snapshot_lag_blocks: int = SNAPSHOT_LAG_BLOCKS
     """From how many blocks behind on a snapshot is preferred to blocks; 0: only where there is no other way."""
-    contract_wall: str = "on"
-    """Whether contracts run in worker processes behind a wall: "on", "require" (all of the wall, or no start), "off"."""
+    contract_sandbox: str = "on"
+    """Whether contracts run in worker processes in a sandbox: "on", "require" (all of it, or no start), "off"."""
     contract_memory_mib: int = CONTRACT_MEMORY_MIB
     """How many MiB a contract worker may take beyond what it has at its start; twice as many after each failure on a block
     that others executed."""
@@ -182,9 +182,9 @@ def load_config(data_dir: Path) -> NodeConfig:
     level = log.text("level", "info")
     if level not in _LOG_LEVELS:
         raise _invalid(f"[log] level is one of {', '.join(_LOG_LEVELS)}.")
-    wall = contracts.text("wall", "on")
-    if wall not in _WALLS:
-        raise _invalid(f"[contracts] wall is one of {', '.join(_WALLS)}.")
+    sandbox = contracts.text("sandbox", "on")
+    if sandbox not in _SANDBOX_MODES:
+        raise _invalid(f"[contracts] sandbox is one of {', '.join(_SANDBOX_MODES)}.")
     producer, custodian = keys.optional_text("producer"), keys.optional_text("custodian")
     return NodeConfig(
         data_dir=data_dir,
@@ -205,7 +205,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         archive=storage.flag("archive"),
         keep_blocks=storage.size("keep_blocks", KEEP_BLOCKS_MIN_COUNT, KEEP_BLOCKS_COUNT),
         snapshot_lag_blocks=storage.count("snapshot_lag_blocks", SNAPSHOT_LAG_MIN_BLOCKS, SNAPSHOT_LAG_BLOCKS),
-        contract_wall=wall,
+        contract_sandbox=sandbox,
         contract_memory_mib=contracts.size("memory_mib", CONTRACT_MEMORY_MIN_MIB, CONTRACT_MEMORY_MIB),
         public_explorer=explorer.flag("public"),
         organisation=node.optional_text("organisation") or "",
@@ -249,7 +249,7 @@ def config_to_toml(config: NodeConfig) -> str:
         f"snapshot_lag_blocks = {config.snapshot_lag_blocks}",
         "",
         "[contracts]",
-        f'wall = "{config.contract_wall}"',
+        f'sandbox = "{config.contract_sandbox}"',
         *([f"memory_mib = {config.contract_memory_mib}"] if config.contract_memory_mib != CONTRACT_MEMORY_MIB else []),
         *(["", "[explorer]", "public = true"] if config.public_explorer else []),
     ]

@@ -105,7 +105,7 @@ def run_process(data_dir: Path, make_node: Callable[[NodeConfig], Node] = Node) 
     except BlockRobotError as error:
         sys.stderr.write(f"{error.code}: {error.detail} {error.next_step}\n")
         return 1
-    except Exception as error:  # noqa: BLE001 - the outermost wall: the traceback goes to the log, not to the user
+    except Exception as error:  # noqa: BLE001 - the last resort: the traceback goes to the log, not to the user
         structlog.get_logger(__name__).exception("node_failed")
         sys.stderr.write(f"INTERNAL: The node stopped on a fault ({type(error).__name__}); its log has the details.\n")
         return 1

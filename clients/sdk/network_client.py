@@ -16,7 +16,7 @@ from clients.sdk.chain.custody_client import CustodyClient
 from clients.sdk.chain.receipts import FinalReceipt, not_final_in_time
 from clients.sdk.chain.transactions import Clock, SystemClock, TransactionBuilder
 from clients.sdk.connections import (
-    NO_IDENTITY,
+    ANONYMOUS_LANE,
     REQUEST_TIMEOUT_MS,
     Connections,
     NodeAddress,
@@ -149,7 +149,7 @@ class NetworkClient:
         path: str,
         *,
         key: PrivateKey | None = None,
-        lane: bytes = NO_IDENTITY,
+        lane: bytes = ANONYMOUS_LANE,
         body: bytes | None = None,
         media_type: str = "application/json",
         query: Mapping[str, str | int] | None = None,
@@ -282,7 +282,7 @@ class NetworkClient:
         ]
 
     async def wait_final(
-        self, txid: bytes, timeout_ms: int = WAIT_DEFAULT_MS, *, lane: bytes = NO_IDENTITY
+        self, txid: bytes, timeout_ms: int = WAIT_DEFAULT_MS, *, lane: bytes = ANONYMOUS_LANE
     ) -> FinalReceipt:
         """Return the proved receipt. Raises TRANSACTION_NOT_FINAL_IN_TIME, TRANSACTION_EXPIRED."""
         deadline_ms = self.clock.now_ms() + timeout_ms

@@ -7,7 +7,7 @@ from consensus.chain.block_rules import check_block
 from consensus.chain.messages import (
     TIMEOUT_TAG,
     VOTE_TAG,
-    LastSigned,
+    SignedMessage,
     Timeout,
     Vote,
     is_genuine,
@@ -60,7 +60,7 @@ class MessageChecks:
         parts = timeout_parts(self._chain_id, timeout.epoch, timeout.round, timeout.qc.round)
         return self._check(self._schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts)
 
-    def of_word(self, word: LastSigned, index: int) -> bool:
+    def of_word(self, word: SignedMessage, index: int) -> bool:
         return is_genuine(word, self._chain_id, self._schedule.producers[index])
 
     def of_block(self, block: Block, header: Header) -> bool:

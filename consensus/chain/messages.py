@@ -53,7 +53,7 @@ class CertificateNotice(Wire, frozen=True):
     entered_by: TimeoutCertificate | None
 
 
-class LastSigned(Wire, frozen=True):
+class SignedMessage(Wire, frozen=True):
     """A producer's signed word; a timeout names no block, others no QC round."""
 
     kind: str
@@ -81,7 +81,7 @@ class LastSignedResponse(Wire, frozen=True):
     asked_at_ms: int
     speech: str
     signed_round: int
-    word: LastSigned | None
+    word: SignedMessage | None
     qc: QuorumCertificate
     entered_by: TimeoutCertificate | None
 
@@ -138,7 +138,7 @@ def is_valid_block_signature(
     return verify(public_key, PROPOSAL_TAG, signature, *proposal_parts(chain_id, epoch, round_number, block_id))
 
 
-def is_genuine(word: LastSigned, chain_id: bytes, public_key: bytes) -> bool:
+def is_genuine(word: SignedMessage, chain_id: bytes, public_key: bytes) -> bool:
     """Check a word's signature; never raises for peer input."""
     if not 0 <= word.epoch < 1 << 32 or not 0 < word.round < 1 << 53 or not 0 <= word.qc_round < 1 << 53:
         return False

@@ -5,7 +5,15 @@ from __future__ import annotations
 from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.chain.evidence import Evidence
 from consensus.chain.journal_records import SILENCE_OUTDATED, SigningLockout, encode_silence_record
-from consensus.chain.messages import SILENT, LastSigned, LastSignedRequest, LastSignedResponse, Proposal, Timeout, Vote
+from consensus.chain.messages import (
+    SILENT,
+    LastSignedRequest,
+    LastSignedResponse,
+    Proposal,
+    SignedMessage,
+    Timeout,
+    Vote,
+)
 from consensus.protocol.core_state import CoreState
 from consensus.protocol.effects import Effect, EvidenceFound, Persist, SendTo
 from consensus.protocol.signing_guard import LockoutStatus
@@ -83,7 +91,7 @@ class MessageHandler(CoreState):
             self._effects.append(Persist(records=(record,)))
         self._effects += consequences
 
-    def _hear_own_word(self, word: LastSigned | None) -> None:
+    def _hear_own_word(self, word: SignedMessage | None) -> None:
         if word is None or self.index is None or word.epoch != self.epoch:
             return
         if not self._voter.remembers(word) and self._genuine.of_word(word, self.index):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.chain.evidence import Evidence, is_genuine_word, make_evidence
-from consensus.chain.messages import WORD_PROPOSAL, WORD_TIMEOUT, WORD_VOTE, LastSigned, Timeout, Vote
+from consensus.chain.messages import WORD_PROPOSAL, WORD_TIMEOUT, WORD_VOTE, SignedMessage, Timeout, Vote
 from consensus.chain.schedule import Schedule
 from consensus.chain.signature_cache import SignatureCheck
 from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, WORD_CHECKS_MAX_COUNT
@@ -32,8 +32,8 @@ class MessageLog:
         self._chain_id, self._schedule, self._own_index, self._check = chain_id, schedule, own_index, check
         self._round = 1
         self._rounds: dict[int, dict[tuple[str, int], _Heard]] = {}
-        self._newest: dict[int, LastSigned] = {}
-        self._own_words: list[LastSigned] = []
+        self._newest: dict[int, SignedMessage] = {}
+        self._own_words: list[SignedMessage] = []
 
     def enter(self, round_number: int) -> None:
         self._round = round_number
@@ -41,10 +41,10 @@ class MessageLog:
         for old in [number for number in self._rounds if number < low]:
             del self._rounds[old]
 
-    def newest(self, index: int | None) -> LastSigned | None:
+    def newest(self, index: int | None) -> SignedMessage | None:
         return None if index is None else self._newest.get(index)
 
-    def take_own_words(self) -> list[LastSigned]:
+    def take_own_words(self) -> list[SignedMessage]:
         words, self._own_words = self._own_words, []
         return words
 
@@ -161,7 +161,7 @@ class MessageLog:
         is_newer = known is None or (round_number, _RANK[kind]) > (known.round, _RANK[known.kind])
         if not is_newer and index != self._own_index:
             return
-        word = LastSigned(
+        word = SignedMessage(
             kind=kind,
             epoch=self._schedule.epoch,
             round=round_number,

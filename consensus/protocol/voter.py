@@ -6,7 +6,7 @@ from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
 from consensus.chain.block_rules import is_safe_to_extend
 from consensus.chain.epoch_settings import ChainSettings
 from consensus.chain.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalState
-from consensus.chain.messages import WORD_TIMEOUT, LastSigned, Proposal, Timeout, Vote, sign_timeout, sign_vote
+from consensus.chain.messages import WORD_TIMEOUT, Proposal, SignedMessage, Timeout, Vote, sign_timeout, sign_vote
 from consensus.chain.schedule import Schedule
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
 from consensus.primitives.keys import PrivateKey
@@ -56,7 +56,7 @@ class Voter:
     def has_left(self) -> bool:
         return self.index is not None and self.newest_epoch > self._epoch
 
-    def remembers(self, word: LastSigned) -> bool:
+    def remembers(self, word: SignedMessage) -> bool:
         """R34: whether this word, or one of a later round, is remembered (R35)."""
         if word.round != self.last_voted_round:
             return word.round < self.last_voted_round

@@ -18,9 +18,9 @@ from consensus.primitives.keys import PrivateKey
 from contracts.execution.views import VIEW_GAS_MAX
 from contracts.kit.engine import Call
 from contracts.kit.recorder import LineFigures
+from contracts.kit.sandboxed import SandboxedEngine
 from contracts.kit.sources import read_source
 from contracts.kit.tracing import Trace
-from contracts.kit.walled import SandboxedEngine
 from contracts.lifecycle.opening import MIGRATION_GAS_MAX
 from contracts.vm import CallContext
 from contracts.vm.compiler.invoke import Mode

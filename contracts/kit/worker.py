@@ -13,7 +13,7 @@ from contracts.kit.engine import Call, Engine, Figures, Ran
 from contracts.kit.tracing import Trace
 from contracts.vm import InternalFault
 from contracts.vm.model.faults import ContractSourceError, Diagnostic
-from contracts.worker.wall import enter_sandbox
+from contracts.worker.sandbox import enter_sandbox
 from contracts.worker.wire import Pipe, SandboxFeature
 
 MEMORY_MAX_BYTES = 1024**3
@@ -134,12 +134,12 @@ def _answer(engines: dict[int, Engine], request: Request) -> Answer:
 def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.umask(0o077)
-    pipe, engines, is_walled = Pipe(0, 1), dict[int, Engine](), False
+    pipe, engines, is_sandboxed = Pipe(0, 1), dict[int, Engine](), False
     try:
         while True:
             request = pipe.receive(REQUESTS)
-            is_walled = is_walled or isinstance(request, EnterSandbox)
-            if not is_walled:
+            is_sandboxed = is_sandboxed or isinstance(request, EnterSandbox)
+            if not is_sandboxed:
                 return 2
             pipe.send(answer(engines, request))
     except EOFError:

@@ -112,7 +112,7 @@ class WorkerHandle:
         if self._hello is None:
             answer = self._receive(None)
             if not isinstance(answer, Hello):
-                raise WorkerLostError("it did not begin with its wall")
+                raise WorkerLostError("it did not begin in its sandbox")
             self._hello = answer
         return self._hello
 

@@ -20,7 +20,7 @@ from contracts.execution.results import IN_CHANGE, BlockResult, ExecutionFault, 
 from contracts.state.view import StateReader, StateView
 from contracts.vm import InternalFault
 from contracts.worker.handle import ENDLESS, PROCESSOR_MAX_MS, STALLED_MAX_MS, WorkerHandle, WorkerLostError
-from contracts.worker.wall import REQUIRED_PARTS
+from contracts.worker.sandbox import REQUIRED_PARTS
 from contracts.worker.wire import (
     Begin,
     Broken,

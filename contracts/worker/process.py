@@ -23,7 +23,7 @@ from contracts.execution.results import BlockResult, ExecutionFault, note_nothin
 from contracts.state.key_cache import prefix_end
 from contracts.state.view import StateReader, StateView
 from contracts.worker.layers import Layers
-from contracts.worker.wall import enter_sandbox
+from contracts.worker.sandbox import enter_sandbox
 from contracts.worker.wire import (
     FROM_NODE,
     Begin,
@@ -268,7 +268,7 @@ def serve(pipe: Pipe, prepare: Callable[[Begin], Workplace]) -> None:
     place = prepare(begin)
     gc.collect()
     gc.freeze()
-    os.set_blocking(_NOTES_FD, False)  # the wall forbids it
+    os.set_blocking(_NOTES_FD, False)  # the sandbox forbids it
     pipe.send(Hello(enter_sandbox(place.kept_files, begin.memory_max_bytes)))
     worker = _Worker(pipe, place)
     while True:

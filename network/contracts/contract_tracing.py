@@ -22,7 +22,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.tracing import Trace
-from contracts.worker.walled_process import SandboxedProcess
+from contracts.worker.sandboxed_process import SandboxedProcess
 from network.contracts.tracing_worker import (
     FROM_WORKER,
     Begin,
@@ -103,11 +103,11 @@ class SandboxedTracer:
         """Start the process. Raises CONTRACT_WORKER_FAILED."""
         self._process = SandboxedProcess(TRACER_MODULE)
         try:
-            walled = self._ask(self._begin)
+            entered = self._ask(self._begin)
         except BaseException:
             self._process.close()
             raise
-        self.parts = walled.parts if isinstance(walled, SandboxEntered) else ()
+        self.parts = entered.parts if isinstance(entered, SandboxEntered) else ()
         return self
 
     def __exit__(self, *exception: object) -> None:

@@ -27,7 +27,7 @@ from contracts.lifecycle.catalogue import Catalogue, read_source_of
 from contracts.lifecycle.opening import open_block
 from contracts.state.view import MemoryState
 from contracts.vm import CompiledContract, InternalFault, compile_contract
-from contracts.worker.wall import enter_sandbox
+from contracts.worker.sandbox import enter_sandbox
 from contracts.worker.wire import Pipe, SandboxFeature
 from network.ledger_diff.block_replay import base_of_genesis, execute_on
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from contracts.worker.wall import REQUIRED_PARTS
+from contracts.worker.sandbox import REQUIRED_PARTS
 from network.doctor.findings import Finding
 from node.directory.node_directory import DirectoryContent
 
@@ -60,7 +60,7 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
         if status.get("suspended_height") is not None:
             detail = f"It has been suspended since height {status['suspended_height']}: blockrobot producer list"
             found.append(Finding("PRODUCER_SUSPENDED", answer.name, f"{detail} shows why."))
-        lacks = _what_the_wall_lacks(status.get("contracts", {}))
+        lacks = _what_the_sandbox_lacks(status.get("contracts", {}))
         if lacks:
             found.append(Finding("CONTRACT_SANDBOX_INCOMPLETE", answer.name, lacks))
         if status.get("blocks_kept", {}).get("held_by") == "custodian":
@@ -86,12 +86,12 @@ def _check_floods(name: str, status: dict[str, Any]) -> list[Finding]:
     return found
 
 
-def _what_the_wall_lacks(contracts: dict[str, Any]) -> str:
-    if contracts.get("wall") == "off":
-        return "Contracts run inside the node: the wall is switched off."
+def _what_the_sandbox_lacks(contracts: dict[str, Any]) -> str:
+    if contracts.get("sandbox") == "off":
+        return "Contracts run inside the node: the sandbox is switched off."
     missing = contracts.get("blocks", {}).get("missing", {})
     named = [f"{name} ({why})" for name, why in sorted(missing.items()) if name in REQUIRED_PARTS]
-    return f"The wall around contracts lacks {', '.join(named)}." if named else ""
+    return f"The sandbox of contracts lacks {', '.join(named)}." if named else ""
 
 
 def check_membership(names: Sequence[str], directory: DirectoryContent) -> list[Finding]:

@@ -131,8 +131,8 @@ KINDS: dict[str, FindingKind] = _table(
     FindingKind(
         "CONTRACT_SANDBOX_INCOMPLETE",
         "warning",
-        "The wall around the processes that run contracts lacks something, or is switched off.",
-        "Give the node what is named (docs/explanation/sandbox.md), or set wall in [contracts] of node.toml.",
+        "The sandbox of the processes that run contracts lacks something, or is switched off.",
+        "Give the node what is named (docs/explanation/sandbox.md), or set sandbox in [contracts] of node.toml.",
     ),
     FindingKind(
         "FAULT_ON_PURPOSE",
@@ -155,7 +155,7 @@ KINDS: dict[str, FindingKind] = _table(
     FindingKind(
         "OVER_BUDGET",
         "warning",
-        "Somebody asks a node for more work than he may cause; the others go on.",
+        "Somebody asks a node for more work than they may cause; the others go on.",
         "Find out who that is (an address, a member's key, a peer); suspend the member or block the address if need be.",
     ),
     FindingKind(

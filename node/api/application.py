@@ -149,7 +149,7 @@ async def _answer(name: str, work: Awaitable[web.StreamResponse]) -> web.StreamR
         response = problem_from_http(error)
     except (asyncio.CancelledError, ConnectionError):
         raise
-    except Exception as error:  # noqa: BLE001 - the outermost wall: a fault must not reach the caller
+    except Exception as error:  # noqa: BLE001 - the last resort: a fault must not reach the caller
         response = problem_from_fault(error, name)
     _log.debug("%s %d %.1f ms", name, response.status, (time.perf_counter() - started) * 1000)
     return response

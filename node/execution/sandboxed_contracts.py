@@ -117,18 +117,18 @@ class _FileOfWorkers:
 
 
 @contextmanager
-def open_walled_machine(config: NodeConfig, genesis: Genesis, ledger: LedgerFile) -> Iterator[Machine]:
+def open_sandboxed_machine(config: NodeConfig, genesis: Genesis, ledger: LedgerFile) -> Iterator[Machine]:
     """Yield a tool's machine on a node's ledger, sandboxed like the node.
 
     Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE, GENESIS_INVALID.
     """
-    if config.contract_wall == "off":
+    if config.contract_sandbox == "off":
         yield ContractMachine.of_genesis(genesis)
         return
     check_contracts(genesis)
     machine = WorkerMachine(WorkerSpec(WORKER_COMMAND, _begin(config, genesis)), _FileOfWorkers(ledger))
     try:
-        _require_wall(config.contract_wall, machine.greet())
+        _require_sandbox(config.contract_sandbox, machine.greet())
         yield machine
     finally:
         machine.close()
@@ -138,12 +138,12 @@ def _begin(config: NodeConfig, genesis: Genesis) -> Begin:
     return Begin(genesis_to_json(genesis), str(config.ledger_dir), config.contract_memory_mib * _BYTES_PER_MIB)
 
 
-def _require_wall(wall: str, parts: tuple[SandboxFeature, ...]) -> None:
+def _require_sandbox(mode: str, parts: tuple[SandboxFeature, ...]) -> None:
     """Raises CONTRACT_SANDBOX_INCOMPLETE."""
     missing = missing_parts(parts)
-    if wall == "require" and missing:
+    if mode == "require" and missing:
         named = "; ".join(f"{name}: {why}" for name, why in missing.items())
-        raise BlockRobotError("CONTRACT_SANDBOX_INCOMPLETE", f"The wall around contracts lacks {named}.")
+        raise BlockRobotError("CONTRACT_SANDBOX_INCOMPLETE", f"The sandbox of contracts lacks {named}.")
 
 
 class InProcessContracts:
@@ -168,7 +168,7 @@ class InProcessContracts:
         return self._views.run(snapshot, header.height, header.timestamp_ms, contract, view, arguments)
 
     def describe(self) -> Mapping[str, Any]:
-        return {"wall": "off"}
+        return {"sandbox": "off"}
 
     async def close(self) -> None:
         """Do nothing: there is nothing to end."""
@@ -177,9 +177,9 @@ class InProcessContracts:
 class SandboxedContracts:
     """Contracts run in two worker processes: one for blocks, one for views."""
 
-    def __init__(self, wall: str, staff: WorkerSpec, ledger: LedgerStore) -> None:
+    def __init__(self, mode: str, staff: WorkerSpec, ledger: LedgerStore) -> None:
         """Start the block worker without waiting; the first view starts the other."""
-        self._wall = wall
+        self._mode = mode
         blocks = replace(staff, note_loss=partial(_note_loss, "blocks"))
         self._blocks = WorkerMachine(blocks, WorkerLedgerSource(ledger))
         self._views = WorkerViews(replace(staff, note_loss=partial(_note_loss, "views")))
@@ -192,7 +192,7 @@ class SandboxedContracts:
         """Wait until the worker is sandboxed. Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE."""
         parts = await asyncio.to_thread(self._blocks.greet)
         _report(parts)
-        _require_wall(self._wall, parts)
+        _require_sandbox(self._mode, parts)
 
     async def run_view(
         self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], source: Source = OWN
@@ -215,7 +215,7 @@ class SandboxedContracts:
         return await _see_through(running)
 
     def describe(self) -> Mapping[str, Any]:
-        return {"wall": self._wall, "blocks": self._blocks.describe(), "views": self._views.describe()}
+        return {"sandbox": self._mode, "blocks": self._blocks.describe(), "views": self._views.describe()}
 
     async def close(self) -> None:
         await asyncio.to_thread(self._close)
@@ -241,9 +241,9 @@ def _note_loss(what: str, reason: str) -> None:
 
 def _report(parts: tuple[SandboxFeature, ...]) -> None:
     missing = {part.name: part.detail for part in parts if not part.had}
-    log.info("contract_wall_closed", parts=[part.name for part in parts if part.had])
+    log.info("contract_sandbox_entered", parts=[part.name for part in parts if part.had])
     if missing:
-        log.warning("contract_wall_incomplete", missing=missing)
+        log.warning("contract_sandbox_incomplete", missing=missing)
 
 
 async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerStore) -> ContractRuntime:
@@ -251,11 +251,11 @@ async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerSto
 
     Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE, GENESIS_INVALID.
     """
-    if config.contract_wall == "off":
-        log.warning("contract_wall_off")
+    if config.contract_sandbox == "off":
+        log.warning("contract_sandbox_off")
         return InProcessContracts(genesis)
     check_contracts(genesis)  # said here: a worker that cannot begin only ends
-    place = SandboxedContracts(config.contract_wall, WorkerSpec(WORKER_COMMAND, _begin(config, genesis)), ledger)
+    place = SandboxedContracts(config.contract_sandbox, WorkerSpec(WORKER_COMMAND, _begin(config, genesis)), ledger)
     try:
         await place.greet()
     except BaseException:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.chain.evidence import verify_evidence
-from consensus.chain.messages import LastSigned, Proposal, Timeout, Vote
+from consensus.chain.messages import Proposal, SignedMessage, Timeout, Vote
 from consensus.protocol.effects import EvidenceFound
 from consensus.protocol.events import ProposalReceived, VoteReceived
 from tests.sim.named_chain import CHAIN_ID, make_transaction
@@ -64,10 +64,10 @@ def test_evidence_is_found_just_when_two_genuine_words_of_one_place_differ(scrip
 held_words = st.one_of(
     st.none(),
     st.sampled_from([block for block in BLOCKS if block.header.producer != OWN]).map(
-        lambda block: LastSigned("vote", 0, block.header.round, block.block_id, 0, PEERS.vote(OWN, block).signature)
+        lambda block: SignedMessage("vote", 0, block.header.round, block.block_id, 0, PEERS.vote(OWN, block).signature)
     ),
     st.integers(1, 5).map(
-        lambda number: LastSigned("timeout", 0, number, b"", 0, PEERS.timeout(OWN, number).signature)
+        lambda number: SignedMessage("timeout", 0, number, b"", 0, PEERS.timeout(OWN, number).signature)
     ),
 )
 steps = st.one_of(

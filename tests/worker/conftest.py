@@ -1,4 +1,4 @@
-"""A chain on disk, and worker processes that execute its blocks: real processes, real walls."""
+"""A chain on disk, and worker processes that execute its blocks: real processes, real sandboxes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def staff(chain: Chain, tmp_path: Path, lost: list[str]) -> WorkerSpec:
 
 @pytest.fixture
 def start(chain: Chain, staff: WorkerSpec) -> Iterator[Start]:
-    """Start a machine with a worker behind its wall; what is given replaces parts of how it is started."""
+    """Start a machine with a worker in its sandbox; what is given replaces parts of how it is started."""
     machines: list[WorkerMachine] = []
 
     def start_machine(**changes: Any) -> WorkerMachine:

@@ -1,6 +1,6 @@
 """A contract worker with a hole, for tests only: its `sha256` runs the Python that stands behind `python:`.
 
-All that an intruder could wish for is loaded before the wall closes, so that only the wall is in his way.
+All that an intruder could wish for is loaded before the sandbox is entered, so that only the sandbox is in their way.
 """
 
 from __future__ import annotations

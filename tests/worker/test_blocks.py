@@ -15,18 +15,18 @@ import pytest
 from consensus.errors import BlockRobotError
 from contracts.vm import InternalFault
 from contracts.worker.machine import WorkerMachine, WorkerSpec, WorkerViews
-from contracts.worker.wall import PARTS
+from contracts.worker.sandbox import PARTS
 from network.ledger_diff.block_replay import base_of_genesis
 from network.provisioning.network_layout import create_network
 from node.config import load_config
 from node.execution.contract_views import ContractViews
-from node.execution.sandboxed_contracts import open_walled_machine
+from node.execution.sandboxed_contracts import open_sandboxed_machine
 from node.storage.lmdb_reader import LedgerFile
 from tests.worker.conftest import Start
 from tests.worker.written_blocks import Chain
 
 
-def test_the_whole_wall_stands_on_this_system(start: Start) -> None:
+def test_the_whole_sandbox_is_there_on_this_system(start: Start) -> None:
     machine = start()
     assert machine.describe()["missing"] == {}
     assert [part.name for part in machine.greet()] == list(PARTS)
@@ -239,11 +239,11 @@ async def test_a_worker_lost_with_a_run_is_replaced_and_the_run_left_to_single_b
         machine.verify_ahead(first, blocks)
 
 
-async def test_a_tool_that_reads_a_ledger_executes_its_blocks_behind_the_wall(chain: Chain, tmp_path: Path) -> None:
+async def test_a_tool_that_reads_a_ledger_executes_its_blocks_in_the_sandbox(chain: Chain, tmp_path: Path) -> None:
     create_network(tmp_path / "network", nodes=1, organisations=1, base_port=46_480)
     config = replace(load_config(tmp_path / "network" / "nodes" / "node-1"), data_dir=tmp_path / "tool")
     shutil.copytree(tmp_path / "ledger", config.ledger_dir)  # LMDB opens a file once in a process
-    with LedgerFile(config.ledger_dir) as ledger, open_walled_machine(config, chain.genesis, ledger) as machine:
+    with LedgerFile(config.ledger_dir) as ledger, open_sandboxed_machine(config, chain.genesis, ledger) as machine:
         assert isinstance(machine, WorkerMachine)
         replayed = base_of_genesis(chain.genesis).state
         for _ in range(3):

@@ -131,7 +131,7 @@ def test_the_ledger_is_not_written(intrude: Intruder, tmp_path: Path) -> None:
     assert (tmp_path / "ledger" / "data.mdb").read_bytes() == before
 
 
-def test_the_wall_does_not_open_again(intrude: Intruder) -> None:
+def test_the_sandbox_does_not_open_again(intrude: Intruder) -> None:
     for code in (
         "resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))",
         "os.setuid(0)",

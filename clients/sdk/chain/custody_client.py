@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Protocol
 
-from clients.sdk.connections import NO_IDENTITY, NodeAddress
+from clients.sdk.connections import ANONYMOUS_LANE, NodeAddress
 from clients.sdk.proof_checks import ProvedState
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
@@ -28,7 +28,7 @@ class RequestFn(Protocol):
         path: str,
         *,
         key: PrivateKey | None = None,
-        lane: bytes = NO_IDENTITY,
+        lane: bytes = ANONYMOUS_LANE,
         body: bytes | None = None,
         media_type: str = "application/json",
         query: dict[str, str | int] | None = None,

@@ -53,7 +53,7 @@ def _wiped_afterwards() -> Iterator[None]:
         clear_screen()
 
 
-def show_once(told: str, words: str) -> None:
+def show_and_wipe(told: str, words: str) -> None:
     """Show a mnemonic on an empty screen, then wipe it. Raises Abort on Ctrl-C."""
     clear_screen()
     with _wiped_afterwards():
@@ -91,6 +91,6 @@ def _ask_back(words: str, count: int, said: str, show_again: Callable[[], None])
 
 
 def show_and_check(told: str, words: str, count: int = CHECKED_COUNT, *, said: str = "new") -> None:
-    show = partial(show_once, told, words)
+    show = partial(show_and_wipe, told, words)
     show()
     confirm_words(words, count, said=said, show_again=show)

@@ -119,7 +119,7 @@ class ContractWorker(Answer, frozen=True, kw_only=True):
 class ContractSandbox(Answer, frozen=True, kw_only=True):
     """How a node runs contracts."""
 
-    wall: Annotated[str, doc("How strict the sandbox is; `off`: contracts run in the node's own process")]
+    sandbox: Annotated[str, doc("How strict it is; `off`: contracts run in the node's own process")]
     blocks: Annotated[ContractWorker | UnsetType, doc("The worker for blocks; absent with `off`")] = UNSET
     views: Annotated[ContractWorker | UnsetType, doc("The worker for views; absent with `off`")] = UNSET
 
@@ -184,6 +184,9 @@ class NodeStatus(Answer, frozen=True, kw_only=True):
     rounds: Annotated[list[ConsensusRound] | UnsetType, doc("Its last rounds")] = UNSET
     version: Annotated[str | UnsetType, doc("Its version of BlockRobot")] = UNSET
     uptime_s: Annotated[Seconds | UnsetType, doc("Since it was started")] = UNSET
+    unread: Annotated[
+        list[str] | UnsetType, doc("Fields that it says in another form, or with more in them; absent if there is none")
+    ] = UNSET
 
 
 class StatusAnswer(Answer, frozen=True, kw_only=True):

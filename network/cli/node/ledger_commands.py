@@ -20,7 +20,7 @@ from network.ledger_diff.block_replay import Base, base_of_genesis, base_of_snap
 from network.ledger_diff.ledger_comparison import newest_height
 from network.ledger_diff.ledger_difference import LedgerDiff, describe_difference
 from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig, load_genesis
-from node.execution.sandboxed_contracts import open_walled_machine
+from node.execution.sandboxed_contracts import open_sandboxed_machine
 from node.ledger.pruning import PRUNE_SLACK_COUNT, PrunedLedger, prune_stopped_node, request_pruning
 from node.snapshot.form import SnapshotFolder
 from node.storage.directory_lock import DirectoryLock
@@ -144,7 +144,7 @@ def _compare(
         LedgerFile(configs[1].ledger_dir) as two,
         one.snapshot() as first,
         two.snapshot() as second,
-        open_walled_machine(configs[0], genesis, one) as machine,
+        open_sandboxed_machine(configs[0], genesis, one) as machine,
     ):
         diff = LedgerDiff((first, second), machine, open_base, progress, full=full)
         found = describe_difference(diff.run(), (names[0], names[1]), (first, second))

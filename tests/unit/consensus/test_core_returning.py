@@ -15,10 +15,10 @@ from consensus.chain.messages import (
     ASKING,
     SILENT,
     SPEAKING,
-    LastSigned,
     LastSignedRequest,
     LastSignedResponse,
     Proposal,
+    SignedMessage,
     Timeout,
     Vote,
 )
@@ -38,11 +38,11 @@ RESTORED = encode_restored_record()
 def vote_word(block, index=3, keys=PEERS):
     vote = keys.vote(index, block)
     header = block.header
-    return LastSigned("vote", header.epoch, header.round, vote.block_id, 0, vote.signature)
+    return SignedMessage("vote", header.epoch, header.round, vote.block_id, 0, vote.signature)
 
 
 def timeout_word(round_number, index=3):
-    return LastSigned("timeout", 0, round_number, b"", 0, PEERS.timeout(index, round_number).signature)
+    return SignedMessage("timeout", 0, round_number, b"", 0, PEERS.timeout(index, round_number).signature)
 
 
 def finalize(node, first, last):
@@ -198,13 +198,13 @@ def test_a_word_that_the_journal_knows_or_that_is_forged_silences_nobody():
     node = OneCore()
     node.receive(ONE)
     stranger = vote_word(PEERS.block(2, ONE), index=2)
-    proposal = LastSigned("proposal", 0, 9, ONE.block_id, 0, bytes(64))
+    proposal = SignedMessage("proposal", 0, 9, ONE.block_id, 0, bytes(64))
     for word in (
         vote_word(ONE),
         stranger,
         proposal,
-        LastSigned("gossip", 0, 9, b"", 0, b""),
-        LastSigned("vote", 0, -1, b"", 0, b""),
+        SignedMessage("gossip", 0, 9, b"", 0, b""),
+        SignedMessage("vote", 0, -1, b"", 0, b""),
     ):
         after = OneCore(journal=node.journal, answered=False)
         after.answer_from(0, word=word)
@@ -256,9 +256,9 @@ def test_a_forgotten_timeout_with_another_qc_is_another_word():
     (timeout,) = said(node.fire("round"), Timeout)
     again = OneCore(journal=node.journal)
     qc = PEERS.qc(ONE)
-    two = LastSigned("timeout", 0, timeout.round, b"", 0, timeout.signature)
+    two = SignedMessage("timeout", 0, timeout.round, b"", 0, timeout.signature)
     assert again.core._voter.remembers(two)
-    assert not again.core._voter.remembers(LastSigned("timeout", 0, timeout.round, b"", qc.round, bytes(64)))
+    assert not again.core._voter.remembers(SignedMessage("timeout", 0, timeout.round, b"", qc.round, bytes(64)))
 
 
 def test_what_was_said_where_a_silence_ended_does_not_begin_another_one():

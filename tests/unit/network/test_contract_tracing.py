@@ -29,7 +29,7 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from contracts.execution.machine import ContractMachine
-from contracts.worker.wall import REQUIRED_PARTS
+from contracts.worker.sandbox import REQUIRED_PARTS
 from network.cli.contract.contract_commands import contract
 from network.contracts import contract_tracing
 from network.contracts.contract_tracing import SandboxedTracer, trace_transaction
@@ -158,7 +158,7 @@ async def test_blocks_that_do_not_fit_are_not_believed(served: ServedChain) -> N
         await trace(served, 3, 1)
 
 
-def test_the_chain_is_executed_behind_the_wall(served: ServedChain) -> None:
+def test_the_chain_is_executed_in_the_sandbox(served: ServedChain) -> None:
     with SandboxedTracer(served.genesis, served.receipts[served.txid(3, 1)]) as tracer:
         wanted = REQUIRED_PARTS if sys.platform == "linux" else frozenset()
         assert {part.name for part in tracer.parts if part.had} >= wanted
@@ -175,7 +175,7 @@ def test_a_process_that_ends_is_told_with_a_code(served: ServedChain, monkeypatc
 
 
 def test_the_commands_process_cannot_execute_a_contract() -> None:
-    """What executes is imported by the walled process alone."""
+    """What executes is imported by the sandboxed process alone."""
     text = Path(contract_tracing.__file__).read_text(encoding="utf-8")
     assert not re.search(r"contracts\.(?:execution|vm|state)|node\.replaying|kit\.(?:chain|recorder)", text)
 

@@ -45,11 +45,11 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     assert load_config(_write(tmp_path, config_to_toml(config))) == config
 
 
-@pytest.mark.parametrize("wall", ["on", "require", "off"])
-def test_the_wall_around_contracts_is_on_unless_the_file_says_otherwise(tmp_path: Path, wall: str) -> None:
-    assert load_config(_write(tmp_path, GOOD)).contract_wall == "on"
-    config = load_config(_write(tmp_path, GOOD + f'[contracts]\nwall = "{wall}"\n'))
-    assert config.contract_wall == wall
+@pytest.mark.parametrize("sandbox", ["on", "require", "off"])
+def test_the_sandbox_of_contracts_is_on_unless_the_file_says_otherwise(tmp_path: Path, sandbox: str) -> None:
+    assert load_config(_write(tmp_path, GOOD)).contract_sandbox == "on"
+    config = load_config(_write(tmp_path, GOOD + f'[contracts]\nsandbox = "{sandbox}"\n'))
+    assert config.contract_sandbox == sandbox
     assert load_config(_write(tmp_path, config_to_toml(config))) == config
 
 
@@ -63,7 +63,7 @@ def test_the_wall_around_contracts_is_on_unless_the_file_says_otherwise(tmp_path
         ("[listen]", "[listen]\nspeed = 1", "speed"),
         ("[node]", "[nodes]\n[node]", "nodes"),
         ("[keys]", '[log]\nlevel = "loud"\n[keys]', "level"),
-        ("[keys]", '[contracts]\nwall = "maybe"\n[keys]', "wall"),
+        ("[keys]", '[contracts]\nsandbox = "maybe"\n[keys]', "sandbox"),
         ("[node]", "[node", "TOML"),
     ],
 )

@@ -26,7 +26,7 @@ from clients.wallet.present.guardian_answers import GuardiansAnswer, GuardianSha
 from clients.wallet.present.translations import WrongUsage, text
 from clients.wallet.recovery.guardian_lines import guardian_lines
 from clients.wallet.recovery.guardian_sheets import require_no_sheets, write_sheets
-from clients.wallet.recovery.mnemonic_handover import show_and_check, show_once
+from clients.wallet.recovery.mnemonic_handover import show_and_check, show_and_wipe
 from clients.wallet.recovery.slip39_shares import (
     GUARDIANS_MAX_COUNT,
     GUARDIANS_MIN_COUNT,
@@ -223,7 +223,7 @@ def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool
             if checked:
                 show_and_check(told, share, said="guardians")
             else:
-                show_once(told, share)
+                show_and_wipe(told, share)
             one.handed_count = number
             store.save()
     except BaseException:

@@ -71,7 +71,7 @@ def test_other_contracts_in_the_file_are_refused() -> None:
 
 
 def test_after_the_start_no_source_is_read_from_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where contracts run behind a wall, nothing can be opened any more: a return to what shipped must not need it."""
+    """Where contracts run in a sandbox, nothing can be opened any more: a return to what shipped must not need it."""
     genesis = build_genesis()
     registry._shipped_sources.cache_clear()
     require_contracts(genesis)

@@ -54,10 +54,10 @@ def test_a_sound_network_gives_no_finding() -> None:
         assert findings == []
 
 
-def test_a_wall_around_contracts_with_a_gap_is_named_but_not_a_missing_network_namespace() -> None:
-    whole = {"wall": "on", "blocks": {"missing": {"network": "not permitted"}}}
-    gap = {"wall": "on", "blocks": {"missing": {"system_calls": "the kernel refused", "network": "no"}}}
-    answers = [answer("a", contracts=whole), answer("b", contracts=gap), answer("c", contracts={"wall": "off"})]
+def test_a_sandbox_of_contracts_with_a_gap_is_named_but_not_a_missing_network_namespace() -> None:
+    whole = {"sandbox": "on", "blocks": {"missing": {"network": "not permitted"}}}
+    gap = {"sandbox": "on", "blocks": {"missing": {"system_calls": "the kernel refused", "network": "no"}}}
+    answers = [answer("a", contracts=whole), answer("b", contracts=gap), answer("c", contracts={"sandbox": "off"})]
     found = check_words(answers)
     assert codes(found) == [("CONTRACT_SANDBOX_INCOMPLETE", "b"), ("CONTRACT_SANDBOX_INCOMPLETE", "c")]
     assert "system_calls (the kernel refused)." in found[0].detail

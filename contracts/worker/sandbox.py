@@ -29,7 +29,7 @@ PARTS = (
 )
 """All parts, in the order in which they are closed."""
 REQUIRED_PARTS = frozenset(PARTS) - {"network"}
-"""What must stand where a node requires the wall. Without a network namespace the filter of system calls still stands."""
+"""What a node that requires the sandbox must have. Without a network namespace the filter of system calls still stands."""
 
 _PR_SET_DUMPABLE = 4
 _PR_SET_NO_NEW_PRIVS = 38

@@ -1,4 +1,4 @@
-"""Sources of others are executed in a process behind the wall, never in the one that runs the tests."""
+"""Sources of others are executed in a sandboxed process, never in the one that runs the tests."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
-from contracts.kit import Chain, chain, walled, worker
+from contracts.kit import Chain, chain, sandboxed, worker
 from contracts.kit.engine import Engine
-from contracts.kit.walled import SandboxedEngine
-from contracts.worker.wall import REQUIRED_PARTS
+from contracts.kit.sandboxed import SandboxedEngine
+from contracts.worker.sandbox import REQUIRED_PARTS
 from tests.unit.contracts.kit.test_chain import COUNTER
 
 SOURCE = "@export\ndef f(n: int) -> int:\n    return n\n"
 
 
-def test_the_wall_is_that_of_nodes() -> None:
+def test_the_sandbox_is_that_of_nodes() -> None:
     engine = SandboxedEngine()
     wanted = REQUIRED_PARTS if sys.platform == "linux" else frozenset()
     assert {part.name for part in engine.parts if part.had} >= wanted
@@ -29,8 +29,8 @@ def test_the_wall_is_that_of_nodes() -> None:
 
 
 def test_the_process_of_the_tests_cannot_execute_a_contract() -> None:
-    """What compiles and executes is imported by modules that the walled process alone asks."""
-    for module in (chain, walled):
+    """What compiles and executes is imported by modules that the sandboxed process alone asks."""
+    for module in (chain, sandboxed):
         text = Path(module.__file__ or "").read_text(encoding="utf-8")
         assert not re.search(r"compile_contract|import .*\binvoke\b|(?<!Sandboxed)Engine\(|MemoryState", text)
 
@@ -61,8 +61,8 @@ def test_a_process_that_is_killed_is_told_with_a_code_and_the_next_chain_has_ano
 
 
 def test_an_interpreter_that_is_not_there_is_told_with_a_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(walled, "_workers", [])
-    monkeypatch.setattr(walled, "WORKER_MODULE", "no_such_module")
+    monkeypatch.setattr(sandboxed, "_workers", [])
+    monkeypatch.setattr(sandboxed, "WORKER_MODULE", "no_such_module")
     with pytest.raises(BlockRobotError) as failed:
         Chain()
     assert failed.value.code == "CONTRACT_WORKER_FAILED"
