@@ -17,6 +17,7 @@ import msgspec
 
 from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.primitives.keys import PrivateKey
+from network.cli.cluster.status_answers import NodeStatus
 from network.cluster import Cluster
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
 from node.config import load_config
@@ -72,6 +73,12 @@ def find_base_port(nodes: int) -> int:
                 _claims.popleft().close()
             return base
         claim.close()
+
+
+def require_documented(status: dict[str, Any]) -> None:
+    """Hold what a node says of itself against what `blockrobot status --json` tells programs."""
+    told = {"name": "", "running": True, **status}
+    assert msgspec.to_builtins(msgspec.convert(told, NodeStatus)) == told
 
 
 class NetworkUnderTest:
@@ -195,6 +202,7 @@ class NetworkUnderTest:
             report = next(report for report in await self.cluster.status() if report.name == name)
             may_answer = report.running and not self.cluster.is_paused(name)
             if report.status is not None or not may_answer or time.monotonic() > deadline:
+                require_documented(report.status or {})
                 return report.status or {}
             await asyncio.sleep(_POLL_S)
 

@@ -227,14 +227,17 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
 
 
 def _status_answer(row: NodeStatusReport) -> NodeStatus:
-    """Return what is known of a node, without what one of another version says in another form."""
-    told = {"name": row.name, "running": row.running, **(row.status or {})}
-    known = {}
-    for field in msgspec.structs.fields(NodeStatus):
-        if field.name in told:
-            with contextlib.suppress(msgspec.ValidationError):
-                known[field.name] = msgspec.convert(told[field.name], field.type)
-    return NodeStatus(**known)
+    """Return what is known of a node, and the names of what one of another version says in another form."""
+    told = {**(row.status or {}), "name": row.name, "running": row.running}
+    kinds = {field.name: field.type for field in msgspec.structs.fields(NodeStatus)}
+    known: dict[str, Any] = {}
+    unread = []
+    for name, value in told.items():
+        with contextlib.suppress(KeyError, msgspec.ValidationError):
+            known[name] = msgspec.convert(value, kinds[name])
+        if name not in known or msgspec.to_builtins(known[name]) != value:
+            unread.append(name)
+    return NodeStatus(**known | ({"unread": unread} if unread else {}))
 
 
 def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:

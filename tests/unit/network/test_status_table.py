@@ -78,13 +78,25 @@ async def test_all_that_a_node_says_is_told_to_programs(tmp_path: Path, capsys: 
     assert len(status) > 30
 
 
-def test_what_a_node_of_another_version_says_in_another_form_is_left_out_for_programs(
+def test_what_a_node_of_another_version_says_in_another_form_is_left_out_and_named_for_programs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    answer = json.loads(said(capsys, as_json=True, height="nine", finality={"age": 3}, mood="good"))
+    execution = {"held": 0, "failures": 0, "last_failure": "", "stuck": None}
+    more = execution | {"mended": 1}
+    answer = json.loads(said(capsys, as_json=True, height="nine", finality={"age": 3}, mood="good", execution=more))
     node = answer["nodes"][0]
     assert (answer["ok"], node["name"], node["finalized_height"]) == (True, "node-1", 8)
     assert not {"height", "finality", "mood"} & node.keys()
+    assert node["execution"] == execution
+    assert sorted(node["unread"]) == ["execution", "finality", "height", "mood"]
+
+
+def test_a_node_cannot_name_itself_otherwise_or_say_for_itself_what_was_not_read(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text = said(capsys, as_json=True, name="node-2", running="no", unread=["leader"], height="nine")
+    (node,) = json.loads(text)["nodes"]
+    assert (node["name"], node["running"], node["unread"]) == ("node-1", True, ["height"])
 
 
 def test_how_far_back_nodes_keep_blocks_is_told_of_those_that_keep_the_same_at_once(
