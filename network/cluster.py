@@ -278,9 +278,8 @@ async def fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> di
     """Return a node's status, or None without a valid answer."""
     try:
         async with session.get(_operator_url(config, "/status"), headers=reading_headers(config)) as response:
-            status: dict[str, Any] = await response.json()
-            return status
-    except (aiohttp.ClientError, TimeoutError, ValueError):
+            return read_json_as(await response.read(), dict[str, Any])
+    except (aiohttp.ClientError, TimeoutError, TextInvalidError):
         return None
 
 

@@ -59,8 +59,15 @@ def _unreachable(config: NodeConfig) -> BlockRobotError:
     return BlockRobotError("NODE_UNREACHABLE", f"{config.name} does not answer on its operator's port.")
 
 
+def _not_read(config: NodeConfig) -> BlockRobotError:
+    return BlockRobotError("INTERNAL", f"{config.name} answers in another form; compare versions.")
+
+
 async def ask_status(config: NodeConfig) -> CustodyStatus:
-    """Return a custodian's status. Raises NODE_UNREACHABLE, CUSTODY_ELSEWHERE, STORE_UNAVAILABLE, OPERATOR_*."""
+    """Return a custodian's status.
+
+    Raises NODE_UNREACHABLE, INTERNAL for another form, CUSTODY_ELSEWHERE, STORE_UNAVAILABLE, OPERATOR_*.
+    """
     headers = _headers(config)
     async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=STATUS_TIMEOUT_S)) as session:
         try:
@@ -69,8 +76,10 @@ async def ask_status(config: NodeConfig) -> CustodyStatus:
                 if response.status != 200:
                     raise _refusal(read_json_as(content, CustodyProblem))
                 return read_json_as(content, CustodyStatus)
-        except (aiohttp.ClientError, TimeoutError, ValueError):
+        except (aiohttp.ClientError, TimeoutError):
             raise _unreachable(config) from None
+        except ValueError:
+            raise _not_read(config) from None
 
 
 async def run_work(config: NodeConfig, kind: type[R], tell: Tell) -> R:
@@ -90,8 +99,10 @@ async def run_work(config: NodeConfig, kind: type[R], tell: Tell) -> R:
                         raise _refusal(answer.error)
                     elif isinstance(answer.report, msgspec.Raw):
                         return read_json_as(bytes(answer.report), kind)
-        except (aiohttp.ClientError, TimeoutError, ValueError):
+        except (aiohttp.ClientError, TimeoutError):
             raise _unreachable(config) from None
+        except ValueError:
+            raise _not_read(config) from None
     raise BlockRobotError("NODE_UNREACHABLE", f"{config.name} stopped before it was done; ask again.")
 
 

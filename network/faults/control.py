@@ -15,6 +15,7 @@ from typing import Any
 import aiohttp
 import msgspec
 
+from consensus.bounded_text import read_json_as
 from consensus.errors import CATALOGUE, BlockRobotError
 from network.cluster import Cluster
 from network.faults.actions import (
@@ -227,9 +228,11 @@ class FaultControl:
                 aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=REQUEST_TIMEOUT_S)) as session,
                 session.request(method, url, data=body, headers=headers) as response,
             ):
-                answer: dict[str, Any] = await response.json()
-        except (OSError, aiohttp.ClientError, TimeoutError, ValueError):
+                answer = read_json_as(await response.read(), dict[str, Any])
+        except (OSError, aiohttp.ClientError, TimeoutError):
             raise BlockRobotError("FAULT_TARGET_ABSENT", f"{name} does not answer; it may still be starting.") from None
+        except ValueError:
+            raise BlockRobotError("INTERNAL", f"{name} answers in another form; compare versions.") from None
         if response.status == 200:
             return answer
         code = str(answer.get("code", ""))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -259,3 +260,20 @@ async def test_a_wrong_token_a_missing_one_and_a_node_that_is_down_are_told_apar
     with pytest.raises(BlockRobotError) as refusal:
         await ask_status(config)
     assert [*codes, refusal.value.code] == ["OPERATOR_TOKEN_INVALID", "NODE_UNREACHABLE", "NODE_UNREACHABLE"]
+
+
+@pytest.mark.parametrize("content", ["[]", "<html></html>", '{"progress": 7}', '{"report": {}}'])
+@pytest.mark.parametrize("status", [200, 502])
+async def test_an_answer_in_another_form_is_not_called_silence(config: NodeConfig, content: str, status: int) -> None:
+    async def answer(_request: web.Request) -> web.Response:
+        return web.Response(text=content, status=status)
+
+    application = web.Application()
+    application.router.add_get("/custody", answer)
+    application.router.add_post("/custody/scrub", answer)
+    async with TestServer(application, host="127.0.0.1") as other:
+        asked = replace(config, operator_port=other.port or 0)
+        for ask in (ask_status(asked), run_work(asked, ScrubAnswer, lambda *_: None)):
+            with pytest.raises(BlockRobotError) as refusal:
+                await ask
+            assert refusal.value.code == "INTERNAL"

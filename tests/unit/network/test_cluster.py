@@ -7,9 +7,12 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestServer
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
@@ -55,6 +58,18 @@ async def test_a_dead_node_has_no_status(cluster: Cluster) -> None:
     assert [(report.name, report.running, report.status) for report in reports] == [
         (name, False, None) for name in cluster.names
     ]
+
+
+@pytest.mark.parametrize("content", ["[]", "7", "{", "<html></html>"])
+async def test_who_answers_at_a_nodes_port_in_another_form_is_not_the_node(cluster: Cluster, content: str) -> None:
+    async def answer(_request: web.Request) -> web.Response:
+        return web.Response(text=content, content_type="application/json")
+
+    application = web.Application()
+    application.router.add_get("/status", answer)
+    async with TestServer(application, host="127.0.0.1") as server:
+        cluster.configs["node-1"] = replace(cluster.config("node-1"), operator_port=server.port or 0)
+        assert [report.status for report in await cluster.status()] == [None] * 4
 
 
 def test_a_stranger_with_a_nodes_old_number_is_not_taken_for_the_node(cluster: Cluster) -> None:

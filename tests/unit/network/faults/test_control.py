@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestServer
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
@@ -27,7 +30,7 @@ from network.faults.control import FaultControl
 from network.faults.plan import parse_plan
 from network.faults.run import StepDone, run_plan
 from network.provisioning.network_layout import create_network
-from node.faults import STATE_FILE_NAME
+from node.faults import STATE_FILE_NAME, TOKEN_FILE_NAME
 from node.p2p.shaping import LinkFault
 
 HALVES = Partition((("node-1", "node-2"), ("node-3",)))
@@ -169,3 +172,20 @@ def test_a_plan_is_carried_out_on_time_and_a_step_that_fails_is_told_and_not_the
     assert [None if item.error is None else item.error.code for item in done] == [None, "FAULT_TARGET_ABSENT", None]
     assert all(item.at_ms >= item.step.at_ms for item in done)
     assert {tuple(row.describe()) for row in asyncio.run(control.state())} == {("down",)}
+
+
+@pytest.mark.parametrize("content", ["[]", "7", "{", "<html></html>"])
+async def test_an_answer_in_another_form_is_not_called_silence(folder: Path, content: str) -> None:
+    async def answer(_request: web.Request) -> web.Response:
+        return web.Response(text=content, content_type="application/json")
+
+    application = web.Application()
+    application.router.add_get("/faults", answer)
+    control = FaultControl(Cluster(folder), seed=11)
+    config = control.cluster.config("node-1")
+    (config.data_dir / TOKEN_FILE_NAME).write_text("5e" * 32)
+    async with TestServer(application, host="127.0.0.1") as server:
+        control.cluster.configs["node-1"] = replace(config, operator_port=server.port or 0)
+        with pytest.raises(BlockRobotError) as refused:
+            await control._ask("node-1", "GET", b"")
+    assert refused.value.code == "INTERNAL"
