@@ -82,6 +82,10 @@ def _shown(found: Sequence[str | FrameName | PartName]) -> str:
     return ", ".join(ids[:_SHOWN_COUNT]) + (", ..." if len(ids) > _SHOWN_COUNT else "")
 
 
+def _count(report: ScrubAnswer | RebuildAnswer, field: str) -> int:
+    return report.counts.get(field, len(getattr(report, field)))
+
+
 def scrub_sentences(node: str, report: ScrubAnswer) -> list[str]:
     told = [
         f"{node}, at height {report.height}: {report.records_count} records of the chain looked up, "
@@ -91,7 +95,7 @@ def scrub_sentences(node: str, report: ScrubAnswer) -> list[str]:
         found = getattr(report, field)
         if found:
             shown = "" if field == "unclaimed_keys" else _shown(found)
-            told.append("  " + f"{sentence} {step}".format(count=len(found), ids=shown, node=node))
+            told.append("  " + f"{sentence} {step}".format(count=_count(report, field), ids=shown, node=node))
     if report.dirty_slots_count:
         told.append(
             f"  {report.dirty_slots_count} empty slots of the erase keys hold bytes; restart {node} to wipe them"
@@ -109,21 +113,21 @@ def scrub_sentences(node: str, report: ScrubAnswer) -> list[str]:
 
 def rebuild_sentences(node: str, report: RebuildAnswer) -> list[str]:
     done = [
-        (len(report.erased_again), "records erased again, as the chain says"),
-        (len(report.corrected), "records set right"),
-        (len(report.forgotten), "clips or marks dropped that were not what the chain says"),
+        (_count(report, "erased_again"), "records erased again, as the chain says"),
+        (_count(report, "corrected"), "records set right"),
+        (_count(report, "forgotten"), "clips or marks dropped that were not what the chain says"),
         (report.keys_destroyed_count, "erase keys destroyed that belonged to no frame"),
         (report.fetched_count, "clips fetched from other custodians"),
-        (len(report.mended), "clips mended with another custodian's copy"),
+        (_count(report, "mended"), "clips mended with another custodian's copy"),
     ]
     told = [f"{node}, at height {report.height}: {report.clips_count} clips looked at."]
     told += [f"  {count} {what}" for count, what in done if count]
     if report.still_missing_count:
         told.append(f"  {report.still_missing_count} clips are still missing: no custodian in touch has them.")
     if report.still_damaged:
-        told.append(f"  {len(report.still_damaged)} clips are still damaged: nobody has a sound copy.")
+        told.append(f"  {_count(report, 'still_damaged')} clips are still damaged: nobody has a sound copy.")
     if report.unknown_to_chain:
-        told.append(f"  {len(report.unknown_to_chain)} clips are not of this chain; they were left alone.")
+        told.append(f"  {_count(report, 'unknown_to_chain')} clips are not of this chain; they were left alone.")
     if report.ok:
         told.append("  The store has what the chain says, and nothing else.")
     return told

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from network.custody.telling import scrub_sentences
 from node.custody.chain.custody_admin import CustodyAdmin, describe_scrub
 from node.custody.chain.custody_answers import FrameName, PartName, UploadReport
 from node.custody.repair.scrub import ScrubReport
@@ -77,7 +78,7 @@ async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing
     assert threading.get_ident() not in threads
 
 
-def test_what_a_scrub_found_is_told_by_name_and_no_list_is_longer_than_a_thousand() -> None:
+def test_what_a_scrub_found_is_told_by_name_and_no_list_is_longer_than_a_thousand_but_counted() -> None:
     many = [bytes([0, number // 256, number % 256]) for number in range(1_001)]
     answer = describe_scrub(
         ScrubReport(height=7, missing=many, corrupted=[(b"r", 3)], parts_held_though_ended=[(b"g", b"r")])
@@ -86,3 +87,5 @@ def test_what_a_scrub_found_is_told_by_name_and_no_list_is_longer_than_a_thousan
     assert answer.corrupted == [FrameName(record=b"r".hex(), frame=3)]
     assert answer.parts_held_though_ended == [PartName(grant=b"g".hex(), record=b"r".hex())]
     assert (answer.ok, answer.height, answer.log_bytes) == (False, 7, None)
+    assert (answer.counts["missing"], answer.counts["corrupted"], answer.counts["other_facts"]) == (1_001, 1, 0)
+    assert any("1001 records are missing" in line for line in scrub_sentences("node-1", answer))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TypeVar
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 import msgspec
 import structlog
@@ -35,7 +36,7 @@ from node.storage.ledger_store import LedgerStore
 
 FETCH_PAUSE_S = 1.0
 _LISTED_MAX_COUNT = 1_000
-A = TypeVar("A", ScrubAnswer, RebuildAnswer)
+R = TypeVar("R", ScrubReport, RebuildReport)
 
 log = structlog.get_logger(__name__)
 
@@ -166,8 +167,9 @@ def _frames(frames: Sequence[tuple[bytes, int]]) -> list[FrameName]:
 
 
 def describe_scrub(report: ScrubReport) -> ScrubAnswer:
+    counts, report = _count_and_cut(report)
     parts = report.parts_held_though_ended
-    answer = describe(
+    return describe(
         ScrubAnswer,
         report,
         ok=report.is_clean,
@@ -176,14 +178,17 @@ def describe_scrub(report: ScrubReport) -> ScrubAnswer:
         parts_held_though_ended=[PartName(grant=grant.hex(), record=record.hex()) for grant, record in parts],
         log_bytes=report.leftovers.log_bytes,
         dirty_bytes=report.leftovers.dirty_bytes,
+        counts=counts,
     )
-    return _shorten(answer)
 
 
 def describe_rebuild(report: RebuildReport) -> RebuildAnswer:
-    return _shorten(describe(RebuildAnswer, report, ok=report.is_whole))
+    counts, report = _count_and_cut(report)
+    return describe(RebuildAnswer, report, ok=report.is_whole, counts=counts)
 
 
-def _shorten(answer: A) -> A:
-    lists = {name: found for name in answer.__struct_fields__ if isinstance(found := getattr(answer, name), list)}
-    return msgspec.structs.replace(answer, **{name: found[:_LISTED_MAX_COUNT] for name, found in lists.items()})
+def _count_and_cut(report: R) -> tuple[dict[str, int], R]:
+    """Return how long each list is, and the report with no more of it than is told."""
+    lists = {each.name: found for each in fields(report) if isinstance(found := getattr(report, each.name), list)}
+    cut: dict[str, Any] = {name: found[:_LISTED_MAX_COUNT] for name, found in lists.items()}
+    return {name: len(found) for name, found in lists.items()}, replace(report, **cut)

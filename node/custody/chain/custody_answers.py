@@ -90,7 +90,7 @@ class PartName(Document, frozen=True):
 
 
 class ScrubAnswer(Document, frozen=True):
-    """A scrub's findings (`ScrubReport`); null: the store's files cannot be looked into."""
+    """A scrub's findings (`ScrubReport`); null: the store's files cannot be looked into. `counts`: of whole lists."""
 
     ok: bool
     nothing_erased_is_left: bool
@@ -111,10 +111,11 @@ class ScrubAnswer(Document, frozen=True):
     dirty_slots_count: int
     log_bytes: int | None
     dirty_bytes: int | None
+    counts: dict[str, int] = msgspec.field(default_factory=dict)
 
 
 class RebuildAnswer(Document, frozen=True):
-    """A rebuild's changes (`RebuildReport`), and what is still missing."""
+    """A rebuild's changes (`RebuildReport`), and what is still missing. `counts`: of whole lists."""
 
     ok: bool
     height: int
@@ -128,6 +129,7 @@ class RebuildAnswer(Document, frozen=True):
     mended: list[str]
     still_damaged: list[str]
     still_missing_count: int
+    counts: dict[str, int] = msgspec.field(default_factory=dict)
 
 
 class Progress(Document, frozen=True):
