@@ -43,29 +43,29 @@ D = TypeVar("D", bound=Document)
 
 
 def describe(kind: type[D], row: object, **others: object) -> D:
-    """Return the document with a row's fields of the same names, bytes as hexadecimal, and `others`."""
+    """Return the document with `others` and a row's fields of the same names, bytes as hexadecimal."""
     build: Callable[..., D] = kind
     return build(
-        **{name: _shown(getattr(row, name)) for name in kind.__struct_fields__ if name not in others}, **others
+        **{name: _shown(others[name] if name in others else getattr(row, name)) for name in kind.__struct_fields__}
     )
 
 
 def _shown(value: object) -> object:
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return [_shown(each) for each in value]
     return value.hex() if isinstance(value, bytes) else value
 
 
 class Problem(Document, frozen=True):
-    """A refusal (RFC 9457) with its catalogue code."""
+    """A refusal (RFC 9457) with its catalogue code. A node says all of it; a proxy in between may leave out any."""
 
-    type: str
-    title: str
-    status: int
-    code: str
-    detail: str
-    next_step: str
-    retryable: bool
+    type: str = "about:blank"
+    title: str = ""
+    status: int = 0
+    code: str = ""
+    detail: str = ""
+    next_step: str = ""
+    retryable: bool = False
 
 
 class SubmitOutcome(Document, frozen=True):

@@ -31,18 +31,21 @@ def read_hex(text: str) -> bytes:
 
 
 def error_of(problem: Problem) -> BlockRobotError:
-    """Return the exception, without terminal control characters; unknown codes become INTERNAL."""
-    detail = printable(problem.detail)
+    """Return the exception, without terminal control characters; unknown codes, and none, become INTERNAL."""
+    detail = printable(problem.detail or problem.title)
     if problem.code in CATALOGUE:
         return BlockRobotError(problem.code, detail)
-    return BlockRobotError("INTERNAL", f"{printable(problem.code)}: {detail}")
+    return BlockRobotError("INTERNAL", ": ".join(filter(None, (printable(problem.code), detail))))
 
 
 def read_problem(content: bytes, status: int) -> BlockRobotError:
     try:
-        return error_of(read_json_as(content, Problem))
+        problem = read_json_as(content, Problem)
     except TextInvalidError:
+        problem = Problem()
+    if not (problem.detail or problem.title):
         return BlockRobotError("INTERNAL", f"The node answered with status {status} and no problem document.")
+    return error_of(problem)
 
 
 def read_finality(document: Finality) -> FinalityProof:

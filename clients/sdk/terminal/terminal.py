@@ -85,7 +85,7 @@ def print_answer(answer: Answer, *, ok: bool = True) -> None:
     """Print a typed answer as one JSON object, `ok` first."""
     import msgspec  # noqa: PLC0415 - help needs none
 
-    print_json({"ok": ok, **msgspec.to_builtins(answer)})
+    print_json({"ok": ok, **msgspec.to_builtins(answer, builtin_types=(bytes,))})
 
 
 @contextmanager

@@ -82,7 +82,7 @@ async def _tell_changes(cluster: Cluster, *, as_json: bool, seconds: float | Non
         lines = changes(before, picture)
         if as_json:
             if lines or before is None or picture.finalized_height != before.finalized_height:
-                line = msgspec.to_builtins(picture_answer(picture, lines))
+                line = msgspec.to_builtins(picture_answer(picture, lines), builtin_types=(bytes,))
                 click.echo(json.dumps(line, ensure_ascii=False))
         else:
             for line in lines:

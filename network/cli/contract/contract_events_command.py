@@ -83,7 +83,7 @@ def _line(event: FoundEvent) -> str:
         data=to_json(event.data),
         txid=event.txid.hex(),
     )
-    return json.dumps(msgspec.to_builtins(answer), ensure_ascii=False)
+    return json.dumps(msgspec.to_builtins(answer, builtin_types=(bytes,)), ensure_ascii=False)
 
 
 def last_written(path: Path) -> Place | None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import pytest
 
-from clients.sdk.node_answers import read_answer, read_finality
+from clients.sdk.node_answers import read_answer, read_finality, read_problem
 from consensus import api_documents
 from consensus.api_documents import (
     ChallengeRequest,
     Document,
     Finality,
+    HeadersAnswer,
     ProofsRequest,
     QueryRequest,
     ReceiptDocument,
@@ -90,3 +92,26 @@ def test_the_schema_of_bytes_says_that_they_are_hexadecimal() -> None:
 def test_a_row_is_described_by_its_fields_of_the_same_names() -> None:
     receipt = Receipt(b"\x01" * 32, ok=True, code="OK", message="", line=None, gas_used=7, events=())
     assert describe(ReceiptDocument, receipt, gas_used=8) == ReceiptDocument(True, "OK", "", None, 8)
+
+
+def test_bytes_in_what_is_described_are_hexadecimal_wherever_they_stand() -> None:
+    row = SimpleNamespace(from_height=7, headers=(b"\x01", b"\x02"))
+    assert describe(HeadersAnswer, row) == HeadersAnswer(7, ["01", "02"])
+    assert describe(HeadersAnswer, row, headers=[b"\x03"]) == HeadersAnswer(7, ["03"])
+
+
+@pytest.mark.parametrize(
+    ("fields", "code", "detail"),
+    [
+        ({"code": "NOT_FOUND", "title": "Not here."}, "NOT_FOUND", "Not here."),
+        ({"code": "NOT_FOUND", "detail": "No such block."}, "NOT_FOUND", "No such block."),
+        ({"title": "Bad Gateway", "status": 502}, "INTERNAL", "Bad Gateway"),
+        ({"code": "BRAND_NEW", "title": "Of tomorrow."}, "INTERNAL", "BRAND_NEW: Of tomorrow."),
+        ({"error": "x"}, "INTERNAL", "The node answered with status 502 and no problem document."),
+    ],
+)
+def test_a_problem_document_of_a_proxy_or_an_older_node_is_read_as_far_as_it_goes(
+    fields: dict[str, Any], code: str, detail: str
+) -> None:
+    error = read_problem(msgspec.json.encode(fields), 502)
+    assert (error.code, error.detail) == (code, detail)

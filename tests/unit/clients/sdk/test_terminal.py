@@ -4,6 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
+
+import pytest
+
+from clients.sdk.terminal.json_answers import Problem
+from clients.sdk.terminal.terminal import print_answer
 
 _SPEAKS = """
 import click
@@ -29,3 +35,10 @@ def test_who_has_read_enough_is_told_nothing_of_it() -> None:
         command.stdout.close()
         assert command.stderr.read() == ""
         assert command.wait() == 1
+
+
+def test_bytes_in_an_answer_are_an_error() -> None:
+    """How they are written is for each answer to say: hexadecimal, and nowhere base64."""
+    digest: Any = b"abc"
+    with pytest.raises(TypeError):
+        print_answer(Problem(code="NOT_FOUND", detail=digest, next_step=""))
