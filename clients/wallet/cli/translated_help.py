@@ -7,10 +7,10 @@ from __future__ import annotations
 import copy
 import gettext
 import inspect
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, TypeVar
 
 import click
@@ -24,8 +24,6 @@ C = TypeVar("C", bound=click.Command)
 EXAMPLE = "Example:"
 _PLACEHOLDER = re.compile(r"\b[A-Z]{2,}(?:[_ ][A-Z]+)*\b")
 _CLICKS_DOMAIN = "messages"
-_LANGUAGE_VARIABLE = "LANGUAGE"
-"""By it gettext finds its catalogue, before any other."""
 
 
 def paragraphs(english: str) -> list[str]:
@@ -58,13 +56,14 @@ def _told(english: str | None, language: str) -> str:
 
 
 @contextmanager
-def _click_speaks(language: str) -> Iterator[None]:
+def click_speaks(language: str) -> Iterator[None]:
     """Let click speak the language inside; errors are shown before leaving, while it does."""
     if language == DEFAULT_LANGUAGE:
         yield
         return
-    variable, folder = os.environ.get(_LANGUAGE_VARIABLE), gettext.bindtextdomain(_CLICKS_DOMAIN)
-    os.environ[_LANGUAGE_VARIABLE] = language
+    translation, folder = gettext.translation, gettext.bindtextdomain(_CLICKS_DOMAIN)
+    # By the variable LANGUAGE every program that the command starts would be told too.
+    gettext.translation = partial(translation, languages=[language])  # type: ignore[assignment]
     gettext.bindtextdomain(_CLICKS_DOMAIN, str(FOLDER))
     try:
         yield
@@ -78,16 +77,14 @@ def _click_speaks(language: str) -> Iterator[None]:
         raise click.exceptions.Exit(EXIT_FAILED) from stopped
     finally:
         gettext.bindtextdomain(_CLICKS_DOMAIN, folder)
-        del os.environ[_LANGUAGE_VARIABLE]
-        if variable is not None:
-            os.environ[_LANGUAGE_VARIABLE] = variable
+        gettext.translation = translation
 
 
 def _told_copy(command: C, ctx: click.Context, language: str) -> C:
     """Return a copy of a command, and of those below it, with all texts in the language."""
     told = copy.copy(command)
     told._help_option = None
-    with _click_speaks(language):
+    with click_speaks(language):
         told.get_help_option(ctx)  # click makes it once, in the language of that moment
     told.help, told.short_help = _told(command.help, language), _told(command.short_help, language)
     told.options_metavar = command.options_metavar and _with_placeholders(command.options_metavar, language)
@@ -125,11 +122,11 @@ class TranslatedGroup(LazyGroup):
         if language != DEFAULT_LANGUAGE:
             group = _told_copy(self, click.Context(self, parent=parent), language)
             group.language = language
-        with _click_speaks(language):
+        with click_speaks(language):
             return super(TranslatedGroup, group).make_context(info_name, args, parent, **extra)
 
     def invoke(self, ctx: click.Context) -> Any:
-        with _click_speaks(self.language):
+        with click_speaks(self.language):
             return super().invoke(ctx)
 
     def _language_of(self, args: list[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gettext
 import io
 import os
 import re
@@ -18,7 +19,7 @@ from click.shell_completion import CompletionItem, ShellComplete
 from click.testing import CliRunner
 
 from clients.wallet.cli.main import wallet
-from clients.wallet.cli.translated_help import EXAMPLE, paragraphs, placeholders
+from clients.wallet.cli.translated_help import EXAMPLE, click_speaks, paragraphs, placeholders
 from clients.wallet.present.translations import FOLDER, load, section
 from network.cli.main import main
 
@@ -235,3 +236,13 @@ def test_clicks_catalogue_is_made_from_its_source_and_puts_in_nothing_that_the_e
         for form, told_form in zip(english, told, strict=True):
             assert told_form
             assert set(re.findall(r"{.+?}", told_form)) <= set(re.findall(r"{.+?}", form)), form
+
+
+def test_a_program_that_is_started_meanwhile_keeps_its_own_language(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A browser that a command opens would else speak the wallet's language from then on."""
+    monkeypatch.setenv("LANGUAGE", "de")
+    tell = "import os; print(os.environ['LANGUAGE'])"
+    with click_speaks("pt"):
+        assert gettext.gettext("Aborted!") == "Interrompido."
+        assert subprocess.run([sys.executable, "-c", tell], capture_output=True, check=True).stdout == b"de\n"
+    assert gettext.gettext("Aborted!") == "Aborted!"
