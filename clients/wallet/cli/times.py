@@ -17,9 +17,9 @@ def read_time(written: str | None, now_ms: int) -> int:
     try:
         moment_ms = read_moment(written, now_ms)
     except ValueError:
-        moment_ms = 0
+        raise WrongUsage("no_time", given=written) from None
     if moment_ms <= 0:
-        raise WrongUsage("no_time", given=written)
+        raise WrongUsage("before_1970", given=written)
     return moment_ms
 
 
