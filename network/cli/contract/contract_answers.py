@@ -193,21 +193,29 @@ class ContractListAnswer(Answer, frozen=True, kw_only=True):
 
 
 class ContractShowAnswer(Answer, frozen=True, kw_only=True):
-    """A version of a contract. Fields of a decided version are absent with `--proposal`."""
+    """A version of a contract."""
 
     name: Annotated[str, doc("The contract")]
     height: Annotated[Height, doc("The block as of which it is proved")]
-    version: Annotated[Count | UnsetType, doc("The version")] = UNSET
-    status: Annotated[str | UnsetType, doc("`approved`, `active`, `superseded`, `disabled` or `failed`")] = UNSET
-    since_height: Annotated[Height | UnsetType, doc("Since which block it has that status")] = UNSET
-    failure: Annotated[str | UnsetType, doc("Why it failed; empty if it did not")] = UNSET
-    size_bytes: Annotated[Count | UnsetType, doc("The size of its source")] = UNSET
-    migrates: Annotated[bool | UnsetType, doc("Whether it has a `@migrate` entry")] = UNSET
-    note: Annotated[str | UnsetType, doc("Why it was proposed; may be empty")] = UNSET
-    organisation: Annotated[str | UnsetType, doc("Who proposed it; empty if it came with BlockRobot")] = UNSET
-    source_hash: Annotated[Hex | UnsetType, doc("The hash of its source")] = UNSET
-    proposal_id: Annotated[Hex | UnsetType, doc("Its proposal; may be empty")] = UNSET
-    approved_height: Annotated[Height | UnsetType, doc("The block in which it was decided")] = UNSET
+    version: Annotated[Count | UnsetType, doc("The version; absent with `--proposal`")] = UNSET
+    status: Annotated[
+        str | UnsetType, doc("`approved`, `active`, `superseded`, `disabled` or `failed`; absent with `--proposal`")
+    ] = UNSET
+    since_height: Annotated[
+        Height | UnsetType, doc("Since which block it has that status; absent with `--proposal`")
+    ] = UNSET
+    failure: Annotated[str | UnsetType, doc("Why it failed; empty if it did not; absent with `--proposal`")] = UNSET
+    size_bytes: Annotated[Count | UnsetType, doc("The size of its source; absent with `--proposal`")] = UNSET
+    migrates: Annotated[bool | UnsetType, doc("Whether it has a `@migrate` entry; absent with `--proposal`")] = UNSET
+    note: Annotated[str | UnsetType, doc("Why it was proposed; may be empty; absent with `--proposal`")] = UNSET
+    organisation: Annotated[
+        str | UnsetType, doc("Who proposed it; empty if it came with BlockRobot; absent with `--proposal`")
+    ] = UNSET
+    source_hash: Annotated[Hex | UnsetType, doc("The hash of its source; absent with `--proposal`")] = UNSET
+    proposal_id: Annotated[Hex | UnsetType, doc("Its proposal; may be empty; absent with `--proposal`")] = UNSET
+    approved_height: Annotated[
+        Height | UnsetType, doc("The block in which it was decided; absent with `--proposal`")
+    ] = UNSET
     due: Annotated[list[ContractChangeDue], doc("Changes of the contract that are due")]
     failed: Annotated[FailedVersion | None, doc("The contract's version that failed; null if none did")]
     proposal: Annotated[OpenProposal | None, doc("The proposal that is shown; null without `--proposal`")]

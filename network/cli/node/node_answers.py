@@ -154,10 +154,7 @@ class DifferingKey(Answer, frozen=True, kw_only=True):
 
 
 class NodeDiffAnswer(Answer, frozen=True, kw_only=True):
-    """How two nodes differ. `ok` is false if they do. `A` is the first node, `B` the second.
-
-    `first_block` and what follows it is absent if nothing differs.
-    """
+    """How two nodes differ. `ok` is false if they do. `A` is the first node, `B` the second."""
 
     same: Annotated[bool, doc("Whether nothing differs, and all was compared")]
     kind: Annotated[str, doc("What differs: `none`, `header`, `body`, `receipts` or `state`")]
@@ -167,12 +164,20 @@ class NodeDiffAnswer(Answer, frozen=True, kw_only=True):
     headers_compared_from: Annotated[Height, doc("The first block whose header was compared")]
     bodies_compared_from: Annotated[Height, doc("The first block whose body was compared")]
     notes: Annotated[list[str], doc("What could not be compared or found out")]
-    first_block: Annotated[Height | UnsetType, doc("The first block that differs")] = UNSET
-    first_block_is_at_most: Annotated[bool | UnsetType, doc("Whether an earlier one may differ")] = UNSET
-    headers: Annotated[dict[str, ComparedHeader | None] | UnsetType, doc("Its header at `A` and `B`")] = UNSET
-    keys: Annotated[list[DifferingKey] | UnsetType, doc("Keys of the state that differ")] = UNSET
-    keys_are_all: Annotated[bool | UnsetType, doc("Whether no other key differs")] = UNSET
-    damaged_pages: Annotated[list[str] | UnsetType, doc("Pages of the state's trie that are damaged")] = UNSET
+    first_block: Annotated[Height | UnsetType, doc("The first block that differs; absent if nothing differs")] = UNSET
+    first_block_is_at_most: Annotated[
+        bool | UnsetType, doc("Whether an earlier one may differ; absent if nothing differs")
+    ] = UNSET
+    headers: Annotated[
+        dict[str, ComparedHeader | None] | UnsetType, doc("Its header at `A` and `B`; absent if nothing differs")
+    ] = UNSET
+    keys: Annotated[list[DifferingKey] | UnsetType, doc("Keys of the state that differ; absent if nothing differs")] = (
+        UNSET
+    )
+    keys_are_all: Annotated[bool | UnsetType, doc("Whether no other key differs; absent if nothing differs")] = UNSET
+    damaged_pages: Annotated[
+        list[str] | UnsetType, doc("Pages of the state's trie that are damaged; absent if nothing differs")
+    ] = UNSET
     right: Annotated[
         str | UnsetType | None,
         doc("Who has what the header names, `A` or `B`; null if none or both; absent unless bodies or receipts differ"),

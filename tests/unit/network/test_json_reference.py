@@ -69,6 +69,17 @@ def test_every_field_is_described() -> None:
         assert [field for field, schema in kind["properties"].items() if not schema.get("description")] == [], name
 
 
+def test_when_a_field_is_null_or_absent_is_said_of_it() -> None:
+    """Of a node's status the type says it for all fields at once."""
+    for name, kind in json.loads(write_json_schema())["$defs"].items():
+        fields = kind["properties"].items()
+        optional = {field: schema for field, schema in fields if field not in kind.get("required", ())}
+        nullable = [field for field, schema in fields if {"type": "null"} in schema.get("anyOf", ())]
+        assert [field for field in nullable if "null" not in kind["properties"][field]["description"]] == [], name
+        if name != "NodeStatus":
+            assert [field for field, schema in optional.items() if "absent" not in schema["description"]] == [], name
+
+
 def test_an_answer_as_documented_is_one() -> None:
     assert differences("wallet consent withdraw", WITHDRAWN) == []
 
