@@ -158,11 +158,14 @@ class UploadAdmissionService(Protocol):
     """Admits a robot's uploads before their bodies, reserving room and quota."""
 
     def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AbstractAsyncContextManager[None]:
-        """Admit a clip. Raises VISIT_NOT_OPEN, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED."""
+        """Admit a clip. Raises VISIT_NOT_OPEN, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED, RATE_LIMITED."""
         ...
 
     def background(self, digest: bytes, size_bytes: int, robot: bytes) -> AbstractAsyncContextManager[None]:
-        """Admit an empty frame. Raises EMPTY_FRAME_NOT_APPROVED, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED."""
+        """Admit an empty frame.
+
+        Raises EMPTY_FRAME_NOT_APPROVED, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED, RATE_LIMITED.
+        """
         ...
 
 
@@ -175,14 +178,16 @@ class CustodyService(Protocol):
     async def stage(self, upload: ClipUpload, robot: bytes) -> None:
         """Store an admitted clip until its record is final. Idempotent.
 
-        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, UPLOAD_QUOTA_EXCEEDED, VISIT_NOT_OPEN, STORE_UNAVAILABLE.
+        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, UPLOAD_HASH_MISMATCH, UPLOAD_QUOTA_EXCEEDED, VISIT_NOT_OPEN,
+        CLIP_ERASED, TRANSACTION_EXPIRED, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
         """
         ...
 
     async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
         """Return a clip to its owner under their final access transaction.
 
-        Raises NOT_FOUND, ACCESS_NOT_GRANTED, CLIP_NOT_CONFIRMED, CLIP_ERASED, STORE_UNAVAILABLE.
+        Raises NOT_FOUND, ACCESS_NOT_GRANTED, ACCESS_ENDED, CLIP_NOT_CONFIRMED, CLIP_ERASED, CLIP_QUARANTINED,
+        CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
         """
         ...
 
@@ -190,14 +195,14 @@ class CustodyService(Protocol):
         """Store this custodian's part of a shared record's key; return its status. `owner` is the visit's first key.
 
         Raises UPLOAD_INVALID, UPLOAD_CONFLICT, CLIP_NOT_CONFIRMED, CLIP_ERASED, CLIP_QUARANTINED, NOT_PERMITTED,
-        GRANT_ENDED, TRANSACTION_EXPIRED, RATE_LIMITED, STORE_UNAVAILABLE.
+        GRANT_ENDED, TRANSACTION_EXPIRED, RATE_LIMITED, DISK_RESERVE_REACHED, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
         """
         ...
 
     async def download_shared(self, request: SharedRequest, grant_id: bytes, grantee: bytes) -> SharedDownload:
         """Return a shared clip to a grant's one-time key, under its final request.
 
-        Raises as `download`, and GRANT_ENDED, GRANT_PARTS_MISSING, GRANTEE_NOT_A_MEMBER.
+        Raises as `download`, and NOT_PERMITTED, GRANT_ENDED, GRANT_PARTS_MISSING, GRANTEE_NOT_A_MEMBER.
         """
         ...
 
@@ -208,7 +213,9 @@ class CustodyService(Protocol):
         """
         ...
 
-    async def get_background(self, digest: bytes) -> bytes | None: ...
+    async def get_background(self, digest: bytes) -> bytes | None:
+        """Return an approved empty frame. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +234,8 @@ class ReceiptIssuer(Protocol):
     def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
         """Return the signed receipt of a caller's own final consent statement.
 
-        Raises CONSENT_RECEIPT_ELSEWHERE, NOT_FOUND, CONSENT_WORD_MISSING, CONSENT_RECEIPT_INVALID, NOTICE_INVALID.
+        Raises CONSENT_RECEIPT_ELSEWHERE, NOT_FOUND, BLOCK_PRUNED, CONSENT_WORD_MISSING, CONSENT_RECEIPT_INVALID,
+        NOTICE_INVALID.
         """
         ...
 

@@ -64,6 +64,6 @@ ROUTES = (
         Answer(BYTES, None, "The picture's bytes."),
         None,
         (_DIGEST,),
-        ("NOT_FOUND", "CUSTODY_ELSEWHERE", "STORE_UNAVAILABLE"),
+        ("NOT_FOUND", "CUSTODY_CATCHING_UP", "CUSTODY_ELSEWHERE", "STORE_UNAVAILABLE"),
     ),
 )

@@ -39,7 +39,7 @@ ROUTES = (
         "POST",
         "/v1/consent-receipts",
         "signConsentReceipt",
-        "Sign the receipt of what the caller said about consent, for the organisation that registered her.",
+        "Sign the receipt of what the caller said about consent, for the organisation that registered them.",
         MEMBER,
         _issue,
         Answer(JSON, ConsentReceiptAnswer, "The receipt and its signature. Asking again gives the same bytes."),

@@ -59,6 +59,7 @@ _ERRORS = (
     "CLIP_QUARANTINED",
     "CUSTODY_ELSEWHERE",
     "STORE_UNAVAILABLE",
+    "ERASE_KEYS_DAMAGED",
 )
 """What both say of a grant and its clip."""
 
@@ -74,14 +75,14 @@ ROUTES = (
         Answer(JSON, UploadAnswer, "The part is kept: `staged` until the grant is final, else `confirmed`."),
         Body(MSGPACK, None, "A canonical GrantUpload.", _UPLOAD_MAX_BYTES),
         _PARAMETERS,
-        (*_ERRORS, "UPLOAD_CONFLICT", "TRANSACTION_EXPIRED", "RATE_LIMITED"),
+        (*_ERRORS, "UPLOAD_CONFLICT", "TRANSACTION_EXPIRED", "DISK_RESERVE_REACHED"),
     ),
     Route(
         "POST",
         _PATH,
         "downloadSharedClip",
         "Fetch a shared clip, its package and this custodian's parts of the key, under a final request by the grantee. "
-        "The body shows who she is; without frames it fetches package and parts only.",
+        "The body shows who they are; without frames it fetches package and parts only.",
         GRANTEE,
         _download,
         Answer(MSGPACK, None, "A canonical SharedDownload."),

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 
 import pytest
@@ -9,6 +10,8 @@ from aiohttp.test_utils import TestClient, TestServer
 from consensus.chain.session_message import sign_session
 from consensus.primitives.keys import PrivateKey
 from node.api import create_api
+from node.api.openapi.openapi_document import errors_of
+from node.api.routes import ROUTES
 from tests.unit.node.api.small_network import SmallLedger, SmallNode
 
 Api = TestClient[web.Request, web.Application]
@@ -22,8 +25,21 @@ async def node() -> SmallNode:
 
 @pytest.fixture
 async def api(node: SmallNode) -> AsyncIterator[Api]:
-    async with TestClient(TestServer(create_api(node.services))) as client:
+    """A client of the node; no route may refuse it with a code that its description does not name."""
+    undeclared = []
+
+    async def note(request: web.Request, response: web.StreamResponse) -> None:
+        place = request.match_info.route.resource
+        routes = [each for each in ROUTES if place and (each.method, each.path) == (request.method, place.canonical)]
+        if isinstance(response, web.Response) and isinstance(response.body, bytes) and response.status >= 400:
+            code = json.loads(response.body)["code"]
+            undeclared.extend((each.operation, code) for each in routes if code not in errors_of(each))
+
+    application = create_api(node.services)
+    application.on_response_prepare.append(note)
+    async with TestClient(TestServer(application)) as client:
         yield client
+    assert undeclared == []
 
 
 @pytest.fixture

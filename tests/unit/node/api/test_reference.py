@@ -15,6 +15,7 @@ from consensus.state.layout import LAYOUT, MODULES
 from node.api.openapi.openapi_document import build_openapi, errors_of
 from node.api.openapi.reference_pages import main, pages
 from node.api.routes import ROUTES
+from node.api.services import CustodyService, ReceiptIssuer, UploadAdmissionService, ViewRunner
 from node.api.state_page import told_of
 
 FOLDER = Path(__file__).parents[4] / "docs" / "reference"
@@ -41,6 +42,26 @@ def test_routes_for_sessions_say_so_in_the_document() -> None:
 def test_every_error_a_route_names_is_in_the_catalogue() -> None:
     for route in ROUTES:
         assert set(errors_of(route)) <= set(CATALOGUE)
+
+
+@pytest.mark.parametrize(
+    ("operation", "asked"),
+    [
+        ("uploadClip", (UploadAdmissionService.clip, CustodyService.stage)),
+        ("downloadClip", (CustodyService.download,)),
+        ("uploadKeyPart", (CustodyService.stage_part,)),
+        ("downloadSharedClip", (CustodyService.download, CustodyService.download_shared)),
+        ("putBackground", (UploadAdmissionService.background, CustodyService.put_background)),
+        ("getBackground", (CustodyService.get_background,)),
+        ("signConsentReceipt", (ReceiptIssuer.issue,)),
+        ("queryContract", (ViewRunner.run_view,)),
+    ],
+)
+def test_a_route_names_what_the_services_raise_that_it_asks(operation: str, asked: tuple[Any, ...]) -> None:
+    (route,) = (route for route in ROUTES if route.operation == operation)
+    raised = {code for service in asked for code in re.findall(r"[A-Z]+(?:_[A-Z]+)+", str(service.__doc__))}
+    assert raised & CATALOGUE.keys()
+    assert sorted(raised & CATALOGUE.keys() - set(errors_of(route))) == []
 
 
 @pytest.mark.parametrize("name", ["http-api.md", "errors.md", "authorisation.md", "state.md"])
