@@ -338,6 +338,21 @@ async def test_while_somebody_reads_no_write_waits_for_the_log_to_be_cut(
     assert waits_ms[-1] > 0
 
 
+async def test_a_sweep_that_cannot_be_noted_is_one_all_the_same(tmp_path: Path) -> None:
+    """Else the connection goes on with its own copies of what was overwritten, and no erasure can be confirmed."""
+    note = tmp_path / f"{DATABASE_FILE_NAME}-swept"
+    async with SqliteStore(tmp_path) as store:
+        churn = Churn(store, 14)
+        for _ in range(5):
+            for _ in range(20):
+                await churn.step()
+            note.unlink(missing_ok=True)
+            note.mkdir()  # so that no file of this name can be written
+            await store.sweep()
+            note.rmdir()
+            await churn.check(tmp_path)
+
+
 def test_no_log_and_an_empty_one_name_no_pages(tmp_path: Path) -> None:
     (tmp_path / "empty").touch()
     assert read_written_pages(tmp_path / "none") == read_written_pages(tmp_path / "empty") == frozenset()

@@ -10,8 +10,12 @@ import os
 import sqlite3
 from pathlib import Path
 
+import structlog
+
 from consensus.errors import BlockRobotError
 from node.custody.stores.sqlite_pages import PageFile
+
+log = structlog.get_logger(__name__)
 
 # https://www.sqlite.org/fileformat2.html#the_write_ahead_log
 _LOG_HEADER_BYTES, _FRAME_HEADER_BYTES = 32, 24
@@ -100,7 +104,10 @@ class Sweeper:
         self._version = _read_version(database)
         if self._version != version or not self.is_known_clean:
             self.distrust()
-        self._note.write_text(self._stamp)
+        try:
+            self._note.write_text(self._stamp)
+        except OSError as error:  # the next start walks every page then; what was cleaned must be told all the same
+            log.warning("custody_sweep_not_noted", error=str(error))
         return cleaned
 
     def count_dirty(self, database: sqlite3.Connection) -> int:
