@@ -38,15 +38,16 @@ def start_demo(home: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes
         env={**os.environ, "BLOCKROBOT_HOME": str(home)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is for the test, which tells it once: a second signal would break off its ending
     )
 
 
 def read_demo(demo: subprocess.Popen[bytes]) -> tuple[int, dict[str, Any]]:
-    """Wait for a demonstration to end; return its exit code and its one object. One that takes too long leaves no node."""
+    """Wait for a demonstration to end; return its exit code and its one object. One that is broken off leaves no node."""
     with demo:
         try:
             output, errors = demo.communicate(timeout=DEMO_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
+        except (subprocess.TimeoutExpired, KeyboardInterrupt):
             demo.terminate()
             demo.communicate(timeout=ENDING_TIMEOUT_S)
             raise
@@ -64,6 +65,27 @@ def run_demo(home: Path, out: Path, *arguments: str) -> tuple[int, dict[str, Any
 
 def failed_checks(answer: dict[str, Any]) -> list[str]:
     return [f"{check['name']}: {check['detail']}" for check in answer["checks"] if not check["ok"]]
+
+
+@pytest.mark.smoke
+def test_an_interrupted_test_lets_its_demonstration_end_its_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = (
+        "import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(7)); print('there', flush=True); input()"
+    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", ends], **pipes) as demo:  # type: ignore[call-overload]
+        assert demo.stdout.readline() == b"there\n"
+        reading = iter([KeyboardInterrupt])
+
+        def communicate(timeout: float) -> tuple[bytes, bytes]:
+            for interrupt in reading:
+                raise interrupt
+            return subprocess.Popen.communicate(demo, timeout=timeout)
+
+        monkeypatch.setattr(demo, "communicate", communicate)
+        with pytest.raises(KeyboardInterrupt):
+            read_demo(demo)
+    assert demo.returncode == 7
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +131,7 @@ async def test_the_report_of_the_whole_story_is_readable_by_everybody_and_printe
         held = page.get_by_role("row").filter(has=page.locator(".badge.good"))
         assert await held.count() == len(embedded.answer["checks"])
         for person in ("patient A", "patient B"):
-            seen = page.get_by_role("img", name=re.compile(rf"^{person}, frame \d+: her silhouette alone"))
+            seen = page.get_by_role("img", name=re.compile(rf"^{person}, frame \d+: their silhouette alone"))
             assert await seen.first.is_visible()
         assert pictures_in(report), "people have pictures"
         assert await print_on_a4(page, report, "report-of-the-demo") >= 2
