@@ -33,7 +33,7 @@ class Stage:
         self._base_port = base_port
         self._cluster: Cluster | None = None
         self.receipts: dict[str, dict[str, Any] | None] = {}
-        """The consent receipt of each person who was enrolled, as her wallet told it."""
+        """The consent receipt of each person who was enrolled, as their wallet told it."""
 
     @property
     def cluster(self) -> Cluster:

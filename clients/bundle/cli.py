@@ -105,7 +105,7 @@ def _as_of(verdict: Verdict) -> list[str]:
         numbers.setdefault(visit.proved_from_height, []).append(visit.number)
     lines = [f"  {name_visits(numbers[height])} told as of block {height}" for height in sorted(numbers)]
     if verdict.consents.member:
-        lines.append(f"  the member and her consents are told as of block {verdict.consents.proved_at_height}")
+        lines.append(f"  the member and their consents are told as of block {verdict.consents.proved_at_height}")
     return lines
 
 
@@ -160,7 +160,7 @@ def _recorded(found: VerifyBundleAnswer) -> str:
 def _signed_lines(rows: list[SignedReceipt]) -> list[str]:
     if not rows:
         return []
-    whose = f"by her and by {_plain(rows[0].organisation)}, which registered her"
+    whose = f"by the owner and by {_plain(rows[0].organisation)}, which registered them"
     is_one = len(rows) == 1
     said = "receipt of consent is signed" if is_one else "receipts of consent are signed"
     agree = "says what the ledger says" if is_one else "say what the ledger says"
@@ -191,7 +191,7 @@ def _signed_receipt(receipt: CheckedReceipt) -> SignedReceipt:
     )
 
 
-_NOT_BY_REGISTRAR = " of some receipts, which an older wallet fetched, that who signed them had registered her;"
+_NOT_BY_REGISTRAR = " of some receipts, which an older wallet fetched, that who signed them had registered the owner;"
 
 
 def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
@@ -218,6 +218,6 @@ def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
         console.print(_plain(_receipt_line(row)))
     by_other = "" if all(row.is_registrars for row in rows) else _NOT_BY_REGISTRAR
     console.print(
-        "Not proved: who the person is, for the file names her by a random handle; that she read the notice;"
-        f"{by_other} and whether she said anything more that is not in this file."
+        "Not proved: who the person is, for the file names them by a random handle; that they read the notice;"
+        f"{by_other} and whether they said anything more that is not in this file."
     )

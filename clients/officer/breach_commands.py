@@ -189,7 +189,7 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
 @click.pass_context
 @handle_errors
 def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
-    """Check a correction that a person handed over: that it was she who said it, of what, and when.
+    """Check a correction that a person handed over: that it was they who said it, of what, and when.
 
     Example: blockrobot officer correction correction.json
     """

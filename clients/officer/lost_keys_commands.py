@@ -35,7 +35,7 @@ def lost_keys() -> None:
 
     One officer proposes, a second one approves within three days, and either has it carried out within seven. The chain
     cannot say whose visits they are: others whom that robot met in those minutes lose theirs too. So name the minutes as
-    exactly as you can. Whoever lost nothing erases for herself: blockrobot wallet erase.
+    exactly as you can. Whoever lost nothing erases by their own wallet: blockrobot wallet erase.
 
     Example: blockrobot officer lost-keys preview --robot 02ab34cd5e --from "2026-03-01 09:30" --until "2026-03-01 09:40"
     """
@@ -60,7 +60,9 @@ def _called() -> str:
 def _second(proposal: Proposal) -> str:
     name = proposal.proposal_id.hex()[:12]
     if proposal.is_own:
-        return f"another officer, with a wallet of her own: blockrobot officer --profile HERS lost-keys approve {name}"
+        return (
+            f"another officer, with a wallet of their own: blockrobot officer --profile THEIRS lost-keys approve {name}"
+        )
     return f"you may agree: {_called()} approve {name}"
 
 
@@ -105,7 +107,7 @@ def _print_preview(preview: Preview) -> None:
         console.print(
             "  [bold red]The chain cannot say whose visits these are.[/bold red] All of them go, those of others too, "
             "for everyone and for ever.\n"
-            "  If that is more than one person's, make the span shorter: she may know the minute, or who was there."
+            "  If that is more than one person's, make the span shorter: they may know the minute, or who was there."
         )
 
 
@@ -233,7 +235,7 @@ def propose(
 ) -> None:
     """Propose to erase the visits of a span, after showing what it would touch. Nothing goes until another approves.
 
-    Be sure who asks: see her, and a paper that says who she is. What you checked belongs into your own files.
+    Be sure who asks: see them, and a paper that says who they are. What you checked belongs into your own files.
 
     Example: blockrobot officer lost-keys propose --robot 02ab34cd5e --from "2026-03-01 09:30" --until "2026-03-01 09:40"
     --reason key-lost

@@ -39,9 +39,9 @@ def mandates() -> None:
     """Let somebody act for a person who cannot: a parent for a child, a guardian, an officer.
 
     One officer proposes, having seen the guardian's papers, a second one who sees them too approves within three days,
-    and the representative accepts within seven. From then on she gives and takes back consent in that person's name, with
-    her own wallet. The papers go nowhere: the chain gets a salted hash of them. Either of the two persons, and any officer
-    of the organisation, ends a mandate at any time.
+    and the representative accepts within seven. From then on they give and take back consent in that person's name, by
+    their own wallet. The papers go nowhere: the chain gets a salted hash of them. Either of the two, and any officer of
+    the organisation, ends a mandate at any time.
 
     Example: blockrobot officer mandates propose --for brh1-... --to brh1-... --papers birth.pdf
     --reason minor --until 2027-01-31

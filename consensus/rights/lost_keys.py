@@ -11,8 +11,8 @@ CARRY_OUT_MS = 7 * 24 * 3600 * 1000
 """How long an approved proposal may be carried out: a robot's spool may deliver records a day late."""
 
 LOST_KEY_REASONS: dict[str, str] = {
-    "key-lost": "The person's key is lost for good, and she asks for it (Art. 17(1)).",
-    "owner-died": "The person died, and those who speak for her ask for it.",
+    "key-lost": "The person's key is lost for good, and they ask for it (Art. 17(1)).",
+    "owner-died": "The person died, and those who speak for them ask for it.",
     "guardian-request": "The person's guardian asks for it.",
     "authority-order": "An authority or a court ordered it (Art. 17(1)(e), Art. 58(2)(g)).",
 }

@@ -16,7 +16,7 @@ CORRECTION_MAX_BYTES = 4096
 GROUNDS: dict[str, str] = {
     "accuracy": "What was recorded is not right, and that is being checked (Art. 18(1)(a)).",
     "unlawful": "It should not have been recorded, but is to be kept (Art. 18(1)(b)).",
-    "legal-claim": "The person needs it for a claim of her own (Art. 18(1)(c)).",
+    "legal-claim": "The person needs it for a claim of their own (Art. 18(1)(c)).",
     "objection": "The person objected, and that is being checked (Art. 18(1)(d)).",
 }
 KEEPING_GROUNDS = ("legal-claim", "unlawful")

@@ -52,7 +52,7 @@ OwnRow = dict[str, dict[str, OwnYesRow | None]]
 CHOICES: Prefix[ChoicesRow] = Prefix(CONSENT, "of/", (HASH,), ChoicesRow)
 """By handle: steps by purpose and sensor."""
 OWN: Prefix[OwnRow] = Prefix(CONSENT, "own/", (HASH,), OwnRow)
-"""What a person said last herself, by sensor and purpose; no yes of another's goes beyond it."""
+"""What a person said last in person, by sensor and purpose; no yes of another's goes beyond it."""
 SAID: Prefix[int] = Prefix(CONSENT, "said/", (HASH,), int)
 """The height of a person's last word."""
 CHANGES: StateKey[int] = StateKey(CONSENT, "changes", int)

@@ -119,7 +119,7 @@ _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
     "records": _owns_visit,
     "rights": lambda state, sender: _owns_visit(state, sender) or is_registered(state, sender),
 }
-"""Calls about oneself, and who may have them wait whatever his role."""
+"""Calls about oneself, and who may have them wait whatever their role."""
 
 
 def _is_self_service_call(state: Reader, sender: bytes, contract: str, entry: str) -> bool:

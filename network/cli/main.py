@@ -97,7 +97,7 @@ _COMMANDS = {
         "clients.bundle.cli:verify",
         "Check an export bundle offline: what is proved, against which network, up to which block, and what is not.",
     ),
-    "robot": LazyCommand("clients.robot.cli.main:robot", "Record people who carry a tag, each for herself alone."),
+    "robot": LazyCommand("clients.robot.cli.main:robot", "Record people who carry a tag, each for themselves alone."),
     "completion": LazyCommand(
         "network.cli.completion_command:completion",
         "Print the completion script of a shell: commands, options, profiles, records that were viewed here.",

@@ -45,7 +45,7 @@ def _page(summary: dict[str, Any], state: DemoState) -> str:
     )
     sections = [
         Section("What was checked", _tiles(summary) + _checks_table(summary["checks"])),
-        Section("What each patient sees", f"<p>Only herself, on the recorded empty corridor.</p>{_pictures(state)}"),
+        Section("What each patient sees", f"<p>Only themselves, on the recorded empty corridor.</p>{_pictures(state)}"),
         Section("What the robot kept", _figures_table(summary)),
         Section("Patient A's audit trail", _trail(state), new_sheet=True),
     ]
@@ -89,7 +89,7 @@ def _pictures(state: DemoState) -> str:
         step = max(1, len(pictures) // PICTURES_A_PERSON_COUNT)
         for path in pictures[::step][:PICTURES_A_PERSON_COUNT]:
             label = f"{name_person(patient)}, frame {read_robot_frame(path.name)}"
-            alternative = f"{label}: her silhouette alone on the recorded empty corridor, distance in colours"
+            alternative = f"{label}: their silhouette alone on the recorded empty corridor, distance in colours"
             figures.append(picture(path.read_bytes(), alternative=alternative, caption=label))
     return gallery(figures) if figures else "<p>There are no pictures.</p>"
 
@@ -103,4 +103,6 @@ def _trail(state: DemoState) -> str:
         ]
         for entry in state.audit
     ]
-    return table("Everything that happened to her records, in order", ["What", "Record", "Block"], rows, numbers_from=2)
+    return table(
+        "Everything that happened to their records, in order", ["What", "Record", "Block"], rows, numbers_from=2
+    )

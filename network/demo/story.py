@@ -213,7 +213,7 @@ class Demo:
             closed = all(visit["closed"] for visit in listed["visits"])
             frames = sum(row["frames"] for row in self.state.records[patient])
             self.checks.add(
-                f"{name_person(patient)} finds all her records",
+                f"{name_person(patient)} finds all their records",
                 ok=bool(self.state.records[patient]) and missing == 0 and closed,
                 detail=f"{len(self.state.records[patient])} records, {frames} pictures, none missing",
             )

@@ -34,7 +34,7 @@ EXPERIMENTS = (
     Experiment(
         1,
         "One person",
-        "Does a person get the frames in which she was, all of them, and nobody else any?",
+        "Does a person get the frames in which they were, all of them, and nobody else any?",
         "experiment-1.toml",
         ("patient-a", "patient-b"),
         corrupts=False,
@@ -52,7 +52,7 @@ EXPERIMENTS = (
     Experiment(
         3,
         "Two people, one after the other",
-        "Does each get her own frames, also where the time around her tag's reading reaches into the other's?",
+        "Does each get their own frames, also where the time around their tag's reading reaches into the other's?",
         "experiment-3.toml",
         ("patient-a", "patient-b"),
         corrupts=False,
@@ -61,7 +61,7 @@ EXPERIMENTS = (
     Experiment(
         4,
         "Two people at once, among four tags",
-        "Does each see herself alone while others stand in the same picture?",
+        "Does each see themselves alone while others stand in the same picture?",
         "experiment-4.toml",
         ("patient-a", "patient-b"),
         corrupts=False,

@@ -59,7 +59,7 @@ class PostStage:
         return found
 
     async def _open(self, alias: str) -> Belongings:
-        self._tell(f"post-stage: {name_person(alias)} looks at her records")
+        self._tell(f"post-stage: {name_person(alias)} looks at their records")
         listed = await self._stage.wallet(alias, "records")
         records = [row for visit in listed["visits"] for row in visit["records"]]
         if not self._is_in_scene(alias):
@@ -72,7 +72,7 @@ class PostStage:
         missing = sum(visit["missing_records"] for visit in listed["visits"])
         closed = all(visit["closed"] for visit in listed["visits"])
         self._checks.add(
-            f"{name_person(alias)} finds all her records",
+            f"{name_person(alias)} finds all their records",
             ok=bool(records) and missing == 0 and closed,
             detail=f"{len(records)} records, {missing} missing",
         )
@@ -97,10 +97,10 @@ class PostStage:
         sequences = {read_robot_frame(path.name) for path in found.depths}
         absent = [number for number in sequences if person.place(number / self._scenario.frame_rate) is None]
         self._checks.add(
-            f"{name_person(alias)} has her own data only",
+            f"{name_person(alias)} has their own data only",
             ok=sequences <= covered and not absent,
-            detail=f"{len(sequences - covered)} of {len(sequences)} pictures outside her tag's time, "
-            f"{len(absent)} of moments when she was not there",
+            detail=f"{len(sequences - covered)} of {len(sequences)} pictures outside their tag's time, "
+            f"{len(absent)} of moments when they were not there",
         )
         worst, judged = await asyncio.to_thread(worst_foreign_share, self._scenario, found.depths, alias)
         self._checks.add(
@@ -124,7 +124,7 @@ class PostStage:
         self._checks.add(
             f"{name_person(stranger)} gets no frame of {name_person(owner)}",
             ok=not shared and refused == "RECORD_NOT_FOUND" and bool(codes) and codes <= REFUSALS,
-            detail=f"her wallet says {refused or 'nothing'}; custodians say {', '.join(sorted(codes))}",
+            detail=f"their wallet says {refused or 'nothing'}; custodians say {', '.join(sorted(codes))}",
         )
 
     async def corrupt_and_verify(self, found: dict[str, Belongings]) -> None:
@@ -167,7 +167,7 @@ class PostStage:
         )
 
     async def _verify(self, alias: str, *record_ids: str) -> dict[tuple[str, int], str]:
-        self._tell(f"post-stage: {name_person(alias)} verifies her records")
+        self._tell(f"post-stage: {name_person(alias)} verifies their records")
         answer = await self._stage.wallet(alias, "verify", *record_ids)
         return {
             (str(record["record_id"]), int(frame["number"]) - 1): str(frame["status"])

@@ -195,7 +195,7 @@ class ExperimentRun:
         self._checks.add(
             "people and robot are registered, with the tags on the robot's sealed roster",
             ok=all(held) and rows == len(experiment.people),
-            detail=f"{rows} people; the chain recovered each one's own key from her signature",
+            detail=f"{rows} people; the chain recovered each one's own key from their signature",
         )
 
     async def _record(self) -> None:

@@ -30,9 +30,9 @@ def require_grantee(state: Reader, request: SharedRequest, grant_id: bytes, gran
     if not grant.is_open(now_ms):
         raise BlockRobotError("GRANT_ENDED")
     try:
-        is_hers = hash_grant_member(request.salt, request.handle) == grant.member_hash
+        is_theirs = hash_grant_member(request.salt, request.handle) == grant.member_hash
     except BlockRobotError:
-        is_hers = False
-    member = HANDLE.at(state, request.handle) if is_hers else None
+        is_theirs = False
+    member = HANDLE.at(state, request.handle) if is_theirs else None
     if member is None or active_role(state, member) not in GRANTEE_ROLES:
         raise BlockRobotError("GRANTEE_NOT_A_MEMBER")

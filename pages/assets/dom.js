@@ -158,7 +158,7 @@ export function ask({ title, body = [], confirm, cancel, danger = false, fields 
 
 /**
  * Give the focus to an element. A browser would put it in the middle of the window, whatever that hides: it is scrolled no
- * further than to show it, and not at all with `stay`, where what stands above is what she is to see.
+ * further than to show it, and not at all with `stay`, where what stands above is what they are to see.
  */
 export function focusOn(node, { stay = false } = {}) {
   if (!node) return;

@@ -69,7 +69,7 @@ async def test_the_demonstrations_report_opens_from_disk_and_is_readable_by_ever
     report = demo_report(tmp_path)
     await look_all_ways(page, report, "report-demo")
     assert await page.get_by_role("heading", name="What each patient sees").is_visible()
-    assert await page.get_by_role("img", name=re.compile("patient A, frame 0: her silhouette alone")).is_visible()
+    assert await page.get_by_role("img", name=re.compile("patient A, frame 0: their silhouette alone")).is_visible()
     assert await page.locator("main").get_by_text("Every check held.").is_visible()
     text = re.sub(r"data:image/png;base64,[^\"]*", "", report.read_text(encoding="utf-8"))
     assert len(text.encode()) < PAGE_MAX_BYTES

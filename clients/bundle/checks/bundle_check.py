@@ -353,11 +353,11 @@ def unproved(verdict: Verdict) -> list[str]:
 def _unsigned(verdict: Verdict) -> list[str]:
     if not verdict.signed:
         return []
-    lines = ["that she read the notices that her consent receipts name, or that she said nothing else"]
+    lines = ["that the owner read the notices that the consent receipts name, or that they said nothing else"]
     receipted = {each.word.txid.hex() for each in verdict.signed}
     words = [word for word in verdict.consents.history if word.kind in RECEIPTED]
     count = sum(word.transaction not in receipted for word in words)
     if count:
-        said = f"{count} of her words on consent {'was' if count == 1 else 'were'} said"
+        said = f"{count} of the owner's words on consent {'was' if count == 1 else 'were'} said"
         lines.append(f"under which notice {said}: no receipt by both sides is here")
     return lines

@@ -129,7 +129,7 @@ def _is_registrars(state: dict[bytes, ProvedValue], organisation: str, word: Con
         return False
     row = None if proved.value is None else MEMBER.convert(proved.value)
     if row is None or (row.org, row.handle) != (organisation, word.handle):
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{organisation} signed it, and did not register her.")
+        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{organisation} signed it, and did not register the owner.")
     return True
 
 
@@ -145,7 +145,7 @@ def _notice(
     row = None if published is None else published.row
     known = published is not None or version == 0
     if not known or not is_notice_of(row, read_row(organisation, following.value), word):
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", "Another notice was in force when she spoke.")
+        raise BlockRobotError("CONSENT_RECEIPT_INVALID", "Another notice was in force when the owner spoke.")
     return published
 
 

@@ -16,14 +16,16 @@ from consensus.state.identity import MemberRow
 _REGISTERING = "identity"
 
 
-def require_hers(checked: CheckedReceipt, row: MemberRow) -> None:
+def require_owners(checked: CheckedReceipt, row: MemberRow) -> None:
     """Raise CONSENT_RECEIPT_INVALID unless the receipt is this person's, by their registrar; handles outlive key
     rotation.
     """
     if checked.word.handle != row.handle:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another person.")
     if checked.organisation != row.org:
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{checked.organisation} signed it, and did not register her.")
+        raise BlockRobotError(
+            "CONSENT_RECEIPT_INVALID", f"{checked.organisation} signed it, and did not register the owner."
+        )
 
 
 def prove_signed(
@@ -36,7 +38,7 @@ def prove_signed(
     for number, entry in enumerate(signed.receipts, 1):
         try:
             checked = check_entry(chain, genesis, entry)
-            require_hers(checked, row)
+            require_owners(checked, row)
         except BlockRobotError as error:
             raise BlockRobotError("BUNDLE_UNPROVEN", f"Consent receipt {number}: {error.detail}") from None
         found.append(checked)

@@ -84,7 +84,7 @@ _ROSTER_FILE = "roster.sealed"
 def robot(
     ctx: click.Context, name: str, robot_dir: Path | None, genesis: Path | None, passphrase_file: Path | None
 ) -> None:
-    """Record people who carry a tag, each for herself alone.
+    """Record people who carry a tag, each for themselves alone.
 
     Example: blockrobot robot new; blockrobot robot register BR1-...; blockrobot robot replay recording.mcap
     """

@@ -52,7 +52,7 @@ class ConsentFilter:
         self._now_ms = now_ms
         self.sensor = sensor
         self.people: dict[str, RosterRow] = {}
-        self._kept: dict[str, int | None] = {}  # since when she consented to what was kept first of her visit
+        self._kept: dict[str, int | None] = {}  # since when the owner consented to what was kept first of a visit
 
     def is_tag_allowed(self, row: RosterRow, read_at_ms: int) -> bool:
         """Return whether a tag read at this camera time is known."""

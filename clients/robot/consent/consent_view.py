@@ -278,7 +278,7 @@ class Consents:
             refusals = {self.find_refusal(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends}
             if Refusal.STALE not in refusals:
                 return refusals == {None}
-            # The view turned stale since: that is no word of hers.
+            # The view turned stale since: that is no word of theirs.
             await self._news.wait()
 
     async def _wait_to_know_of(self, at_ms: int) -> None:

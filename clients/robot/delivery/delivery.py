@@ -280,7 +280,7 @@ class Delivery:
                 # Its record was final before a restart, and the owner has erased it since: there is nothing to do.
                 self._spool.remove(name)
             elif error.context.get("contract_code") == _NOT_OURS or self._is_overdue(clip, error):
-                # No chain will ever take it, and its pictures must not outlive their owner's say: she sees a gap.
+                # No chain will ever take it, and its pictures must not outlive their owner's say: they see a gap.
                 _log.error("clip_let_go", bucket_ms=clip.bucket_ms, code=error.context.get("contract_code"))
                 self._spool.remove(name)
                 self.let_go_count += 1

@@ -16,7 +16,7 @@ from consensus.errors import BlockRobotError
 
 REGROW_PX = 3
 BODY_DEPTH_MM = 650
-STEP_MM = np.uint16(DEPTH_EDGE_MM)  # a pixel at the edge is the owner's only if hers beside it are as near
+STEP_MM = np.uint16(DEPTH_EDGE_MM)  # a pixel at the edge is the owner's only if theirs beside it are as near
 FAINT_SHARE = 0.5
 
 _Pixel = TypeVar("_Pixel", np.uint8, np.uint16)

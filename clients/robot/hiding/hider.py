@@ -41,7 +41,7 @@ class Reason(StrEnum):
     DISORDERED = "disordered"
     MOVED = "moved"  # the robot, so that the empty scene is another one
     NOT_ALONE = "not-alone"  # for what cannot be cut down to one person
-    NOT_MATCHED = "not-matched"  # the same, when nobody in the picture is known to be her
+    NOT_MATCHED = "not-matched"  # the same, when nobody in the picture is known to be them
 
 
 @dataclass(frozen=True, slots=True)

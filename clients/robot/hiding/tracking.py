@@ -23,7 +23,7 @@ SWALLOWED_WITHIN_MS = 400
 SMOOTHING = 0.25
 HISTORY_MS = 40_000
 NEAREST_RANGE_MS = 150
-# Who was unseen for longer than this may have turned or stopped: whoever he could have become ends both tracks.
+# Who was unseen for longer than this may have turned or stopped: whoever they could have become ends both tracks.
 UNSEEN_CERTAIN_MS = 300
 STRAY_M_PER_S = 1.5
 FAR = 1e6

@@ -139,7 +139,7 @@ def parse_topics(text: str) -> Topics:
         depth=(depth.text("topic", required=False) if depth else "") or DEPTH_TOPIC,
         focal_px=(depth.number("focal_px") or None) if depth else None,
         empty=empty.text("topic") if empty else EMPTY_TOPIC,
-        # Who has a reader of his own, and names no topic of readings, has none.
+        # Who has a reader of their own, and names no topic of readings, has none.
         tags=tuple(_tag_topic(row) for row in table.tables("tags")) or (() if readers else Topics().tags),
         rgb=rgb.text("topic") if rgb else "",
         rgb_registered=rgb.flag("registered") if rgb else False,

@@ -117,7 +117,7 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
     async def action(opened: Wallet) -> None:
         notices = Notices(opened)
         told, shown = await notices.for_card(code), -1
-        while told.version > shown:  # a newer one may come while she reads
+        while told.version > shown:  # a newer one may come while they read
             told.require_named(purposes, FIRST_SENSORS)
             tell_first(notices, told, _ask_of(purposes), yes=yes, as_json=as_json)
             shown, told = told.version, await notices.for_card(code)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from clients.bundle import documents as doc
 from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.checks.consent_receipts import RECEIPTS_MAX_COUNT, CheckedReceipt, check_entry
-from clients.bundle.checks.signed_receipts import require_hers
+from clients.bundle.checks.signed_receipts import require_owners
 from clients.bundle.layout import SIGNED_RECEIPTS_MAX_BYTES
 from clients.bundle.proving import Heard
 from clients.sdk.chain.proved_rows import proved_row
@@ -66,7 +66,7 @@ class _Collecting:
             try:
                 entry = read_json_as(kept, doc.ReceiptEntry)
                 checked = check_entry(chain, self.wallet.genesis, entry)
-                require_hers(checked, self.row)
+                require_owners(checked, self.row)
             except TextInvalidError:
                 refused.append(BlockRobotError("CONSENT_RECEIPT_INVALID", "It cannot be read."))
             except BlockRobotError as error:

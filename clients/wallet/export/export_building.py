@@ -280,7 +280,7 @@ class Exporting:
             return None
         box_key = b""
         sealed_to = self._wallet.open_metadata(state.sealed_metadata)[1]
-        # What was sealed to a key that is not proved to be hers is the exporter's word.
+        # What was sealed to a key that is not proved to be the owner's is the exporter's word.
         if sealed_to.sealing_public in sealing:
             box_key = derive_box_key(sealed_to.sealing, state.sealed_metadata)
         leaves, salts = self._open_frames(entry, state.erased_frames)

@@ -18,9 +18,9 @@ WAIT_MAX_MS = 25_000
 KEPT_MS = 30 * 60_000
 OPEN_MAX_COUNT = 16
 DECISIONS = frozenset({"register", "consent", "share", "revoke", "erase"})
-"""Kinds of jobs that write what she decided: a page that ends finishes them first."""
+"""Kinds of jobs that write what the owner decided: a page that ends finishes them first."""
 TOLD = DECISIONS | {"export"}
-"""Kinds of jobs of which she is to know that they came to nothing, though the page is gone that would have said so."""
+"""Kinds of jobs of which the owner is to know that they came to nothing, though the page that would say so is gone."""
 _log = logging.getLogger("wallet.page")
 Result = Mapping[str, object]
 """What a job came to, ready to be encoded; Structs may be anywhere in it."""

@@ -34,7 +34,7 @@ AWAY_TOLD_MS = 5 * 60_000
 LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 """What only a node says that is damaged, or lies."""
 UNKNOWN_YET = "SESSION_REFUSED"
-"""What a node says that has not followed the chain to her registration."""
+"""What a node says that has not followed the chain to the owner's registration."""
 _PRIVATE_FOLDER = 0o700
 _DESCRIPTORS = Path("/proc/self/fd")
 _log = logging.getLogger("wallet.page")

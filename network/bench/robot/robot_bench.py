@@ -193,8 +193,8 @@ async def _look(stage: Stage) -> list[OwnFrames]:
     found = []
     for alias in PEOPLE:
         passphrase = (stage.wallets / f"{alias}.passphrase").read_text(encoding="utf-8").strip()
-        wallet, is_hers = stage.wallets / f"{alias}.wallet", partial(is_in_place, alias)
-        found.append(await find_own_frames(wallet, passphrase, stage.cluster.genesis, is_hers))
+        wallet, is_theirs = stage.wallets / f"{alias}.wallet", partial(is_in_place, alias)
+        found.append(await find_own_frames(wallet, passphrase, stage.cluster.genesis, is_theirs))
     return found
 
 

@@ -27,13 +27,13 @@ class OwnFrames:
     bad_frames: int = 0
     misplaced_frames: int = 0
 
-    def note(self, robot: bytes, picture: Rendition, *, is_hers: bool) -> None:
+    def note(self, robot: bytes, picture: Rendition, *, is_theirs: bool) -> None:
         self.frames.setdefault(robot, Counter())[picture.sequence] += 1
-        self.misplaced_frames += not is_hers
+        self.misplaced_frames += not is_theirs
 
 
 async def find_own_frames(
-    wallet_file: Path, passphrase: str, genesis: Genesis, is_hers: Callable[[Rendition], bool]
+    wallet_file: Path, passphrase: str, genesis: Genesis, is_theirs: Callable[[Rendition], bool]
 ) -> OwnFrames:
     """Open a wallet and all its pictures. Raises the network's refusals."""
     found = OwnFrames()
@@ -43,12 +43,12 @@ async def find_own_frames(
             found.missing_records += report.missing_count + len(report.unreadable_ids) + len(report.erased_ids)
             found.unclosed_visits += not report.closed
             if report.records:
-                await _open_visit(wallet, report, found, is_hers)
+                await _open_visit(wallet, report, found, is_theirs)
     return found
 
 
 async def _open_visit(
-    wallet: Wallet, report: VisitReport, found: OwnFrames, is_hers: Callable[[Rendition], bool]
+    wallet: Wallet, report: VisitReport, found: OwnFrames, is_theirs: Callable[[Rendition], bool]
 ) -> None:
     viewing = Viewing(wallet)
     access_id = await wallet.sign_and_wait(report.visit, "access", "request", [[], PURPOSE])
@@ -56,6 +56,6 @@ async def _open_visit(
         view = await viewing.view(entry, access_id)
         for frame in view.frames:
             if frame.status == STATUS_OK and frame.rendition is not None:
-                found.note(report.visit.robot, frame.rendition, is_hers=is_hers(frame.rendition))
+                found.note(report.visit.robot, frame.rendition, is_theirs=is_theirs(frame.rendition))
             elif frame.status != STATUS_NOTICE:
                 found.bad_frames += 1

@@ -190,7 +190,7 @@ def publish(
     state = "is published" if is_new else "was in force already"
     console.print(
         f"Version {row.version} of what {escape(row.organisation)} tells people {state}, since block {row.height} "
-        f"(hash {shown_id(row.digest)}).\nWhoever consented under an earlier one is told by her wallet what changed."
+        f"(hash {shown_id(row.digest)}).\nWhoever consented under an earlier one is told by their wallet what changed."
     )
 
 

@@ -342,7 +342,7 @@ def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, 
     """Measure whether a robot keeps up with its camera, two registered people in view; no frame may be lost or doubled.
 
     A stretch of at most 20 s is rendered once, kept, and looped; then robots, nodes and wallets run for real. At the
-    end each person's wallet opens every picture of hers. A line of progress goes to standard error.
+    end each person's wallet opens every picture of theirs. A line of progress goes to standard error.
 
     \b
     Example: blockrobot bench robot --seconds 60 --robots 1 --json

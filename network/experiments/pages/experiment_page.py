@@ -142,9 +142,9 @@ def _lost(outcome: Outcome, figures: RunFigures) -> str:
         f"<p>{figures.frames_published - figures.frames_received:,} of {figures.frames_published:,} frames did not arrive; "
         f"of those that had an owner, {frames['lost']:,} were lost. The prototype lost "
         f"{theirs['frames lost before they arrived (%)']:.1f} % of its frames before they arrived.</p>"
-        f"<p>Withheld is not lost: who cannot be shown alone is not shown, and her wallet tells her so with the reason. "
-        f"Here: {reasons or 'none'}. (no-silhouette: she was not to be seen; ambiguous: it could not be settled which "
-        "silhouette was hers; contact, merged, occluded: somebody was too near or in front.) The prototype gave "
+        f"<p>Withheld is not lost: who cannot be shown alone is not shown, and their wallet tells them so with the reason. "
+        f"Here: {reasons or 'none'}. (no-silhouette: they were not to be seen; ambiguous: it could not be settled which "
+        "silhouette was theirs; contact, merged, occluded: somebody was too near or in front.) The prototype gave "
         "everybody the whole frame, the others included.</p>"
     )
 

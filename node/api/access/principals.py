@@ -80,13 +80,13 @@ def require_readable(
     """
     if standing not in {"grantee", "former-grantee"}:
         return
-    open_to_her = _OPEN_ALWAYS if standing == "former-grantee" else _OPEN_TO_GRANTEES
+    open_to_grantee = _OPEN_ALWAYS if standing == "former-grantee" else _OPEN_TO_GRANTEES
     grant = grant_of(snapshot, grant_id, reader, snapshot.header.timestamp_ms)
     if grant is None:
         raise BlockRobotError("NOT_PERMITTED")
     own = (grant.owner, grant_id, *grant.records)
     for key in keys:
-        if not key.startswith(open_to_her) and not any(name in key for name in own):
+        if not key.startswith(open_to_grantee) and not any(name in key for name in own):
             raise BlockRobotError(
                 "NOT_PERMITTED", "The key of a grant reads only what is of its visit and its records."
             )

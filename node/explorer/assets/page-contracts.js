@@ -13,7 +13,7 @@ const TONES = { active: "good", failed: "bad", disabled: "warn" };
 export async function contractsPage() {
   const { contracts, due } = await api.contracts();
   return sheet("Contracts",
-    "Contracts are programs that every node runs alike; they hold all that the network knows. Organisations decide together which version is in force. The source stands on the chain, so everybody can read by which rules she is treated.",
+    "Contracts are programs that every node runs alike; they hold all that the network knows. Organisations decide together which version is in force. The source stands on the chain, so everybody can read by which rules they are treated.",
     card(null, table("All contracts", ["name", ["version", "number"], "state", ["since block", "number"], ["versions so far", "number"], "hash of the source"],
       contracts.map((one) => [go(`contract/${one.name}`, one.name), number(one.version), one.enabled ? badge("answers", "good") : badge("disabled", "warn"), number(one.since_height), number(one.versions), hex(one.source_hash)]))),
     card("Changes that wait", due.length ? h("ul", {}, due.map((change) => h("li", {}, go(`contract/${change.name}/${change.version}`, `${change.name} version ${change.version}`), ` ${KINDS[change.kind] ?? change.kind} `, change.from_height ? `with block ${number(change.from_height)}` : ["on ", moment(change.from_ms)])))

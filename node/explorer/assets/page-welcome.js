@@ -28,7 +28,7 @@ export function welcomePage({ reason = null, forMembers = false }) {
     h("h1", { tabindex: "-1" }, forMembers ? "This is for members" : "Look at the chain"),
     h("p", { class: "lead" }, forMembers
       ? "This node shows headers, producers and counts to anybody. What transactions say, who is a member, and what custodians reported, it shows to members of the network in their own sessions."
-      : "This node serves an explorer of the network's chain. It shows what it knows to members of the network, each in a session of her own, and nothing to anybody else."),
+      : "This node serves an explorer of the network's chain. It shows what it knows to members of the network, each in a session of their own, and nothing to anybody else."),
     told,
     h("p", {}, "A page that was reloaded has lost its session: run ", h("code", {}, "blockrobot explore"), " again."),
     card("How to get in",

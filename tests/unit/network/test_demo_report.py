@@ -138,9 +138,9 @@ def test_the_report_says_in_words_what_programs_name_by_codes(tmp_path: Path) ->
     write_report(tmp_path, summary, known)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     for words in (
-        "3: she was near, but not in the picture",
+        "3: they were near, but not in the picture",
         "half within 12.5, 95 of 100 within 40.0",
-        "the robot met her",
+        "the robot met them",
     ):
         assert words in page
     for code in ("no-silhouette", "p50", "visit_opened", "withheld_reasons", "patient-a"):

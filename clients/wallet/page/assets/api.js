@@ -84,7 +84,7 @@ async function followToEnd(job, onChange, signal) {
 }
 
 /**
- * Ask for the passphrase and send the body with it; ask again while it is wrong. Returns the answer, null if she let it be.
+ * Ask for the passphrase and send the body with it; ask again while it is wrong. Returns the answer, null if they let it be.
  */
 export function postWithPassphrase(path, body, { title, text, confirm, danger }) {
   return ask({

@@ -126,7 +126,7 @@ async function takeMissed(change) {
   try {
     await shown.refresh?.(change);
   } catch (error) {
-    if (error.name !== "AbortError" && !(error instanceof Problem)) throw error;  // she has gone on, or nobody is there
+    if (error.name !== "AbortError" && !(error instanceof Problem)) throw error;  // they have gone on, or nobody is there
   }
 }
 

@@ -211,7 +211,7 @@ function makeStage(kind, scale) {
   };
 }
 
-/** Say where the owner is in the picture, and how far away: the median of her box's middle. */
+/** Say where the owner is in the picture, and how far away: the median of their box's middle. */
 function tellDepth({ depth, width }, frame) {
   if (!frame.own || frame.own[2] === 0) return t("stage.depth");
   const [x, y, boxWidth, boxHeight] = frame.own;

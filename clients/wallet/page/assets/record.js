@@ -168,7 +168,7 @@ function makeScreen(context, given, { title, back, meeting = false }) {
 
   invite();
   drawButtons();
-  /** Once it stands: what was open goes on in another language, without another request; else play, if she wished it. */
+  /** Once it stands: what was open goes on in another language, without another request; else play, if they wished it. */
   const show = async (isWished) => {
     if (parts().length === 0) return;
     if (opening || isWished) {

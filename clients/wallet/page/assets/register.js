@@ -17,7 +17,7 @@ export async function showRegister(context) {
     h("button", { type: "submit", class: "primary" }, t("register.look")));
 
   let looks = 0;
-  // What she was told is of the code that she looked up: with the first change of it that is gone.
+  // What they were told is of the code that they looked up: with the first change of it that is gone.
   code.addEventListener("input", () => {
     looks += 1;
     replace(result);
@@ -62,7 +62,7 @@ export async function showRegister(context) {
     await showDone();
   };
 
-  /** Say that she is registered, also where what all views know cannot be read again at this moment. */
+  /** Say that they are registered, also where what all views know cannot be read again at this moment. */
   const showDone = async () => {
     const trouble = await context.renew().then(() => null, (error) => problemCard(error, showDone));
     replace(result, h("section", { class: "card" }, h("p", {}, t("register.next")), h("p", {}, h("a", { class: "button primary", href: "#/consent" }, t("register.consent")))), trouble);

@@ -112,7 +112,7 @@ export async function showShareForm(context) {
   return { title: t("share.title"), back: { href: `#/${selection.back}`, label: selection.backLabel ?? selection.title }, node: h("div", {}, form, result) };
 }
 
-/** Say what was wrong with whom she named as somebody at a page can mend it: no command, no option of one. */
+/** Say what was wrong with whom they named as somebody at a page can mend it: no command, no option of one. */
 function inPlainWords(error, wanted, people) {
   if (!["SHARE_NOT_POSSIBLE", "SHARE_WITH_NON_MEMBER", "HANDLE_MISTYPED"].includes(error.code)) return error;
   const isKnown = (name) => people.some((one) => one.name?.toLowerCase() === name?.toLowerCase());

@@ -144,10 +144,10 @@ def attack_request_bursts(played: Played, view: LedgerView, manner: str, *, seed
     for people in evenings.values():
         orders = {person: rng.permutation(len(own)) for person, own in people.items()}
         for person, own in people.items():
-            others = [at_ms for other, found in people.items() if other != person for at_ms in found]
-            for place in range(len(own) // 2) if others else ():
+            ottheirs = [at_ms for other, found in people.items() if other != person for at_ms in found]
+            for place in range(len(own) // 2) if ottheirs else ():
                 anchor, same = (own[number] for number in orders[person][2 * place : 2 * place + 2])
-                other = others[int(rng.integers(len(others)))]
+                other = ottheirs[int(rng.integers(len(ottheirs)))]
                 hits[person].append(choice_score(-abs(anchor - same), -abs(anchor - other)))
     return grouped_rate(hits, 0.5, seed=seed)
 
@@ -191,17 +191,17 @@ def attack_one_frame(played: Played, visits: Sequence[VisitSeen]) -> Rate:
         pair = [[owners[o] for o in played.truth.owners_of(n) if o in owners] for n in (number, friend or -1)]
         if not all(pair):
             continue
-        hers = pair[1][0].records
+        theirs = pair[1][0].records
         for record in pair[0][0].records:
             at_ms = sealed[record.record_id]
-            true = min(hers, key=lambda other: abs(sealed[other.record_id] - at_ms))
+            true = min(theirs, key=lambda other: abs(sealed[other.record_id] - at_ms))
             if abs(sealed[true.record_id] - at_ms) > ONE_FRAME_MS:
                 continue
             chosen = min(
-                hers, key=lambda other: (abs(other.height - record.height), abs(other.position - record.position))
+                theirs, key=lambda other: (abs(other.height - record.height), abs(other.position - record.position))
             )
             hits += chosen is true
-            guesses.append(1 / len(hers))
+            guesses.append(1 / len(theirs))
     return count_rate(round(hits), len(guesses), statistics.fmean(guesses) if guesses else 0.0)
 
 

@@ -18,7 +18,7 @@ from clients.bundle import documents as doc
 from clients.bundle import layout
 from clients.bundle.checks import signed_receipts
 from clients.bundle.checks.bundle_check import unproved, verify_bundle
-from clients.bundle.checks.signed_receipts import require_hers
+from clients.bundle.checks.signed_receipts import require_owners
 from clients.bundle.cli import verify
 from clients.bundle.proving import schema_text
 from clients.bundle.writing import Contents, write_bundle
@@ -131,7 +131,7 @@ def test_they_keep_to_the_schema_of_their_version(taken: Taken, place: str) -> N
 def test_verify_says_in_plain_words_what_they_show(taken: Taken) -> None:
     output = " ".join(CliRunner().invoke(verify, [str(taken.path)]).output.split())
     organisation = verify_bundle(taken.path).signed[0].organisation
-    assert f"4 receipts of consent are signed by both sides, by her and by {organisation}, which reg" in output
+    assert f"4 receipts of consent are signed by both sides, by the owner and by {organisation}, which reg" in output
     assert "are as told; 3 words on consent from after registering, with the chain's receipts" in output
     assert "withdrawn: everything by every sensor" in output
     told = json.loads(CliRunner().invoke(verify, [str(taken.path), "--json"]).output)
@@ -144,7 +144,7 @@ async def test_of_one_receipt_is_spoken_in_the_singular(ward: NoticeWard, tmp_pa
     output = " ".join(CliRunner().invoke(verify, [str(tmp_path / "mine.zip")]).output.split())
     assert "0 words on consent from after registering" in output
     assert "1 receipt of consent is signed by both sides" in output
-    assert "which registered her, and says what the ledger says:" in output
+    assert "which registered them, and says what the ledger says:" in output
 
 
 # What is refused
@@ -195,9 +195,9 @@ def test_the_receipt_of_another_person_is_refused(taken: Taken, tmp_path: Path) 
 def test_a_receipt_counts_only_by_who_registered_her(taken: Taken) -> None:
     checked = verify_bundle(taken.path).signed[1]
     row = MemberRow(checked.word.handle, "subject", checked.organisation, b"", b"", b"", "active", 0)
-    require_hers(checked, row)
-    with pytest.raises(BlockRobotError, match="did not register her"):
-        require_hers(checked, msgspec.structs.replace(row, org="another"))
+    require_owners(checked, row)
+    with pytest.raises(BlockRobotError, match="did not register the owner"):
+        require_owners(checked, msgspec.structs.replace(row, org="another"))
 
 
 def test_a_receipt_whose_consent_is_not_in_the_bundle_is_refused(taken: Taken, tmp_path: Path) -> None:

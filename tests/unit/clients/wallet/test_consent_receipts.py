@@ -351,13 +351,13 @@ async def test_a_receipt_proves_that_who_signed_it_had_registered_her(ward: Noti
         (found,) = file.check_file(path, ward.genesis).receipts
         assert found.is_registrars == is_proved, "a receipt of before lacks the proof, and counts without it"
         told = CliRunner().invoke(verify, [str(path)])
-        assert ("had registered her" in told.output.replace("\n", " ")) != is_proved
+        assert ("had registered the owner" in told.output.replace("\n", " ")) != is_proved
     proved = ProvedChain(ward.genesis, kept.epochs()).state("it", entry.state)
     assert file._is_registrars(proved, found.organisation, word)
     for organisation, handle in (("other", word.handle), (found.organisation, bytes(32))):
-        with pytest.raises(BlockRobotError, match="did not register her"):
+        with pytest.raises(BlockRobotError, match="did not register the owner"):
             file._is_registrars(proved, organisation, replace(word, handle=handle))
-    with pytest.raises(BlockRobotError, match="did not register her"):
+    with pytest.raises(BlockRobotError, match="did not register the owner"):
         file._is_registrars({place: replace(proved[place], value=None)}, found.organisation, word)
 
 

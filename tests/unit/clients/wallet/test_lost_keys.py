@@ -320,7 +320,7 @@ def test_the_whole_way_as_officers_type_it(house: House, run: Any) -> None:
     (listed,) = json.loads(run("max", "list", "--json").stdout)["proposals"]
     name = listed["proposal_id"][:12]
     for hers in (spoken.output, run("eva", "list").output):
-        assert f"with a wallet of her own: blockrobot officer --profile HERS lost-keys approve {name}" in hers
+        assert f"with a wallet of their own: blockrobot officer --profile THEIRS lost-keys approve {name}" in hers
         assert "--profile eva lost-keys approve" not in hers
     assert f"you may agree: blockrobot officer --profile max lost-keys approve {name}" in run("max", "list").output
     assert (listed["status"], listed["visits_max"], listed["approver"]) == ("proposed", 2, None)

@@ -121,6 +121,6 @@ def test_two_owners_who_are_exchanged_altogether_are_noticed(seed: int) -> None:
         for alias, place in zip(PEOPLE, order, strict=True):
             found = OwnFrames()
             for picture in shown[place]:
-                found.note(b"robot", picture, is_hers=is_in_place(alias, picture))
+                found.note(b"robot", picture, is_theirs=is_in_place(alias, picture))
             assert found.frames[b"robot"].total() == len(shown[0]) > 3
             assert found.misplaced_frames == misplaced

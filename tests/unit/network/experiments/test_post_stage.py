@@ -90,12 +90,12 @@ def test_a_frame_in_which_she_was_not_there_is_not_her_own_though_her_tags_time_
     house: House, tmp_path: Path
 ) -> None:
     house.pictures["patient-b"].append(A_ALONE_IN_B_WINDOW)
-    assert look(house, tmp_path, kept=3) == ["patient B has her own data only"]
+    assert look(house, tmp_path, kept=3) == ["patient B has their own data only"]
 
 
 def test_a_frame_outside_her_tags_time_is_not_her_own(house: House, tmp_path: Path) -> None:
     house.pictures["patient-a"].append(IN_B_TIME)
-    assert look(house, tmp_path, kept=3) == ["patient A has her own data only"]
+    assert look(house, tmp_path, kept=3) == ["patient A has their own data only"]
 
 
 def test_a_picture_that_shows_another_is_told(house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
