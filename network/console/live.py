@@ -20,12 +20,10 @@ from network.console.looking import Looking, NodeSight
 from network.console.moments import FrameBuilder, Moment
 from network.console.recorder import Recorder
 from network.console.rounds import ROUNDS_KEPT_COUNT, RoundBook
-from network.faults.actions import Restart
+from network.faults.actions import LINK_PROFILES, Restart
 from network.faults.control import FaultControl
 from network.faults.plan import FaultPlan, parse_plan
-from network.faults.profiles import LINK_PROFILES
-from network.faults.requested import carry_out_requested, open_control, read_action
-from network.faults.run import StepDone, run_plan
+from network.faults.requested import StepDone, carry_out_requested, open_control, read_action, run_plan
 from node.config import CONFIG_FILE
 from node.faults import DISKS
 from pages.serving import PAGES_ASSETS

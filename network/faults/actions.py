@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 from consensus.errors import BlockRobotError
 from network.byzantine import check_behaviour
-from network.faults.profiles import link_profile
 from node.faults import CLOCK_OFFSET_MAX_MS, DISKS, SEED_MAX
 from node.p2p.shaping import BANDWIDTH_MAX_BYTES_PER_S, SOUND, LinkFault
 from pages.moments import UNITS_MS, parse_duration
@@ -18,55 +17,32 @@ _LINK = re.compile(r"\s*(\S+?)\s*(<->|->)\s*(\S+?)\s*")
 
 
 @dataclass(frozen=True, slots=True)
-class Kill:
+class _OfOneNode:
+    """A fault of one node."""
+
+    node: str
+
+    def touched(self) -> tuple[str, ...]:
+        return (self.node,)
+
+    def describe(self) -> str:
+        return f"{type(self).__name__.lower()} {self.node}"
+
+
+class Kill(_OfOneNode):
     """SIGKILL: nothing flushed."""
 
-    node: str
 
-    def touched(self) -> tuple[str, ...]:
-        return (self.node,)
-
-    def describe(self) -> str:
-        return f"kill {self.node}"
-
-
-@dataclass(frozen=True, slots=True)
-class Restart:
+class Restart(_OfOneNode):
     """Start a node as honest, after a clean stop if running; other faults stay."""
 
-    node: str
 
-    def touched(self) -> tuple[str, ...]:
-        return (self.node,)
-
-    def describe(self) -> str:
-        return f"restart {self.node}"
-
-
-@dataclass(frozen=True, slots=True)
-class Pause:
+class Pause(_OfOneNode):
     """SIGSTOP: connections stay open, nothing is sent."""
 
-    node: str
 
-    def touched(self) -> tuple[str, ...]:
-        return (self.node,)
-
-    def describe(self) -> str:
-        return f"pause {self.node}"
-
-
-@dataclass(frozen=True, slots=True)
-class Resume:
+class Resume(_OfOneNode):
     """SIGCONT."""
-
-    node: str
-
-    def touched(self) -> tuple[str, ...]:
-        return (self.node,)
-
-    def describe(self) -> str:
-        return f"resume {self.node}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,44 +91,32 @@ class SetLink:
 
 
 @dataclass(frozen=True, slots=True)
-class Skew:
+class Skew(_OfOneNode):
     """Set a node's clock offset; a change is a jump."""
 
-    node: str
     offset_ms: int
-
-    def touched(self) -> tuple[str, ...]:
-        return (self.node,)
 
     def describe(self) -> str:
         return f"skew {self.node} by {format_duration(self.offset_ms)}"
 
 
 @dataclass(frozen=True, slots=True)
-class FillDisk:
+class FillDisk(_OfOneNode):
     """Make a node's disk for this part full, or free again."""
 
-    node: str
     disk: str
     is_full: bool = True
-
-    def touched(self) -> tuple[str, ...]:
-        return (self.node,)
 
     def describe(self) -> str:
         return f"disk of {self.node} under its {self.disk}: {'full' if self.is_full else 'free again'}"
 
 
 @dataclass(frozen=True, slots=True)
-class GoByzantine:
+class GoByzantine(_OfOneNode):
     """Restart a node with a Byzantine behaviour."""
 
-    node: str
     behaviour: str
     seed: int = 0
-
-    def touched(self) -> tuple[str, ...]:
-        return (self.node,)
 
     def describe(self) -> str:
         return f"byzantine {self.node}: {self.behaviour} (seed {self.seed})"
@@ -210,6 +174,43 @@ class ActionReader:
     def byzantine(self, name: str, behaviour: str, seed: int) -> GoByzantine:
         check_behaviour(behaviour)
         return GoByzantine(self.node(name), behaviour, check_seed(seed))
+
+
+@dataclass(frozen=True, slots=True)
+class LinkProfile:
+    """A kind of link and its meaning; figures are per direction, so a round trip doubles the delay."""
+
+    fault: LinkFault
+    meaning: str
+
+
+LINK_PROFILES: dict[str, LinkProfile] = {
+    "lan": LinkProfile(
+        LinkFault(delay_ms=0.2, jitter_ms=0.1, bandwidth_bytes_per_s=125_000_000),
+        "one building, wired: 0.2-0.3 ms, nothing lost, 1 Gbit/s",
+    ),
+    "hospital-wifi": LinkProfile(
+        LinkFault(delay_ms=3, jitter_ms=12, loss=0.01, bandwidth_bytes_per_s=2_500_000),
+        "a busy ward's wireless: 3-15 ms, 1% lost, 20 Mbit/s",
+    ),
+    "wan": LinkProfile(
+        LinkFault(delay_ms=40, jitter_ms=10, loss=0.001, bandwidth_bytes_per_s=6_250_000),
+        "two cities: 40-50 ms, 0.1% lost, 50 Mbit/s",
+    ),
+    "lossy": LinkProfile(
+        LinkFault(delay_ms=20, jitter_ms=60, loss=0.1, bandwidth_bytes_per_s=625_000),
+        "a bad mobile link: 20-80 ms, 10% lost, 5 Mbit/s",
+    ),
+}
+
+
+def link_profile(name: str) -> LinkFault:
+    """Raises FAULT_UNKNOWN."""
+    if name not in LINK_PROFILES:
+        raise BlockRobotError(
+            "FAULT_UNKNOWN", f"There is no link profile {name!r}; there are {', '.join(LINK_PROFILES)}."
+        )
+    return LINK_PROFILES[name].fault
 
 
 def make_link_fault(

@@ -35,6 +35,7 @@ from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from network.byzantine import BEHAVIOURS
 from network.faults.actions import (
+    LINK_PROFILES,
     Action,
     ActionReader,
     GoByzantine,
@@ -49,7 +50,6 @@ from network.faults.actions import (
     make_link_fault,
     read_duration,
 )
-from network.faults.profiles import LINK_PROFILES
 from node.faults import SEED_MAX
 from node.p2p.shaping import SOUND
 

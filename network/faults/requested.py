@@ -1,15 +1,17 @@
-"""Fault actions requested by command or button: parsing, checks and application."""
+"""Faults requested by command or button, one or a plan of them: parsing, checks and application."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.faults.actions import Action, ActionReader, FillDisk, GoByzantine, Heal, Restart, Skew, check_seed
 from network.faults.control import FaultControl
-from network.faults.plan import STEP_FIELDS, action_of
+from network.faults.plan import STEP_FIELDS, FaultPlan, Step, action_of
 
 LINK_SEED = "seed"
 
@@ -62,3 +64,32 @@ async def carry_out_requested(control: FaultControl, action: Action) -> tuple[st
     for name in started:
         await control.cluster.wait_answering(name)
     return started
+
+
+@dataclass(frozen=True, slots=True)
+class StepDone:
+    """Result of a step: time after the plan's start, and error if any."""
+
+    step: Step
+    at_ms: int
+    error: BlockRobotError | None
+
+
+async def run_plan(plan: FaultPlan, control: FaultControl, tell: Callable[[StepDone], None]) -> list[StepDone]:
+    """Run a plan, report each step to `tell` and return all.
+
+    A failed step does not end the plan; its error is reported.
+    """
+    loop = asyncio.get_running_loop()
+    started_s = loop.time()
+    done: list[StepDone] = []
+    for step in plan.steps:
+        await asyncio.sleep(max(0.0, started_s + step.at_ms / 1000 - loop.time()))
+        error = None
+        try:
+            await control.carry_out(step.action)
+        except BlockRobotError as problem:
+            error = problem
+        done.append(StepDone(step, round((loop.time() - started_s) * 1000), error))
+        tell(done[-1])
+    return done

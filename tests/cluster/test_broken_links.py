@@ -6,8 +6,7 @@ import asyncio
 
 import pytest
 
-from network.faults.actions import Heal, Pause, Resume, SetLink
-from network.faults.profiles import link_profile
+from network.faults.actions import Heal, Pause, Resume, SetLink, link_profile
 from node.p2p.shaping import LinkFault
 from tests.cluster.story import Story
 

@@ -28,12 +28,20 @@ from network.cli.cluster.cluster_answers import (
 )
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cluster import Cluster
-from network.faults.actions import Action, Heal, Kill, Pause, Restart, Resume, check_seed, make_link_fault
+from network.faults.actions import (
+    LINK_PROFILES,
+    Action,
+    Heal,
+    Kill,
+    Pause,
+    Restart,
+    Resume,
+    check_seed,
+    make_link_fault,
+)
 from network.faults.control import FaultControl
 from network.faults.plan import FaultPlan, parse_plan
-from network.faults.profiles import LINK_PROFILES
-from network.faults.requested import carry_out_requested, open_control
-from network.faults.run import StepDone, run_plan
+from network.faults.requested import StepDone, carry_out_requested, open_control, run_plan
 from node.faults import DISKS
 
 _PROFILES = "; ".join(f"{name}: {profile.meaning}" for name, profile in LINK_PROFILES.items())
@@ -61,57 +69,30 @@ def fault() -> None:
     """
 
 
-@fault.command()
-@click.argument("node")
-@folder_option
-@json_option
-@handle_errors
-def kill(node: str, folder: Path | None, as_json: bool) -> None:
-    """Kill a node as a power cut would: no last word, nothing flushed.
-
-    Example: blockrobot fault kill node-2
-    """
-    _do(_control(folder), Kill(node), as_json=as_json)
+_OF_ONE_NODE: dict[type[Kill | Restart | Pause | Resume], str] = {
+    Kill: "Kill a node as a power cut would: no last word, nothing flushed.\n\nExample: blockrobot fault kill node-2",
+    Restart: "Start a node again, as an honest one; one that runs is stopped cleanly first. Its other faults stay on."
+    "\n\nExample: blockrobot fault restart node-2",
+    Pause: "Stop a node's clockwork: its connections stay open, and it says nothing."
+    "\n\nExample: blockrobot fault pause node-3",
+    Resume: "Let a paused node go on.\n\nExample: blockrobot fault resume node-3",
+}
 
 
-@fault.command()
-@click.argument("node")
-@folder_option
-@json_option
-@handle_errors
-def restart(node: str, folder: Path | None, as_json: bool) -> None:
-    """Start a node again, as an honest one; one that runs is stopped cleanly first. Its other faults stay on.
-
-    Example: blockrobot fault restart node-2
-    """
-    control = FaultControl(Cluster(network_folder(folder)))
-    _do(control, Restart(control.reader.node(node)), as_json=as_json)
+def _add_of_one_node(make: type[Kill | Restart | Pause | Resume], text: str) -> None:
+    @fault.command(make.__name__.lower(), help=text)
+    @click.argument("node")
+    @folder_option
+    @json_option
+    @handle_errors
+    def command(node: str, folder: Path | None, as_json: bool) -> None:
+        # A network of which no node runs may be started so.
+        control = FaultControl(Cluster(network_folder(folder))) if make is Restart else _control(folder)
+        _do(control, make(control.reader.node(node)), as_json=as_json)
 
 
-@fault.command()
-@click.argument("node")
-@folder_option
-@json_option
-@handle_errors
-def pause(node: str, folder: Path | None, as_json: bool) -> None:
-    """Stop a node's clockwork: its connections stay open, and it says nothing.
-
-    Example: blockrobot fault pause node-3
-    """
-    _do(_control(folder), Pause(node), as_json=as_json)
-
-
-@fault.command()
-@click.argument("node")
-@folder_option
-@json_option
-@handle_errors
-def resume(node: str, folder: Path | None, as_json: bool) -> None:
-    """Let a paused node go on.
-
-    Example: blockrobot fault resume node-3
-    """
-    _do(_control(folder), Resume(node), as_json=as_json)
+for _make, _text in _OF_ONE_NODE.items():
+    _add_of_one_node(_make, _text)
 
 
 @fault.command()

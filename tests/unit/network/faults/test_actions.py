@@ -8,6 +8,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from network.faults.actions import (
+    LINK_PROFILES,
     ActionReader,
     FillDisk,
     GoByzantine,
@@ -20,7 +21,6 @@ from network.faults.actions import (
     make_link_fault,
     read_duration,
 )
-from network.faults.profiles import LINK_PROFILES
 from node.p2p.shaping import SOUND, LinkFault
 
 READER = ActionReader(("node-1", "node-2", "node-3", "node-4"))

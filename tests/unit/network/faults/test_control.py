@@ -28,7 +28,7 @@ from network.faults.actions import (
 )
 from network.faults.control import FaultControl
 from network.faults.plan import parse_plan
-from network.faults.run import StepDone, run_plan
+from network.faults.requested import StepDone, run_plan
 from network.provisioning.network_layout import create_network
 from node.faults import STATE_FILE_NAME, TOKEN_FILE_NAME
 from node.p2p.shaping import LinkFault

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 from network.byzantine import BEHAVIOURS
+from network.faults.actions import LINK_PROFILES
 from network.faults.plan import parse_plan
-from network.faults.profiles import LINK_PROFILES
 
 PAGE = (Path(__file__).resolve().parents[4] / "docs" / "how-to" / "break-the-network.md").read_text(encoding="utf-8")
 NAMES = ("node-1", "node-2", "node-3", "node-4")
