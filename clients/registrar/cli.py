@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,15 @@ from clients.registrar.registrar_answers import (
 )
 from clients.sdk.new_files import new_file, write_new_file
 from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
-from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, load_genesis, print_answer
+from clients.sdk.terminal.terminal import (
+    can_ask,
+    console,
+    handle_errors,
+    home_folder,
+    json_option,
+    load_genesis,
+    print_answer,
+)
 from consensus.members.vouchers import ROLES, decode_card_code
 
 
@@ -77,7 +84,7 @@ def issue(
         raise click.UsageError(f"--out takes a new file that ends with {', '.join(SUFFIXES)}.")
     if uid_file:
         uid = uid_file.read_text(encoding="utf-8")
-    elif sys.stdin.isatty():
+    elif can_ask():
         uid = click.prompt("Hold the tag to the reader (or type its UID)", hide_input=True)
     else:
         raise click.UsageError("There is no terminal to ask for the tag: give --uid-file.")
@@ -137,7 +144,7 @@ def revoke(
     key = asyncio.run(opened.find_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(member, "--member")
     if not yes:
         role = asyncio.run(opened.find_role(key))
-        if as_json or not sys.stdin.isatty():
+        if as_json or not can_ask():
             raise click.UsageError("Nobody can be asked here: add --yes.")
         click.confirm(f"End the membership of this {role} for good?", abort=True)
     done = asyncio.run(opened.revoke(key))

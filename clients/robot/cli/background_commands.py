@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from clients.robot.cli.source_options import open_recording, source_options
 from clients.robot.identity.robot_keys import is_sealed
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.sources.live.live_sampling import record_empty_frames
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import can_ask, console, handle_errors, json_option, print_answer
 from pages.moments import show_moment
 
 
@@ -128,7 +127,7 @@ def approve_command(ctx: click.Context, viewpoint: str, by: str, days: int, yes:
     folder = ctx.obj.folder
     scene = find_scene(folder, viewpoint)
     if not yes:
-        if not sys.stdin.isatty():
+        if not can_ask():
             told = (
                 f"There is no terminal to ask whether you have looked at {scene.preview}: look at it, and give --yes."
             )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from clients.robot.identity.robot_keys import RobotIdentity, is_sealed, load_identity
+from clients.sdk.terminal.terminal import can_ask
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 
@@ -34,7 +34,7 @@ class RobotPlace:
         file = self.passphrase_file or (Path(handed) / CREDENTIAL if handed else None)
         if file is not None and (self.passphrase_file or file.is_file()):
             return read_passphrase(file)
-        return str(click.prompt("Passphrase of the robot", hide_input=True, err=True)) if sys.stdin.isatty() else None
+        return str(click.prompt("Passphrase of the robot", hide_input=True, err=True)) if can_ask() else None
 
     def find_approver(self, organisation: str | None) -> PrivateKey | None:
         """Return the organisation's admin key beside the genesis file. Raises ORGANISATION_KEY_NOT_FOUND."""

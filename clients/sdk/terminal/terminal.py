@@ -173,6 +173,11 @@ def ask_for_enter(text: str) -> None:
         click.prompt(text, default="", show_default=False)
 
 
+def can_ask() -> bool:
+    """Return whether somebody is there to answer."""
+    return sys.stdin.isatty()
+
+
 def is_at_terminal() -> bool:
     """Return whether input and output are both terminals, fit for secrets."""
     return sys.stdin.isatty() and sys.stdout.isatty()

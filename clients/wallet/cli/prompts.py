@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-
 import click
 
-from clients.sdk.terminal.terminal import ask
+from clients.sdk.terminal.terminal import ask, can_ask
 from clients.wallet.present.translations import WrongUsage
 
 
@@ -16,7 +14,7 @@ def ask_or_say(question: str, *, yes: bool, as_json: bool = False, told: str = "
     """
     if yes:
         return
-    if not sys.stdin.isatty():
+    if not can_ask():
         raise WrongUsage("no_terminal_yes")
     if told:
         click.echo(told, err=True)

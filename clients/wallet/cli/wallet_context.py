@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import sys
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,6 +13,7 @@ import click
 
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
+    can_ask,
     error_console,
     load_genesis,
 )
@@ -98,7 +98,7 @@ def _passphrase_from_file() -> str | None:
     path = os.environ.get(_PASSPHRASE_FILE)
     if path:
         return Path(path).read_text(encoding="utf-8").rstrip("\n")
-    if not sys.stdin.isatty():
+    if not can_ask():
         raise WrongUsage("no_terminal_passphrase", variable=_PASSPHRASE_FILE)
     return None
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import re
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ import click
 from msgspec import UNSET
 
 from clients.sdk.terminal.json_answers import Problem
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer, problem_json
+from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer, problem_json
 from clients.wallet.cli.shell_completion import complete_records
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.commands.share_commands import tell_copies, tell_recipients
@@ -144,7 +143,7 @@ def erase(
     frame_indexes = _read_frames(frames)
     if frame_indexes and (everything or len(record_ids) != 1):
         raise WrongUsage("frames_of_one")
-    if not yes and not sys.stdin.isatty():
+    if not yes and not can_ask():
         raise WrongUsage("no_terminal_yes")
     wish = _Wish(() if everything else record_ids, frame_indexes, wait, yes, as_json)
     done = run_with_wallet(ctx, functools.partial(_erase, wish))

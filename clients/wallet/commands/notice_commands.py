@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-
 import click
 from msgspec import UNSET
 
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.consent.receipt_fetching import Receipted, take_receipt
@@ -29,13 +27,9 @@ def show_notice(told: NoticeView, *, err: bool = False) -> None:
             console.print(escape(line))
 
 
-def is_at_terminal() -> bool:
-    return sys.stdin.isatty()
-
-
 def require_said(*, yes: bool) -> None:
     """Raise UsageError without terminal, unless `yes`: consent needs a person."""
-    if not yes and not is_at_terminal():
+    if not yes and not can_ask():
         raise WrongUsage("no_terminal_read")
 
 
@@ -43,10 +37,10 @@ def tell_first(notices: Notices | None, told: NoticeView, question: str, *, yes:
     """Show a notice before signing, and ask unless `yes`. `notices` None: another person's, not remembered. With `yes`
     it is marked as shown once printed.
     """
-    if as_json and (yes or not is_at_terminal()):
+    if as_json and (yes or not can_ask()):
         return
     show_notice(told, err=as_json)
-    if not yes and is_at_terminal():
+    if not yes and can_ask():
         ask(question, err=as_json)
     if notices is not None:
         notices.note_shown(told)

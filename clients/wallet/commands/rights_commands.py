@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import click
 
 from clients.sdk.new_files import new_file
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import can_ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import require_new, run_with_wallet
 from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
@@ -196,7 +195,7 @@ def object_to(
 def _read_text(text_file: Path | None) -> str:
     if text_file is not None:
         return text_file.read_text(encoding="utf-8").strip()
-    if not sys.stdin.isatty():
+    if not can_ask():
         raise WrongUsage("no_terminal_text")
     return str(click.prompt(text("rights.ask_correction"))).strip()
 

@@ -15,6 +15,7 @@ import click
 from clients.sdk.terminal.json_answers import Problem
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
+    can_ask,
     console,
     handle_errors,
     json_option,
@@ -143,7 +144,7 @@ def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
 
 
 def _offer_links(page: LocalPage, *, as_json: bool) -> None:
-    if as_json or not sys.stdin.isatty():
+    if as_json or not can_ask():
         return
     making: set[asyncio.Task[None]] = set()
 

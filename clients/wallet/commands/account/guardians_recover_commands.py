@@ -19,6 +19,7 @@ from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     ask,
     ask_for,
+    can_ask,
     clear_screen,
     console,
     handle_errors,
@@ -131,7 +132,7 @@ def check(file: Path, as_json: bool) -> None:
 
     Example: blockrobot wallet guardians check
     """
-    if file == _STDIN and sys.stdin.isatty() and not as_json:
+    if file == _STDIN and can_ask() and not as_json:
         if not is_at_terminal():
             raise WrongUsage("no_terminal_typed")
         console.print(text("guardians.type", words=SHARE_WORDS_COUNT))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import click
 from nacl import pwhash
 
 from clients.sdk.passphrase import PassphraseCost
-from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_answer
+from clients.sdk.terminal.terminal import can_ask, console, handle_errors, is_at_terminal, json_option, print_answer
 from clients.wallet.cli.wallet_context import on_abort, read_new_passphrase
 from clients.wallet.present.translations import WrongUsage, say_error, text
 from clients.wallet.present.wallet_answers import NewWalletAnswer, RestoreAnswer
@@ -118,7 +117,7 @@ def restore(
     Example: blockrobot wallet restore --words-file words.txt
     """
     path, genesis_path = ctx.obj
-    if words_file is None and not sys.stdin.isatty():
+    if words_file is None and not can_ask():
         raise WrongUsage("no_terminal_words")
     with _place(ctx, path):
         words = words_file.read_text(encoding="utf-8") if words_file else _ask_for_words()

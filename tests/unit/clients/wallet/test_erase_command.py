@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -23,8 +22,7 @@ class AtTerminal(People):
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         super().__init__(folder, monkeypatch)
-        terminal = SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True))
-        monkeypatch.setattr(erase_command, "sys", terminal)
+        monkeypatch.setattr(erase_command, "can_ask", lambda: True)
 
     def erase(self, record_id: bytes, *more: str, answer: str = "n") -> Result:
         """Type `erase` and answer its question."""

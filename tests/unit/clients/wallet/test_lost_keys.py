@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -290,7 +289,7 @@ def moment(time_ms: int) -> str:
 
 
 def test_questions_leave_the_json_alone(house: House, run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prompts, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    monkeypatch.setattr(prompts, "can_ask", lambda: True)
     house.lost()
     from_ms, until_ms = house.pass_span()
     span = ("--robot", house.robot.hex()[:10], "--from", moment(from_ms), "--until", moment(until_ms))

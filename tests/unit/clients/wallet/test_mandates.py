@@ -9,7 +9,6 @@ import asyncio
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -285,7 +284,7 @@ def test_questions_leave_the_json_alone(house: House, run: Run, monkeypatch: pyt
     receipt, paper = str(house.folder / "r.json"), str(house.folder / "birth.pdf")
     asked: list[bool] = []
     monkeypatch.setattr(prompts, "ask", lambda _, err=False: asked.append(err))
-    monkeypatch.setattr(prompts, "sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    monkeypatch.setattr(prompts, "can_ask", lambda: True)
     proposed = json.loads(run("eva", *house.proposal(), "--receipt", receipt, "--json").stdout)
     found = proposed["mandate_id"][:12]
     assert json.loads(run("max", "approve", found, "--receipt", receipt, "--papers", paper, "--json").stdout)["ok"]

@@ -179,7 +179,7 @@ def publish_while_she_reads(desk: Desk, monkeypatch: pytest.MonkeyPatch, *notice
             desk.ward.publish(waiting.pop(0))
         return "y"
 
-    monkeypatch.setattr(notice_commands, "is_at_terminal", lambda: True)
+    monkeypatch.setattr(notice_commands, "can_ask", lambda: True)
     monkeypatch.setattr("click.prompt", read)
 
 
@@ -388,7 +388,7 @@ def test_without_a_terminal_a_consent_is_said_with_yes_or_not_at_all(desk: Desk)
 
 def test_a_program_at_a_terminal_is_asked_on_the_side(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     desk.ward.publish(demo_notice())
-    monkeypatch.setattr(notice_commands, "is_at_terminal", lambda: True)
+    monkeypatch.setattr(notice_commands, "can_ask", lambda: True)
     asked: list[Any] = []
     monkeypatch.setattr("click.prompt", lambda *_, **more: asked.append(more["err"]) or "y")
     result = run("register", desk.code, "--purpose", "care", "--json")
