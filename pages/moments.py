@@ -15,9 +15,9 @@ _SHOWN_MAX_MS = 253_370_764_800_000  # 9999-01-01: what later functions cannot s
 _OFFSET = re.compile(r"\s+UTC([+-]\d\d:\d\d)?$", re.ASCII)
 
 
-def local_time(time_ms: int) -> datetime.datetime:
-    """Return milliseconds since 1970 as this machine's local time."""
-    return datetime.datetime.fromtimestamp(time_ms / 1000).astimezone()
+def local_time(time_ms: int, zone: datetime.tzinfo | None = None) -> datetime.datetime:
+    """Return milliseconds since 1970 in a time zone, this machine's by default."""
+    return datetime.datetime.fromtimestamp(time_ms / 1000, zone).astimezone(zone)
 
 
 def show_moment(time_ms: int) -> str:

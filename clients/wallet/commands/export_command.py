@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 
@@ -13,11 +12,11 @@ from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
-from clients.wallet.export.export_building import Exporting, Plan, Wanted
+from clients.wallet.export.export_building import ExportChoice, Exporting, Plan
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.export_text import bundle_warning, export_answer, say_problem
 from clients.wallet.present.translations import WrongUsage, language_in_use, section, text
@@ -80,7 +79,7 @@ def export(
 
     Example: blockrobot wallet export my-data.zip --from -30d
     """
-    if not yes and not sys.stdin.isatty():
+    if not yes and not can_ask():
         raise WrongUsage("no_terminal_yes")
     require_purpose(purpose)
     require_free(out, replace=force)
@@ -88,7 +87,7 @@ def export(
     from_ms, until_ms = read_time(begins, now_ms), read_time(ends, now_ms)
     if until_ms and until_ms <= from_ms:
         raise WrongUsage("until_order")
-    wanted = Wanted(_read_ids(records), from_ms, until_ms, pictures, identity, purpose)
+    wanted = ExportChoice(_read_ids(records), from_ms, until_ms, pictures, identity, purpose)
     hear = _say_progress(show_progress(quiet=as_json))
 
     begun = False

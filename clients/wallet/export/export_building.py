@@ -35,11 +35,11 @@ HELD_MAX_BYTES = 1 << 30
 
 Sleep = Callable[[float], Awaitable[None]]
 
-__all__ = ["Exporting", "Plan", "Wanted"]
+__all__ = ["ExportChoice", "Exporting", "Plan"]
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class ExportChoice:
     """Export selection. Empty `records`: all; times in robot-clock ms, 0 unbounded."""
 
     records: tuple[bytes, ...] = ()
@@ -73,7 +73,7 @@ class ChosenVisit:
 class Plan:
     """What would be exported, before any request."""
 
-    wanted: Wanted
+    wanted: ExportChoice
     visits: tuple[ChosenVisit, ...]
 
     @property
@@ -125,7 +125,7 @@ class Exporting:
         self._views: dict[bytes, RecordView] = {}
         self._problems: list[doc.Problem] = []
 
-    async def plan(self, wanted: Wanted) -> Plan:
+    async def plan(self, wanted: ExportChoice) -> Plan:
         """Plan an export without requests. Raises RECORD_NOT_FOUND, also if nothing is left."""
         reports = await self._wallet.records()
         known = {record_id for report in reports for record_id in _all_ids(report)}
@@ -319,7 +319,7 @@ def _all_ids(report: VisitReport) -> list[bytes]:
     return [*(entry.record_id for entry in report.records), *report.erased_ids, *report.unreadable_ids]
 
 
-def _choose(report: VisitReport, wanted: Wanted) -> ChosenVisit | None:
+def _choose(report: VisitReport, wanted: ExportChoice) -> ChosenVisit | None:
     if wanted.is_everything:
         return ChosenVisit(report.visit, report.records, None, report.unreadable_ids)
     opened = {entry.record_id: (entry.metadata.started_at_ms, entry.metadata.ended_at_ms) for entry in report.records}
@@ -340,5 +340,5 @@ def _choose(report: VisitReport, wanted: Wanted) -> ChosenVisit | None:
     )
 
 
-def _overlaps(started_ms: int, ended_ms: int, wanted: Wanted) -> bool:
+def _overlaps(started_ms: int, ended_ms: int, wanted: ExportChoice) -> bool:
     return ended_ms >= wanted.from_ms and (not wanted.until_ms or started_ms < wanted.until_ms)

@@ -1,4 +1,4 @@
-"""Filter records by day, time, robot, sensor; in pages."""
+"""Filter records by day, time, robot, sensor, visit; in pages."""
 
 from __future__ import annotations
 
@@ -21,29 +21,44 @@ _TIMES = re.compile(r"(\d{1,2}):(\d\d)-(\d{1,2}):(\d\d)")
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A filter in local time; empty means all. `minutes` is half-open and may pass midnight."""
+    """Days (ISO 8601) and minutes of a zone (None: this machine's), robots by their keys' beginnings; empty means all.
 
-    days: tuple[datetime.date, datetime.date] | None = None
+    `minutes` is half-open and may pass midnight.
+    """
+
+    days: tuple[str, str] | None = None
     minutes: tuple[int, int] | None = None
     robots: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
+    visit: str = ""
+    from_ms: int = 0
+    until_ms: int = 0
+    zone: datetime.tzinfo | None = None
 
     @property
     def narrows(self) -> bool:
-        return bool(self.days or self.minutes or self.robots or self.sensors)
+        return self != Filter(zone=self.zone)
+
+    def began(self, entry: RecordEntry) -> datetime.datetime:
+        return local_time(entry.metadata.started_at_ms, self.zone)
 
     def takes(self, entry: RecordEntry) -> bool:
-        began = local_time(entry.metadata.started_at_ms)
-        if self.days is not None and not self.days[0] <= began.date() <= self.days[1]:
+        start_ms = entry.metadata.started_at_ms
+        if (
+            (self.robots and not entry.visit.robot.hex().startswith(self.robots))
+            or (self.sensors and entry.metadata.sensor not in self.sensors)
+            or (self.visit and entry.visit.owner.hex() != self.visit)
+            or start_ms < self.from_ms
+            or (self.until_ms and start_ms >= self.until_ms)
+        ):
             return False
-        if self.minutes is not None:
-            first, end = self.minutes
-            minute = began.hour * 60 + began.minute
-            if not (first <= minute < end if first < end else minute >= first or minute < end):
-                return False
-        if self.robots and not entry.visit.robot.hex().startswith(self.robots):
+        if self.days is None and self.minutes is None:
+            return True
+        began, (first, end) = self.began(entry), self.minutes or (0, _DAY_MINUTES)
+        if self.days is not None and not self.days[0] <= str(began.date()) <= self.days[1]:
             return False
-        return not self.sensors or entry.metadata.sensor in self.sensors
+        minute = began.hour * 60 + began.minute
+        return first <= minute < end if first < end else minute >= first or minute < end
 
 
 def read_days(written: str | None, today: datetime.date) -> tuple[datetime.date, datetime.date] | None:
@@ -89,7 +104,8 @@ def read_filter(
         if sensor != NOTICE_SENSOR:
             require_sensor(sensor)
     named = tuple(robot.lower() for robot in robots)
-    return Filter(read_days(day, today), read_minutes(time_of_day), named, tuple(sensors))
+    days = read_days(day, today)
+    return Filter(days and (str(days[0]), str(days[1])), read_minutes(time_of_day), named, tuple(sensors))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,9 @@ import datetime
 import re
 import zoneinfo
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 from clients.sdk.terminal.json_answers import Answer, Hex
+from clients.wallet.ledger.record_filter import Filter
 from clients.wallet.ledger.robot_names import RobotNames, tell_robot
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.wallet_snapshot import Snapshot, VisitPart
@@ -34,41 +34,6 @@ def read_zone(name: str) -> datetime.tzinfo | None:
         return None
 
 
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """Record filter; empty or 0 means any. Minutes are of the day."""
-
-    day: str = ""
-    robot: str = ""
-    sensor: str = ""
-    visit: str = ""
-    from_ms: int = 0
-    until_ms: int = 0
-    from_minute: int = 0
-    until_minute: int = 24 * 60
-    zone: datetime.tzinfo | None = None
-
-    def moment(self, entry: RecordEntry) -> datetime.datetime:
-        return datetime.datetime.fromtimestamp(entry.metadata.started_at_ms / 1000, self.zone)
-
-    def takes(self, entry: RecordEntry) -> bool:
-        start_ms = entry.metadata.started_at_ms
-        if (
-            (self.robot and entry.visit.robot.hex() != self.robot)
-            or (self.sensor and entry.metadata.sensor != self.sensor)
-            or (self.visit and entry.visit.owner.hex() != self.visit)
-            or start_ms < self.from_ms
-            or (self.until_ms and start_ms >= self.until_ms)
-        ):
-            return False
-        if not self.day and self.from_minute == 0 and self.until_minute >= 24 * 60:
-            return True
-        moment = self.moment(entry)
-        if self.day and moment.date().isoformat() != self.day:
-            return False
-        return self.from_minute <= moment.hour * 60 + moment.minute < self.until_minute
-
-
 def recordings(entries: Iterable[RecordEntry]) -> list[RecordEntry]:
     """Return records with content, without withheld-frame notices."""
     return [entry for entry in entries if entry.metadata.sensor != NOTICE_SENSOR]
@@ -86,7 +51,7 @@ def kind_of(entry: RecordEntry) -> str:
     return KINDS.get(entry.metadata.sensor, "picture")
 
 
-def select(snapshot: Snapshot, wanted: Wanted) -> list[tuple[VisitPart, RecordEntry]]:
+def select(snapshot: Snapshot, wanted: Filter) -> list[tuple[VisitPart, RecordEntry]]:
     """Return wanted records in time order."""
     found = [(part, entry) for part in snapshot.visits for entry in part.report.records if wanted.takes(entry)]
     return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
@@ -195,11 +160,11 @@ class DaysShown(Answer, frozen=True, kw_only=True):
     visits: list[VisitShown]
 
 
-def show_days(snapshot: Snapshot, wanted: Wanted, zone_name: str, language: str | None = None) -> DaysShown:
+def show_days(snapshot: Snapshot, wanted: Filter, zone_name: str, language: str | None = None) -> DaysShown:
     """Return days with records, newest first, and visits' problems. `language` None: current."""
     days: dict[str, list[tuple[VisitPart, RecordEntry]]] = {}
     for part, entry in select(snapshot, wanted):
-        days.setdefault(wanted.moment(entry).date().isoformat(), []).append((part, entry))
+        days.setdefault(wanted.began(entry).date().isoformat(), []).append((part, entry))
     everything = [entry for part in snapshot.visits for entry in part.report.records]
     return DaysShown(
         zone=zone_name,

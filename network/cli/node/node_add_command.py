@@ -66,7 +66,7 @@ def add(
         if not as_json:
             console.print(f"  {len(steps)}. {escape(step.sentence())}", soft_wrap=True)
 
-    wanted = _Wanted(name, organisation, is_producer, is_custodian, base_port)
+    wanted = _NewNode(name, organisation, is_producer, is_custodian, base_port)
     added, growth = asyncio.run(_add(cluster, voices, wanted, tell))
     if as_json:
         done = [NodeAddStep(who=step.who, what=step.what, height=step.height) for step in steps]
@@ -82,7 +82,7 @@ def add(
 
 
 @dataclass(frozen=True, slots=True)
-class _Wanted:
+class _NewNode:
     name: str | None
     organisation: str | None
     is_producer: bool
@@ -91,7 +91,7 @@ class _Wanted:
 
 
 async def _add(
-    cluster: Cluster, voices: dict[str, PrivateKey], wanted: _Wanted, tell: Callable[[Step], None]
+    cluster: Cluster, voices: dict[str, PrivateKey], wanted: _NewNode, tell: Callable[[Step], None]
 ) -> tuple[NodeEntry, Growth]:
     async with open_pinned_client(cluster.genesis, cluster.folder / PIN_FILE) as client:
         growth = Growth(client, voices, tell)
@@ -114,7 +114,7 @@ async def _add(
         return entry, growth
 
 
-def _make(cluster: Cluster, membership: MembershipView, growth: Growth, wanted: _Wanted) -> NodeEntry:
+def _make(cluster: Cluster, membership: MembershipView, growth: Growth, wanted: _NewNode) -> NodeEntry:
     """Raises AUTHORITY_NOT_HERE, NODE_EXISTS, NOT_FOUND."""
     configs = list(cluster.configs.values())
     known = newest_directory(cluster.genesis, of_chain(configs, cluster.genesis.chain_id))

@@ -7,10 +7,11 @@ import asyncio
 from aiohttp import web
 
 from clients.sdk.terminal.json_answers import Hex, extend
+from clients.wallet.ledger.record_filter import Filter
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
-from clients.wallet.page.record_days import Wanted, kind_of, kinds_json, read_zone, select
+from clients.wallet.page.record_days import kind_of, kinds_json, read_zone, select
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.routes.reading_routes import told_erasure, told_share
 from clients.wallet.page.session import PageSession
@@ -58,7 +59,7 @@ def _wanted(session: PageSession, asked: RequestFields) -> list[bytes]:
     everything, day = asked.flag("all", default=False), asked.text("day", "", max_chars=10)
     zone, ids = asked.text("zone", ""), asked.ids("records")
     if everything or day:
-        found = select(session.snapshot, Wanted(day=day, zone=read_zone(zone)))
+        found = select(session.snapshot, Filter((day, day) if day else None, zone=read_zone(zone)))
         return [entry.record_id for part, entry in found if not part.report.standing.breach_id]
     return ids
 

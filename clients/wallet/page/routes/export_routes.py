@@ -16,7 +16,7 @@ from clients.bundle.checks.bundle_check import Verdict
 from clients.bundle.proving import Heard
 from clients.bundle.writing import Contents, write_bundle
 from clients.wallet.cli.invocation import verify_command
-from clients.wallet.export.export_building import Exporting, Wanted
+from clients.wallet.export.export_building import ExportChoice, Exporting
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.request_fields import RequestFields
@@ -36,8 +36,8 @@ def routes(session: PageSession) -> list[LocalRoute]:
     ]
 
 
-def _read_wanted(asked: RequestFields) -> tuple[Wanted, bool]:
-    wanted = Wanted(
+def _read_wanted(asked: RequestFields) -> tuple[ExportChoice, bool]:
+    wanted = ExportChoice(
         records=tuple(asked.ids("records")),
         from_ms=asked.number("from_ms", 0),
         until_ms=asked.number("until_ms", 0),
@@ -77,7 +77,7 @@ class _StoppedError(Exception):
     """Nobody waits for what is being written any more."""
 
 
-async def _write(session: PageSession, job: Job, wanted: Wanted, language: str, *, at_once: bool) -> Result:
+async def _write(session: PageSession, job: Job, wanted: ExportChoice, language: str, *, at_once: bool) -> Result:
     loop = asyncio.get_running_loop()
 
     def heard(what: str, done: int, of: int) -> None:

@@ -9,13 +9,13 @@ from aiohttp import web
 
 from clients.sdk.pictures.depth_colours import scale_json
 from clients.sdk.terminal.json_answers import Answer, Hex, extend
+from clients.wallet.ledger.record_filter import Filter
 from clients.wallet.ledger.visit_audit import AuditEntry, findings_of, records_of
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.jobs import WAIT_MAX_MS
 from clients.wallet.page.page_answers import answer_json, language_of, query_of, route, tell_job, tell_problem
 from clients.wallet.page.record_days import (
     RecordShown,
-    Wanted,
     kinds_json,
     read_zone,
     recordings,
@@ -210,17 +210,19 @@ async def _cancel(session: PageSession, request: web.Request) -> web.Response:
 # Records
 
 
-def read_wanted(asked: RequestFields) -> tuple[Wanted, str]:
-    zone = asked.text("zone", "")
-    wanted = Wanted(
-        day=asked.text("day", "", max_chars=10),
-        robot=asked.text("robot", "", max_chars=66).lower(),
-        sensor=asked.text("sensor", "", max_chars=64),
+def read_wanted(asked: RequestFields) -> tuple[Filter, str]:
+    day, zone = asked.text("day", "", max_chars=10), asked.text("zone", "")
+    robot, sensor = asked.text("robot", "", max_chars=66).lower(), asked.text("sensor", "", max_chars=64)
+    first = asked.number("from_minute", 0, most=_DAY_MINUTES)
+    end = asked.number("until_minute", _DAY_MINUTES, most=_DAY_MINUTES)
+    wanted = Filter(
+        (day, day) if day else None,
+        None if (first, end) == (0, _DAY_MINUTES) else (first, end),
+        (robot,) if robot else (),
+        (sensor,) if sensor else (),
         visit=asked.text("visit", "", max_chars=66).lower(),
         from_ms=asked.number("from_ms", 0),
         until_ms=asked.number("until_ms", 0),
-        from_minute=asked.number("from_minute", 0, most=_DAY_MINUTES),
-        until_minute=asked.number("until_minute", _DAY_MINUTES, most=_DAY_MINUTES),
         zone=read_zone(zone),
     )
     return wanted, zone

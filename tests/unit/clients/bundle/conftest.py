@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from clients.bundle.writing import Contents, write_bundle
-from clients.wallet.export.export_building import Exporting, Wanted
+from clients.wallet.export.export_building import ExportChoice, Exporting
 from clients.wallet.records.viewing import Viewing
 from consensus.chain.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
@@ -37,9 +37,9 @@ class Made:
         return pack(sign_anew(list_anew(files), self.genesis, lambda key: self.keys[key]))
 
 
-async def make(ward: Ward, path: Path, wanted: Wanted | None = None) -> Contents:
+async def make(ward: Ward, path: Path, wanted: ExportChoice | None = None) -> Contents:
     exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
-    contents = await exporting.collect(await exporting.plan(wanted or Wanted()), NOW_MS)
+    contents = await exporting.collect(await exporting.plan(wanted or ExportChoice()), NOW_MS)
     write_bundle(path, contents)
     return contents
 

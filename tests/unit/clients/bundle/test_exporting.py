@@ -23,7 +23,7 @@ from clients.bundle.telling import open_corrections
 from clients.bundle.writing import write_bundle
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.export import export_building as exporting_module
-from clients.wallet.export.export_building import Exporting, Wanted
+from clients.wallet.export.export_building import ExportChoice, Exporting
 from clients.wallet.records.viewing import Viewing
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -40,9 +40,9 @@ def ward(tmp_path: Path) -> Ward:
     return Ward(tmp_path)
 
 
-async def export(ward: Ward, path: Path, wanted: Wanted | None = None, *, now_ms: int = NOW_MS) -> Verdict:
+async def export(ward: Ward, path: Path, wanted: ExportChoice | None = None, *, now_ms: int = NOW_MS) -> Verdict:
     exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
-    plan = await exporting.plan(wanted or Wanted())
+    plan = await exporting.plan(wanted or ExportChoice())
     return write_bundle(path, await exporting.collect(plan, now_ms))
 
 
@@ -80,7 +80,7 @@ async def test_access_is_asked_for_on_the_chain_with_a_purpose_and_stands_in_the
 ) -> None:
     visit = ward.open_visit()
     record_id = ward.record(visit)
-    await export(ward, tmp_path / "mine.zip", Wanted(purpose="complaint"))
+    await export(ward, tmp_path / "mine.zip", ExportChoice(purpose="complaint"))
     with zipfile.ZipFile(tmp_path / "mine.zip") as packed:
         (access,) = json.loads(packed.read("data/access.json"))["accesses"]
         kinds = [entry["kind"] for entry in json.loads(packed.read("data/audit.json"))["entries"]]
@@ -95,7 +95,7 @@ async def test_access_is_asked_for_on_the_chain_with_a_purpose_and_stands_in_the
 async def test_looking_what_there_is_asks_for_nothing(ward: Ward) -> None:
     ward.record(ward.open_visit())
     height = ward.chain.height
-    plan = await Exporting(ward.wallet).plan(Wanted())
+    plan = await Exporting(ward.wallet).plan(ExportChoice())
     assert (plan.record_count, ward.chain.height) == (1, height)
 
 
@@ -119,7 +119,7 @@ async def test_visits_are_asked_for_after_pauses_and_not_side_by_side(ward: Ward
         pauses.append(seconds)
 
     exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), sleep=sleep)
-    contents = await exporting.collect(await exporting.plan(Wanted()), NOW_MS)
+    contents = await exporting.collect(await exporting.plan(ExportChoice()), NOW_MS)
     assert len(pauses) == 3
     assert all(0 <= pause < exporting_module.SPREAD_MAX_MS / 1000 for pause in pauses)
     verdict = write_bundle(tmp_path / "mine.zip", contents)
@@ -129,11 +129,11 @@ async def test_visits_are_asked_for_after_pauses_and_not_side_by_side(ward: Ward
 async def test_equal_contents_make_equal_bytes_apart_from_the_stated_time(ward: Ward, tmp_path: Path) -> None:
     ward.record(ward.open_visit())
     exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
-    contents = await exporting.collect(await exporting.plan(Wanted()), NOW_MS)
+    contents = await exporting.collect(await exporting.plan(ExportChoice()), NOW_MS)
     for name in ("one.zip", "two.zip"):
         write_bundle(tmp_path / name, contents)
     assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
-    quiet = Wanted(pictures=False)
+    quiet = ExportChoice(pictures=False)
     await export(ward, tmp_path / "then.zip", quiet)
     await export(ward, tmp_path / "later.zip", quiet, now_ms=NOW_MS + 1)
     with zipfile.ZipFile(tmp_path / "then.zip") as then, zipfile.ZipFile(tmp_path / "later.zip") as later:
@@ -165,7 +165,7 @@ async def test_no_key_of_the_wallet_is_in_a_bundle(ward: Ward, tmp_path: Path) -
 
 async def test_without_identity_nothing_names_the_member(ward: Ward, tmp_path: Path) -> None:
     ward.record(ward.open_visit())
-    verdict = await export(ward, tmp_path / "mine.zip", Wanted(identity=False))
+    verdict = await export(ward, tmp_path / "mine.zip", ExportChoice(identity=False))
     content = (tmp_path / "mine.zip").read_bytes()
     keys = ward.wallet.keys
     for public in (keys.identity.public_key, ward.patient.handle, keys.sealing_public, keys.view.public_key):
@@ -179,7 +179,7 @@ async def test_without_identity_nothing_names_the_member(ward: Ward, tmp_path: P
 async def test_without_pictures_nothing_is_asked_for(ward: Ward, tmp_path: Path) -> None:
     ward.record(ward.open_visit())
     height = ward.chain.height
-    verdict = await export(ward, tmp_path / "mine.zip", Wanted(pictures=False))
+    verdict = await export(ward, tmp_path / "mine.zip", ExportChoice(pictures=False))
     assert ward.chain.height == height
     assert (len(verdict.records), verdict.frames, verdict.accesses) == (1, [], 0)
     assert verdict.records[0].metadata_proved
@@ -189,7 +189,7 @@ async def test_chosen_records_go_along_and_the_others_are_not_told_of(ward: Ward
     visit, other = ward.open_visit(), ward.open_visit()
     ids = [ward.record(visit) for _ in range(3)]
     ward.record(other)
-    verdict = await export(ward, tmp_path / "mine.zip", Wanted(records=(ids[1],)))
+    verdict = await export(ward, tmp_path / "mine.zip", ExportChoice(records=(ids[1],)))
     content = (tmp_path / "mine.zip").read_bytes()
     assert [record.record_id for record in verdict.records] == [ids[1].hex()]
     assert ids[0].hex().encode() not in content
@@ -202,7 +202,7 @@ async def test_one_visit_and_one_record_are_told_in_the_singular(ward: Ward, tmp
     chosen = ward.record(visit, frames=1)
     ward.record(visit)
     ward.close_visit(visit)
-    await export(ward, tmp_path / "one.zip", Wanted(records=(chosen,)))
+    await export(ward, tmp_path / "one.zip", ExportChoice(records=(chosen,)))
     told = CliRunner().invoke(verify, [str(tmp_path / "one.zip")])
     assert told.exit_code == 0, told.output
     said = " ".join(told.output.split())
@@ -219,15 +219,15 @@ async def test_a_span_of_time_chooses_by_when_it_was_recorded(ward: Ward, tmp_pa
     ward.chain.time_ms += 3_600_000
     middle_ms = ward.chain.time_ms - 1_800_000
     late = ward.record(ward.open_visit())
-    after = await export(ward, tmp_path / "after.zip", Wanted(from_ms=middle_ms))
-    before = await export(ward, tmp_path / "before.zip", Wanted(until_ms=middle_ms))
+    after = await export(ward, tmp_path / "after.zip", ExportChoice(from_ms=middle_ms))
+    before = await export(ward, tmp_path / "before.zip", ExportChoice(until_ms=middle_ms))
     assert [record.record_id for record in after.records] == [late.hex()]
     assert [record.record_id for record in before.records] == [early.hex()]
 
 
 async def test_a_record_of_somebody_else_and_an_empty_choice_are_told(ward: Ward) -> None:
     ward.record(ward.open_visit())
-    for wanted in (Wanted(records=(bytes(16),)), Wanted(from_ms=NOW_MS)):
+    for wanted in (ExportChoice(records=(bytes(16),)), ExportChoice(from_ms=NOW_MS)):
         with pytest.raises(BlockRobotError) as caught:
             await Exporting(ward.wallet).plan(wanted)
         assert caught.value.code == "RECORD_NOT_FOUND"
@@ -348,7 +348,7 @@ async def test_a_record_that_is_erased_while_the_export_runs_is_left_out_and_nam
     gone, kept = ward.record(visit), ward.record(visit)
     key = await ward.owner_key(visit.owner)
     exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
-    plan = await exporting.plan(Wanted())
+    plan = await exporting.plan(ExportChoice())
     pending = [gone]
 
     def erase() -> None:
@@ -368,7 +368,7 @@ async def test_an_access_that_the_chain_refuses_for_one_record_keeps_back_no_oth
     visit = ward.open_visit()
     gone, kept = ward.record(visit), ward.record(visit)
     exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
-    plan = await exporting.plan(Wanted())
+    plan = await exporting.plan(ExportChoice())
     await ward.erase(visit, [gone])
     verdict = write_bundle(tmp_path / "mine.zip", await exporting.collect(plan, NOW_MS))
     assert {code for record_id, code in problem_codes(verdict) if record_id == gone.hex()} >= {"CALL_REFUSED"}
@@ -448,7 +448,7 @@ async def test_restrictions_and_corrections_go_along_with_what_they_say(ward: Wa
         openings = read_document(layout.RECORD_OPENINGS, packed.read(layout.RECORD_OPENINGS), documents.RecordOpenings)
     assert [row["text"] for row in rights["corrections"]] == ["That is my sister."]
     assert rights["restriction"]["ground"] == "accuracy"
-    await export(ward, tmp_path / "unnamed.zip", Wanted(records=(record_id,), identity=False))
+    await export(ward, tmp_path / "unnamed.zip", ExportChoice(records=(record_id,), identity=False))
     assert b"my sister" not in (tmp_path / "unnamed.zip").read_bytes()
     lie = msgspec.structs.replace(openings.corrections[0], text="That is my brother.")
     facts = SimpleNamespace(owner=visit.owner, corrections=[SimpleNamespace(commitment=said_commitment(rights))])

@@ -17,7 +17,7 @@ from clients.bundle.checks.bundle_check import Verdict, unproved, verify_bundle
 from clients.bundle.proving import schema_text
 from clients.bundle.writing import Contents, write_bundle
 from clients.sdk.chain.block_reader import read_transaction
-from clients.wallet.export.export_building import Wanted
+from clients.wallet.export.export_building import ExportChoice
 from clients.wallet.recovery.key_rotation import Rotating
 from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.errors import BlockRobotError
@@ -26,7 +26,7 @@ from tests.unit.clients.bundle.repacking import unpack
 from tests.unit.clients.bundle.ward import Ward
 from tests.unit.contracts.privacy.hospital import Person
 
-NO_PICTURES = Wanted(pictures=False)
+NO_PICTURES = ExportChoice(pictures=False)
 
 
 async def rotate(ward: Ward) -> None:
@@ -75,7 +75,7 @@ async def test_who_never_changed_her_words_gets_a_bundle_that_older_programs_rea
 
 
 async def test_without_identity_no_key_is_named(ward: Ward, tmp_path: Path) -> None:
-    await make(ward, tmp_path / "mine.zip", Wanted(pictures=False, identity=False))
+    await make(ward, tmp_path / "mine.zip", ExportChoice(pictures=False, identity=False))
     verdict = verify_bundle(tmp_path / "mine.zip", ward.genesis)
     assert (proved(verdict), verdict.manifest.version) == ([False, False, False], 1)
 

@@ -17,7 +17,7 @@ from clients.bundle.checks.bundle_check import unproved
 from clients.bundle.cli import verify
 from clients.bundle.writing import Contents, write_bundle
 from clients.robot.recording.sealing import VisitChain
-from clients.wallet.export.export_building import Exporting, Wanted
+from clients.wallet.export.export_building import ExportChoice, Exporting
 from clients.wallet.export.proof_collection import PersonProofs, collect_person
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.records.viewing import Viewing
@@ -46,7 +46,7 @@ def visit(ward: Ward) -> VisitChain:
 
 async def collect(ward: Ward) -> Contents:
     exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
-    return await exporting.collect(await exporting.plan(Wanted()), NOW_MS)
+    return await exporting.collect(await exporting.plan(ExportChoice()), NOW_MS)
 
 
 def opened_by(newer: Contents, older: Contents) -> Contents:

@@ -22,7 +22,7 @@ from clients.bundle.checks.signed_receipts import require_owners
 from clients.bundle.cli import verify
 from clients.bundle.proving import schema_text
 from clients.bundle.writing import Contents, write_bundle
-from clients.wallet.export.export_building import Wanted
+from clients.wallet.export.export_building import ExportChoice
 from consensus.errors import BlockRobotError
 from consensus.rights.consent_receipts import sign_as_controller, sign_as_person
 from consensus.state.identity import MemberRow
@@ -32,7 +32,7 @@ from tests.unit.clients.bundle.receipting import NoticeWard, entry_of
 from tests.unit.clients.bundle.repacking import judge, list_anew, pack, sign_anew, unpack
 from tests.unit.contracts.privacy.hospital import key_of
 
-NO_PICTURES = Wanted(pictures=False)
+NO_PICTURES = ExportChoice(pictures=False)
 
 
 def new_ward(folder: Path) -> NoticeWard:
@@ -283,7 +283,7 @@ def test_of_an_objection_there_is_no_receipt_but_the_word_itself(ward: NoticeWar
 def test_who_names_no_member_names_no_receipt(ward: NoticeWard, tmp_path: Path) -> None:
     say_three(ward)
     ward.record(ward.open_visit())
-    asyncio.run(make(ward, tmp_path / "mine.zip", Wanted(identity=False, pictures=False)))
+    asyncio.run(make(ward, tmp_path / "mine.zip", ExportChoice(identity=False, pictures=False)))
     verdict = verify_bundle(tmp_path / "mine.zip", ward.genesis)
     assert (verdict.signed, verdict.manifest.version, verdict.manifest.problems) == ((), 1, [])
     assert ward.wallet.store.content.receipts == [], "and nobody was asked"

@@ -9,7 +9,7 @@ import pytest
 
 from clients.bundle.checks import visit_check
 from clients.bundle.checks.bundle_check import Verdict, verify_bundle
-from clients.wallet.export.export_building import Wanted
+from clients.wallet.export.export_building import ExportChoice
 from clients.wallet.export.proof_collection import StateCollector
 from clients.wallet.ledger.visit_scan import find_own_visits
 from clients.wallet.ledger.wallet import Wallet
@@ -22,7 +22,7 @@ from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.bundle.ward import Ward
 from tests.unit.clients.wallet.conftest import CHEAP
 
-TRAIL_ONLY = Wanted(pictures=False, identity=False)
+TRAIL_ONLY = ExportChoice(pictures=False, identity=False)
 
 
 class Thief(Ward):

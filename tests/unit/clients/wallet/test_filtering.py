@@ -83,9 +83,9 @@ def test_a_sensor_that_is_none_is_named() -> None:
 @pytest.mark.parametrize(
     ("wanted", "moment", "taken"),
     [
-        (Filter(days=(TODAY, TODAY)), "2027-01-31T00:00", True),
-        (Filter(days=(TODAY, TODAY)), "2027-01-31T23:59:59", True),
-        (Filter(days=(TODAY, TODAY)), "2027-02-01T00:00", False),
+        (Filter(days=(str(TODAY), str(TODAY))), "2027-01-31T00:00", True),
+        (Filter(days=(str(TODAY), str(TODAY))), "2027-01-31T23:59:59", True),
+        (Filter(days=(str(TODAY), str(TODAY))), "2027-02-01T00:00", False),
         (Filter(minutes=(540, 750)), "2027-01-31T09:00", True),
         (Filter(minutes=(540, 750)), "2027-01-31T12:30", False),
         (Filter(minutes=(1320, 360)), "2027-01-31T23:00", True),
@@ -110,7 +110,7 @@ def test_a_visit_of_which_something_is_missing_is_shown_whatever_is_asked_for() 
         visit(unreadable=(b"x",)),
         visit(entry("2027-01-31")),
     ]
-    page = select(reports, Filter(days=(TODAY, TODAY)))
+    page = select(reports, Filter(days=(str(TODAY), str(TODAY))))
     assert [shown.number for shown in page.visits] == [2, 3, 4]
     assert (page.matching_count, page.records_count, page.shown_count) == (1, 3, 1)
 

@@ -11,7 +11,7 @@ import pytest
 from clients.bundle.checks.bundle_check import Verdict, unproved, verify_bundle
 from clients.wallet.consent import receipt_collection
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
-from clients.wallet.export.export_building import Wanted
+from clients.wallet.export.export_building import ExportChoice
 from clients.wallet.recovery.key_rotation import Rotating
 from consensus.errors import BlockRobotError
 from network.notices.demo_notice import demo_notice
@@ -35,7 +35,7 @@ def say(ward: NoticeWard, entry: str, *arguments: object) -> bytes:
 
 
 async def export(ward: NoticeWard, path: Path) -> Verdict:
-    await make(ward, path, Wanted(pictures=False))
+    await make(ward, path, ExportChoice(pictures=False))
     return verify_bundle(path, ward.genesis)
 
 
