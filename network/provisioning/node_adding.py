@@ -76,7 +76,7 @@ class Growth:
         for name in self._order(first):
             governor = Governor(self.client, self.voices[name])
             if proposal is None:
-                decision = await governor.propose_membership(kind, arguments)
+                decision = await governor.propose("membership", kind, arguments)
                 self.tell(Step(name, f"org propose {what}", decision.height))
             else:
                 decision = await governor.approve(proposal)
@@ -98,10 +98,10 @@ class Growth:
             governor = Governor(self.client, self.voices[name])
             if count == 0:
                 needed = (await read_membership(self.client, self.voices[name])).majority
-                decision = await governor.propose_producer(key)
+                decision = await governor.vote("propose", key)
                 self.tell(Step(name, f"producer propose {node}", decision.height))
             else:
-                decision = await governor.approve_producer(key)
+                decision = await governor.vote("approve", key)
                 self.tell(Step(name, f"producer approve {node}", decision.height))
             if count + 1 >= needed:
                 return True

@@ -95,7 +95,7 @@ async def test_a_stolen_certificate_counts_no_more_once_it_is_revoked(
     key = PrivateKey((network.folder / "organisations" / "hospital" / "admin.key").read_bytes())
     async with NetworkClient(network.genesis) as client:
         arguments = {"organisation": "hospital", "serial": serial_bytes(stolen.serial)}
-        decision = await Governor(client, key).propose_membership("revoke_certificate", arguments)
+        decision = await Governor(client, key).propose("membership", "revoke_certificate", arguments)
     await network.wait_height(TARGET, decision.height)
     assert _reason(await _knock(network, tmp_path, stolen, IMPOSTOR)) == "PEER_CERTIFICATE_REVOKED"
     assert IMPOSTOR in (await network.status(TARGET))["peers"], "the genuine node's own certificate counts"
@@ -107,7 +107,7 @@ async def test_nobody_else_revokes_an_organisations_certificate_alone(network: N
     key = PrivateKey((network.folder / "organisations" / "university" / "admin.key").read_bytes())
     async with NetworkClient(network.genesis) as client:
         arguments = {"organisation": "hospital", "serial": serial_bytes(4711)}
-        decision = await Governor(client, key).propose_membership("revoke_certificate", arguments)
+        decision = await Governor(client, key).propose("membership", "revoke_certificate", arguments)
     assert not decision.executed
     await _still_works(network)
     assert IMPOSTOR in (await network.status(TARGET))["peers"]

@@ -252,12 +252,10 @@ class Governor:
             raise BlockRobotError(code, sentence or receipt.code, contract_code=receipt.code)
         return _decision_of(receipt)
 
-    async def propose_membership(self, kind: str, arguments: dict[str, Any]) -> Decision:
-        """Propose a membership change."""
-        return await self._call("membership", "propose", [kind, arguments])
-
-    async def propose_setting(self, name: str, value: int | str) -> Decision:
-        return await self._call("settings", "propose", [name, value])
+    async def propose(self, contract: str, kind: str, arguments: Mapping[str, Any]) -> Decision:
+        """Propose a change by the contract `membership`, `settings` (kind `set`) or `lifecycle`."""
+        values = [arguments["name"], arguments["value"]] if contract == "settings" else [kind, dict(arguments)]
+        return await self._call(contract, "propose", values)
 
     async def upload_part(self, source_hash: bytes, parts: int, place: int, data: bytes) -> Decision:
         """Upload one source part (at most 6,000 bytes); `source_hash` covers the whole."""
@@ -267,27 +265,12 @@ class Governor:
         """Compile an uploaded source once; proposals report its errors."""
         return await self._call("lifecycle", "check_upload", [source_hash])
 
-    async def propose_contract(self, kind: str, arguments: dict[str, Any]) -> Decision:
-        """Propose to deploy, activate, disable or keep a contract."""
-        return await self._call("lifecycle", "propose", [kind, arguments])
-
     async def approve(self, proposal: ProposalRow) -> Decision:
         return await self._call(proposal.contract, "approve", [proposal.id])
 
     async def withdraw(self, proposal: ProposalRow) -> Decision:
         return await self._call("membership", "withdraw", [proposal.id])
 
-    async def propose_producer(self, key: bytes) -> Decision:
-        """Make a producer key (33 bytes) a candidate, with one's vote."""
-        return await self._call("producers", "propose", [key])
-
-    async def approve_producer(self, key: bytes) -> Decision:
-        """Vote for a candidate, or a suspended producer's return."""
-        return await self._call("producers", "approve", [key])
-
-    async def withdraw_producer(self, key: bytes) -> Decision:
-        return await self._call("producers", "withdraw", [key])
-
-    async def remove_producer(self, key: bytes) -> Decision:
-        """Vote to remove a producer; for one's own, one vote suffices."""
-        return await self._call("producers", "remove", [key])
+    async def vote(self, entry: str, key: bytes) -> Decision:
+        """Vote on a producer key (33 bytes): `propose`, `approve`, `withdraw`, or `remove` (own: one vote suffices)."""
+        return await self._call("producers", entry, [key])

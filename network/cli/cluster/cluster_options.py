@@ -1,9 +1,13 @@
-"""The network option of commands, and its text in next steps."""
+"""The network option of commands, its text in next steps, and options that belong together."""
 
 from __future__ import annotations
 
+import functools
+import inspect
 import shlex
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -22,3 +26,20 @@ def dir_words(place: Path) -> str:
 folder_option = click.option(
     "--dir", "folder", type=click.Path(path_type=Path, file_okay=False), help="The network's folder."
 )
+
+
+def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return a decorator that adds options, and passes `make(**their_values)` as one argument."""
+    taken = tuple(inspect.signature(make).parameters)
+
+    def decorate(command: Any) -> Any:
+        @functools.wraps(command)
+        def wrapped(*args: Any, **values: Any) -> Any:
+            made = make(**{each: values.pop(each) for each in taken})
+            return command(*args, **values, **{name: made})
+
+        for option in reversed(options):
+            option(wrapped)
+        return wrapped
+
+    return decorate

@@ -26,7 +26,8 @@ from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_answers import ExploreAnswer
 from network.cli.cluster.cluster_options import folder_option
-from network.cli.contract.contract_signers import Signer, find_signers
+from network.cli.contract.contract_signers import find_signers
+from network.cli.governance.governance_signer import Signer
 from pages.local_page import write_redirect
 from pages.opening import open_in_browser
 

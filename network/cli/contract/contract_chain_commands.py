@@ -22,14 +22,8 @@ from contracts.kit.arguments import find_entry, read_arguments, signature_of
 from contracts.kit.sources import read_source
 from contracts.kit.telling import told
 from network.cli.contract.contract_answers import CallRefusal, ContractCallAnswer, ContractQueryAnswer, EmittedEvent
-from network.cli.contract.contract_signers import (
-    find_signers,
-    read_with_first,
-    signer_options,
-    take_signer,
-    with_network,
-)
-from network.cli.governance.governance_signer import to_json
+from network.cli.contract.contract_signers import FindSigners, signer_options, take_signer
+from network.cli.governance.governance_signer import read_with_first, to_json, with_network
 from network.contracts.chain_contracts import Edition, edition_of_source, read_edition
 
 
@@ -74,15 +68,7 @@ class TypedCommand(click.Command):
 @json_option
 @handle_errors
 def query(
-    contract: str,
-    view: str,
-    arguments: Sequence[str],
-    source_file: Path | None,
-    folder: Path | None,
-    officer: str | None,
-    key_file: Path | None,
-    wallet_profile: str | None,
-    as_json: bool,
+    contract: str, view: str, arguments: Sequence[str], source_file: Path | None, find: FindSigners, as_json: bool
 ) -> None:
     """Ask a view of a contract. One node answers; its answer is not proved.
 
@@ -90,7 +76,7 @@ def query(
 
     Example: blockrobot contract query settings in_force --json
     """
-    signers = find_signers(folder, officer, key_file, wallet_profile)
+    signers = find()
 
     async def read(client: NetworkClient, key: PrivateKey) -> Any:
         edition = await find_edition(client, key, contract, source_file)
@@ -113,15 +99,7 @@ def query(
 @json_option
 @handle_errors
 def call(
-    contract: str,
-    entry: str,
-    arguments: Sequence[str],
-    source_file: Path | None,
-    folder: Path | None,
-    officer: str | None,
-    key_file: Path | None,
-    wallet_profile: str | None,
-    as_json: bool,
+    contract: str, entry: str, arguments: Sequence[str], source_file: Path | None, find: FindSigners, as_json: bool
 ) -> None:
     """Sign a call of a contract's entry, wait until it is final, and show the proved receipt.
 
@@ -129,7 +107,7 @@ def call(
 
     Example: blockrobot contract call settings propose heartbeat_ms 9000 --as hospital
     """
-    signer = take_signer(find_signers(folder, officer, key_file, wallet_profile))
+    signer = take_signer(find())
 
     async def send(client: NetworkClient) -> tuple[FinalReceipt, Edition | None]:
         edition = await find_edition(client, signer.key, contract, source_file)

@@ -31,8 +31,8 @@ from consensus.primitives.keys import PrivateKey
 from consensus.state.lifecycle import MACHINE_TABLE
 from contracts.kit.telling import told
 from network.cli.contract.contract_answers import ContractEventAnswer
-from network.cli.contract.contract_signers import find_signers, read_with_first, signer_options
-from network.cli.governance.governance_signer import to_json
+from network.cli.contract.contract_signers import FindSigners, signer_options
+from network.cli.governance.governance_signer import read_with_first, to_json
 
 WAIT_MS = 10_000
 RETRY_S = 1.0
@@ -43,7 +43,7 @@ EVENT_BEGINS = b'{"place": "'
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class EventFilter:
     """Event filter: contract, name or all, on one chain."""
 
     chain: str
@@ -63,7 +63,7 @@ class Wanted:
             return None
         except (ValueError, KeyError, TypeError, BlockRobotError):
             raise BlockRobotError("EVENTS_STATE_BROKEN", f"{path} is no state file of this command.") from None
-        its = Wanted(fields.get("chain"), fields.get("contract"), fields.get("name"))
+        its = EventFilter(fields.get("chain"), fields.get("contract"), fields.get("name"))
         if its != self:
             chain = "" if its.chain == self.chain else " of another network"
             text = f"{path} remembers a place among {its.words()}{chain}, and you ask for {self.words()}."
@@ -159,7 +159,7 @@ async def _first_place(client: NetworkClient, key: PrivateKey, text: str) -> Pla
 async def follow(
     client: NetworkClient,
     key: PrivateKey,
-    wanted: Wanted,
+    wanted: EventFilter,
     first: Place | None,
     take: Callable[[EventPage], None],
     *,
@@ -242,10 +242,7 @@ def events(
     first: str,
     state: Path | None,
     out: Path | None,
-    folder: Path | None,
-    officer: str | None,
-    key_file: Path | None,
-    wallet_profile: str | None,
+    find: FindSigners,
     as_json: bool,
 ) -> None:
     """Show the events of contracts in order; each comes once, with its place. With --json one object a line.
@@ -256,8 +253,8 @@ def events(
     """
     if state is not None and out is not None:
         raise click.UsageError("Either --state or --out: the file of --out is its own memory.")
-    signers = find_signers(folder, officer, key_file, wallet_profile)
-    wanted = Wanted(signers[0].genesis.chain_id.hex(), contract, name)
+    signers = find()
+    wanted = EventFilter(signers[0].genesis.chain_id.hex(), contract, name)
     remembered = wanted.remembered(state) if state is not None else None if out is None else last_written(out)
     written = remembered
 

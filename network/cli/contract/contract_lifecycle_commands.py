@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,12 @@ from consensus.state.lifecycle import UPLOADS
 from contracts.kit.sources import read_source
 from contracts.lifecycle.registry import compute_source_hash
 from contracts.vm import compile_contract
+from network.cli.cluster.cluster_options import as_one
 from network.cli.contract.contract_answers import ContractDecisionAnswer
 from network.cli.contract.contract_waiting import Arrival, await_change, no_wait_option
 from network.cli.governance.governance_signer import (
-    GovernanceSigner,
+    Signer,
+    Speaker,
     SubmittedAct,
     command_group,
     decide_on_proposal,
@@ -28,10 +32,10 @@ from network.cli.governance.governance_signer import (
     proposal_answer,
     propose_once,
     report_decision,
-    resolve_signer,
     shown_id,
     summary_of,
     with_client,
+    withdraw_command,
 )
 from network.contracts.chain_contracts import read_contracts
 
@@ -41,12 +45,12 @@ OPEN_OF_ONE_MAX_COUNT = 4
 UPLOADS_MAX_COUNT = 4
 
 
-async def require_room(
-    client: NetworkClient, seat: GovernanceSigner, membership: MembershipView, source_hash: bytes
+async def _require_room(
+    seat: Signer, client: NetworkClient, membership: MembershipView, _: str, arguments: Mapping[str, Any]
 ) -> None:
     """Refuse uploads without room or evicting another's source. Raises GOVERNANCE_PROPOSALS_TOO_MANY."""
     admin_key = ADMIN.key(seat.key.public_key)
-    organisation = (await client.state_values([admin_key], seat.key)).values[admin_key] or seat.organisation
+    organisation = (await client.state_values([admin_key], seat.key)).values[admin_key] or seat.name
     own = [row for row in membership.proposals if row.organisation == organisation]
     if len(own) >= OPEN_OF_ONE_MAX_COUNT:
         oldest = min(own, key=lambda row: row.height)
@@ -55,7 +59,7 @@ async def require_room(
     place = UPLOADS.key(organisation)
     uploads = (await client.state_values([place], seat.key)).values[place] or []
     hashes = [entry["source_hash"] for entry in uploads]
-    if source_hash in hashes or len(hashes) < UPLOADS_MAX_COUNT:
+    if arguments["source_hash"] in hashes or len(hashes) < UPLOADS_MAX_COUNT:
         return
     for row in own:
         if (row.contract, row.kind) == ("lifecycle", "deploy") and row.arguments["source_hash"] == hashes[0]:
@@ -84,17 +88,14 @@ version_option = click.option(
 )
 
 
-def when_options(command: Any) -> Any:
-    for option in (note_option, delay_option, height_option):
-        command = option(command)
-    return command
+def _when(height: int, delay: int, note: str) -> dict[str, Any]:
+    return {"height": height, "delay": delay, "note": note}
 
 
-def _propose(seat: GovernanceSigner, kind: str, arguments: dict[str, Any]) -> SubmittedAct:
-    return propose_once(seat, "lifecycle", kind, arguments, lambda governor: governor.propose_contract(kind, arguments))
+when_options = as_one("when", _when, height_option, delay_option, note_option)
 
 
-def _version_in_force(seat: GovernanceSigner, name: str) -> int:
+def _version_in_force(seat: Signer, name: str) -> int:
     async def read(client: NetworkClient) -> int:
         row = (await read_contracts(client, seat.key)).find(name)
         return 0 if row is None else row.version
@@ -102,7 +103,7 @@ def _version_in_force(seat: GovernanceSigner, name: str) -> int:
     return with_client(seat, read)
 
 
-def _report(seat: GovernanceSigner, told: SubmittedAct, what: str, name: str, *, wait: bool, as_json: bool) -> None:
+def _report(seat: Signer, told: SubmittedAct, what: str, name: str, *, wait: bool, as_json: bool) -> None:
     """Raises CONTRACT_CHANGE_FAILED."""
     decision = told.decision
     if not as_json and (told.proposal is not None or decision.due_height is None):
@@ -126,7 +127,7 @@ def _report(seat: GovernanceSigner, told: SubmittedAct, what: str, name: str, *,
     console.print(f"Next step: blockrobot contract show {escape(name)}")
 
 
-def _await_arrival(seat: GovernanceSigner, name: str, decision: Decision) -> Arrival | None:
+def _await_arrival(seat: Signer, name: str, decision: Decision) -> Arrival | None:
     def tell(line: str) -> None:
         click.echo(line, err=True)
 
@@ -162,18 +163,7 @@ def _decision_answer(told: SubmittedAct, arrival: Arrival | None) -> ContractDec
 @governing_options
 @json_option
 @handle_errors
-def propose(
-    file: Path,
-    name: str | None,
-    height: int,
-    delay: int,
-    note: str,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    no_wait: bool,
-    as_json: bool,
-) -> None:
+def propose(file: Path, name: str | None, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool) -> None:
     """Upload a source and propose it: a new contract, or a new version of one.
 
     The source is checked here first; every part of at most 6,000 bytes is a transaction of its own, and so is the check
@@ -189,20 +179,15 @@ def propose(
     data, source_hash = source.encode(), compute_source_hash(source)
     parts = [data[first : first + PART_BYTES] for first in range(0, len(data), PART_BYTES)]
 
-    arguments = {"name": contract, "source_hash": source_hash, "height": height, "delay": delay, "note": note}
+    arguments = {"name": contract, "source_hash": source_hash, **when}
 
-    async def work(governor: Governor) -> Decision:
+    async def upload(governor: Governor) -> None:
         for place, part in enumerate(parts):
             await governor.upload_part(source_hash, len(parts), place, part)
         await governor.check_upload(source_hash)
-        return await governor.propose_contract("deploy", arguments)
 
-    seat = resolve_signer(folder, organisation, key_file)
-
-    async def look(client: NetworkClient, before: MembershipView) -> None:
-        await require_room(client, seat, before, source_hash)
-
-    told = propose_once(seat, "lifecycle", "deploy", arguments, work, look)
+    seat = speaker.signer()
+    told = propose_once(seat, "lifecycle", "deploy", arguments, partial(_require_room, seat), upload)
     _report(seat, told, f"deploy {contract}", contract, wait=not no_wait, as_json=as_json)
     if told.proposal is not None and not as_json:
         shown = told.proposal.id.hex()[:12]
@@ -215,33 +200,17 @@ def propose(
 @governing_options
 @json_option
 @handle_errors
-def approve(
-    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, no_wait: bool, as_json: bool
-) -> None:
+def approve(proposal: str, speaker: Speaker, no_wait: bool, as_json: bool) -> None:
     """Stand behind a proposed change of a contract; with a majority it is decided.
 
     Example: blockrobot contract approve 3fa2c19b07de --as university
     """
-    seat = resolve_signer(folder, organisation, key_file)
-    told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.approve(found))
+    seat = speaker.signer()
+    told, row = decide_on_proposal(seat, "lifecycle", proposal, "approve")
     _report(seat, told, summary_of(row), row.arguments["name"], wait=not no_wait, as_json=as_json)
 
 
-@click.command()
-@click.argument("proposal")
-@governing_options
-@json_option
-@handle_errors
-def withdraw(
-    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
-    """Take back a change of a contract that your own organisation proposed.
-
-    Example: blockrobot contract withdraw 3fa2c19b07de --as hospital
-    """
-    seat = resolve_signer(folder, organisation, key_file)
-    told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.withdraw(found))
-    report_decision(told, f"Withdrawal of {summary_of(row)}", "contract", as_json=as_json, needs_others=False)
+withdraw = withdraw_command("lifecycle", "a change of a contract")
 
 
 @click.command()
@@ -252,27 +221,16 @@ def withdraw(
 @governing_options
 @json_option
 @handle_errors
-def activate(
-    name: str,
-    version: int,
-    height: int,
-    delay: int,
-    note: str,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    no_wait: bool,
-    as_json: bool,
-) -> None:
+def activate(name: str, version: int, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool) -> None:
     """Propose to bring a version back: to roll an upgrade back, or to end a disabled contract's rest.
 
     If that version has a @migrate entry it runs again, on the state as it is then.
 
     Example: blockrobot contract activate visitors 1 --as hospital
     """
-    arguments = {"name": name, "version": version, "height": height, "delay": delay, "note": note}
-    seat = resolve_signer(folder, organisation, key_file)
-    told = _propose(seat, "activate", arguments)
+    arguments = {"name": name, "version": version, **when}
+    seat = speaker.signer()
+    told = propose_once(seat, "lifecycle", "activate", arguments)
     _report(seat, told, f"activate {name} version {version}", name, wait=not no_wait, as_json=as_json)
 
 
@@ -285,25 +243,16 @@ def activate(
 @json_option
 @handle_errors
 def disable(
-    name: str,
-    version: int | None,
-    height: int,
-    delay: int,
-    note: str,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    no_wait: bool,
-    as_json: bool,
+    name: str, version: int | None, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool
 ) -> None:
     """Propose that a contract answers nobody any more; what it keeps stays, and changes of it that wait are dropped.
 
     Example: blockrobot contract disable visitors --as hospital --note "wrong floors"
     """
-    seat = resolve_signer(folder, organisation, key_file)
+    seat = speaker.signer()
     number = version or _version_in_force(seat, name)
-    arguments = {"name": name, "version": number, "height": height, "delay": delay, "note": note}
-    told = _propose(seat, "disable", arguments)
+    arguments = {"name": name, "version": number, **when}
+    told = propose_once(seat, "lifecycle", "disable", arguments)
     _report(seat, told, f"disable {name} version {number}", name, wait=not no_wait, as_json=as_json)
 
 
@@ -313,9 +262,7 @@ def disable(
 @governing_options
 @json_option
 @handle_errors
-def keep(
-    name: str, version: int | None, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def keep(name: str, version: int | None, speaker: Speaker, as_json: bool) -> None:
     """Propose to keep a version that is on trial: of forms, identity, lifecycle, membership, producers or settings.
 
     A new version of these goes by itself after 24 hours unless a majority keeps it. The decision is about this version:
@@ -323,7 +270,7 @@ def keep(
 
     Example: blockrobot contract keep membership --as hospital
     """
-    seat = resolve_signer(folder, organisation, key_file)
+    seat = speaker.signer()
     number = version or _version_in_force(seat, name)
-    told = _propose(seat, "keep", {"name": name, "version": number})
+    told = propose_once(seat, "lifecycle", "keep", {"name": name, "version": number})
     _report(seat, told, f"keep {name} version {number}", name, wait=False, as_json=as_json)

@@ -33,11 +33,11 @@ from network.cli.contract.contract_answers import (
     InterfaceChange,
 )
 from network.cli.governance.governance_signer import (
+    Speaker,
     governing_options,
     plain_table,
     print_proposals,
     proposal_answer,
-    read_as_any,
     shown_id,
     summary_of,
     to_json,
@@ -104,12 +104,12 @@ def _print_proposal(row: ProposalRow, needed: int) -> None:
 @governing_options
 @json_option
 @handle_errors
-def list_contracts(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def list_contracts(speaker: Speaker, as_json: bool) -> None:
     """Show the chain's contracts, their versions, what is due and what is proposed, checked against proofs.
 
     Example: blockrobot contract list --json
     """
-    view: ContractsView = read_as_any(folder, organisation, key_file, read_contracts)
+    view: ContractsView = speaker.read(read_contracts)
     if as_json:
         answer = ContractListAnswer(
             height=view.height,
@@ -205,9 +205,7 @@ def show(
     proposal: str | None,
     with_source: bool,
     with_abi: bool,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
+    speaker: Speaker,
     as_json: bool,
 ) -> None:
     """Show a contract: its version, who proposed it, its entries; with --source its text. All of it is proved.
@@ -223,7 +221,7 @@ def show(
             return await read_proposed(client, key, _proposal_about(view, name, proposal)), view
         return await read_edition(client, key, name, version or 0), view
 
-    edition, view = read_as_any(folder, organisation, key_file, read)
+    edition, view = speaker.read(read)
     due = [change for change in view.due if change.name == name]
     if as_json:
         print_answer(_show_answer(name, edition, view))
@@ -269,16 +267,7 @@ def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) ->
 @governing_options
 @json_option
 @handle_errors
-def diff(
-    name: str,
-    old: str,
-    new: str | None,
-    with_exit_code: bool,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
+def diff(name: str, old: str, new: str | None, with_exit_code: bool, speaker: Speaker, as_json: bool) -> None:
     """Compare two versions of a contract: what changes for callers, and the sources line by line.
 
     OLD and NEW are version numbers, files, or the ids of open proposals. With one of them only, it is compared with the
@@ -301,7 +290,7 @@ def diff(
             return await read_edition(client, key, name, 0), await find(client, key, old)
         return await find(client, key, old), await find(client, key, new)
 
-    before, after = read_as_any(folder, organisation, key_file, read)
+    before, after = speaker.read(read)
     proposals = [edition.proposal for edition in (before, after) if edition.proposal is not None]
     changes = compare_interfaces(before, after)
     lines = diff_lines(before, after)

@@ -6,54 +6,22 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.terminal import home_folder, load_genesis
-from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from clients.sdk.terminal.terminal import home_folder
 from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys
-from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.primitives.keys import PrivateKey
-from network.cli.cluster.cluster_options import folder_option, network_folder
-from network.cli.governance.governance_signer import admin_keys, read_private_key
+from network.cli.cluster.cluster_options import as_one, folder_option
+from network.cli.governance.governance_signer import Signer, admin_keys, open_network, read_private_key
 
-T = TypeVar("T")
+FindSigners = Callable[[], list[Signer]]
 OFFICES = ("", "admin", "registrar")
-
-
-@dataclass(frozen=True, slots=True)
-class Signer:
-    """A network's folder and genesis, a key and its name."""
-
-    folder: Path
-    genesis: Genesis
-    name: str
-    key: PrivateKey
-
-
-def signer_options(command: Any) -> Any:
-    options = (
-        click.option("--wallet", "wallet_profile", metavar="PROFILE", help="The person whose wallet this is."),
-        click.option(
-            "--key", "key_file", type=click.Path(path_type=Path, dir_okay=False), help="A key file of raw 32 bytes."
-        ),
-        click.option(
-            "--as", "officer", metavar="ORG[/ROLE]", help="An organisation's admin, or its registrar as ORG/registrar."
-        ),
-        folder_option,
-    )
-    for option in options:
-        command = option(command)
-    return command
 
 
 def find_signers(
@@ -63,10 +31,7 @@ def find_signers(
 
     Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID, and wallet errors.
     """
-    place = network_folder(folder)
-    if not (place / "genesis.json").exists():
-        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {place}.")
-    genesis = load_genesis(place / "genesis.json")
+    place, genesis = open_network(folder)
     if sum(item is not None for item in (officer, key_file, wallet_profile)) > 1:
         raise click.UsageError("Say once who signs: --as, --key or --wallet.")
     if key_file is not None:
@@ -100,20 +65,19 @@ def take_signer(signers: list[Signer]) -> Signer:
     return signers[0]
 
 
-def with_network(signer: Signer, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
-    async def run() -> T:
-        async with open_pinned_client(signer.genesis, signer.folder / PIN_FILE) as client:
-            return await work(client)
-
-    return asyncio.run(run())
+def _later(folder: Path | None, officer: str | None, key_file: Path | None, wallet_profile: str | None) -> FindSigners:
+    return partial(find_signers, folder, officer, key_file, wallet_profile)
 
 
-def read_with_first(signers: list[Signer], work: Callable[[NetworkClient, PrivateKey], Awaitable[T]]) -> T:
-    """Read as the first signer that nodes admit; results are the same."""
-    for place, signer in enumerate(signers):
-        try:
-            return with_network(signer, lambda client, key=signer.key: work(client, key))  # type: ignore[misc]
-        except BlockRobotError as error:
-            if error.code != "SESSION_REFUSED" or place == len(signers) - 1:
-                raise
-    raise AssertionError("there is at least one signer")
+signer_options = as_one(
+    "find",
+    _later,
+    folder_option,
+    click.option(
+        "--as", "officer", metavar="ORG[/ROLE]", help="An organisation's admin, or its registrar as ORG/registrar."
+    ),
+    click.option(
+        "--key", "key_file", type=click.Path(path_type=Path, dir_okay=False), help="A key file of raw 32 bytes."
+    ),
+    click.option("--wallet", "wallet_profile", metavar="PROFILE", help="The person whose wallet this is."),
+)

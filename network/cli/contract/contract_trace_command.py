@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 import msgspec
 
@@ -12,7 +10,8 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
 from consensus.primitives.keys import PrivateKey
 from network.cli.contract.contract_answers import ContractTraceAnswer
-from network.cli.contract.contract_signers import find_signers, read_with_first, signer_options
+from network.cli.contract.contract_signers import FindSigners, signer_options
+from network.cli.governance.governance_signer import read_with_first
 from network.contracts.contract_tracing import TracedTransaction, trace_transaction
 
 TXID_BYTES = 32
@@ -23,14 +22,7 @@ TXID_BYTES = 32
 @signer_options
 @json_option
 @handle_errors
-def trace(
-    txid: str,
-    folder: Path | None,
-    officer: str | None,
-    key_file: Path | None,
-    wallet_profile: str | None,
-    as_json: bool,
-) -> None:
+def trace(txid: str, find: FindSigners, as_json: bool) -> None:
     """Execute a final transaction again and show the lines that ran, their gas, and the values after each.
 
     The chain is executed from genesis up to that transaction, here; what nodes have pruned cannot be traced. The trace
@@ -44,7 +36,7 @@ def trace(
         wanted = b""
     if len(wanted) != TXID_BYTES:
         raise click.BadParameter("a transaction's id has 64 hexadecimal digits", param_hint="TXID")
-    signers = find_signers(folder, officer, key_file, wallet_profile)
+    signers = find()
 
     async def read(client: NetworkClient, key: PrivateKey) -> TracedTransaction:
         with console.status("Executing the chain ...") as status:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,17 +13,14 @@ from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import write_new_file
 from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
-from consensus.primitives.keys import PrivateKey
-from consensus.state.records import EmptyFrameRow
 from network.cli.governance.governance_answers import ApprovedFrame, FramesDecisionAnswer, FramesListAnswer
 from network.cli.governance.governance_signer import (
+    Speaker,
     governing_options,
     plain_table,
-    read_as_any,
-    resolve_signer,
     shown_id,
     with_client,
 )
@@ -69,7 +65,7 @@ def _look_at(place: Path, preview: bytes) -> None:
 
     Without a terminal it is saved beside them. Raises Abort for a no.
     """
-    if not sys.stdin.isatty():
+    if not can_ask():
         file = place / PREVIEW_FILE
         file.unlink(missing_ok=True)  # what lies there may be a link to elsewhere
         write_new_file(file, preview)
@@ -109,16 +105,7 @@ def _report(receipt: FinalReceipt | None, what: str, digests: list[bytes], *, as
 @governing_options
 @json_option
 @handle_errors
-def approve(
-    place: Path,
-    robot: str | None,
-    yes: bool,
-    *,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
+def approve(place: Path, robot: str | None, yes: bool, *, speaker: Speaker, as_json: bool) -> None:
     """Let a robot publish the frames in FOLDER: you have looked at them, and nobody is in them.
 
     A robot whose frames are not approved writes them there and says so. For an admin of its organisation. The preview to
@@ -132,7 +119,7 @@ def approve(
         _require_shown(place, preview)
     else:
         _look_at(place, preview)
-    seat = resolve_signer(folder, organisation, key_file)
+    seat = speaker.signer()
     receipt = with_client(seat, lambda client: approve_frames(client, seat.key, member, digests))
     _report(receipt, f"Approved: {len(digests)} empty frames of robot {shown_id(member)}", digests, as_json=as_json)
 
@@ -142,19 +129,14 @@ def approve(
 @governing_options
 @json_option
 @handle_errors
-def list_frames(
-    robot: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def list_frames(robot: str, speaker: Speaker, as_json: bool) -> None:
     """Show which frames a robot may publish, who approved them and when, as the chain proves it.
 
     Example: blockrobot frames list 02ab... --json
     """
     member = _read_hex(robot, _KEY_BYTES, "A member key")
 
-    async def read(client: NetworkClient, key: PrivateKey) -> list[EmptyFrameRow]:
-        return await read_approved(client, member, key)
-
-    rows = read_as_any(folder, organisation, key_file, read)
+    rows = speaker.read(lambda client, key: read_approved(client, member, key))
     if as_json:
         told = [
             ApprovedFrame(sha256=row.digest.hex(), approver=row.approver.hex(), approved_ms=row.time) for row in rows
@@ -177,16 +159,7 @@ def list_frames(
 @governing_options
 @json_option
 @handle_errors
-def withdraw(
-    robot: str,
-    digests: tuple[str, ...],
-    takes_all: bool,
-    *,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
+def withdraw(robot: str, digests: tuple[str, ...], takes_all: bool, *, speaker: Speaker, as_json: bool) -> None:
     """Take frames back: every custodian deletes them, and what stood on them is shown without a room.
 
     Example: blockrobot frames withdraw 02ab... 5f3c... --as hospital
@@ -195,7 +168,7 @@ def withdraw(
     if takes_all == bool(digests):
         raise click.UsageError("Name the frames by their SHA256, or give --all.")
     named = [_read_hex(text, HASH_SIZE_BYTES, "A SHA256") for text in digests]
-    seat = resolve_signer(folder, organisation, key_file)
+    seat = speaker.signer()
 
     async def work(client: NetworkClient) -> FinalReceipt | None:
         if takes_all:

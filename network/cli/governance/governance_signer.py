@@ -6,9 +6,9 @@ An organisation's admin key is `organisations/<name>/admin.key` (raw 32 bytes) i
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,12 +26,12 @@ from clients.sdk.chain.governance import (
 )
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, load_genesis, print_answer
+from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from network.cli.cluster.cluster_options import folder_option, network_folder
+from network.cli.cluster.cluster_options import as_one, folder_option, network_folder
 from network.cli.governance.governance_answers import DecisionAnswer, OpenProposal
 from pages.moments import show_day, show_moment
 
@@ -39,6 +39,8 @@ ADMIN_KEY_FILE = "admin.key"
 ID_SHOWN_CHARS = 12
 _GROUPS = {"membership": "org", "settings": "settings", "lifecycle": "contract"}
 T = TypeVar("T")
+Check = Callable[[NetworkClient, MembershipView, str, Mapping[str, Any]], Awaitable[None]]
+"""Refuses a change by its kind and arguments, before anything is sent."""
 
 as_option = click.option("--as", "organisation", metavar="ORG", help="The organisation that you speak for.")
 key_option = click.option(
@@ -49,19 +51,13 @@ key_option = click.option(
 )
 
 
-def governing_options(command: Any) -> Any:
-    for option in (key_option, as_option, folder_option):
-        command = option(command)
-    return command
-
-
 @dataclass(frozen=True, slots=True)
-class GovernanceSigner:
-    """A network's folder and genesis, an organisation's name and admin key."""
+class Signer:
+    """A network's folder and genesis, a signer's name (empty for an admin's key file) and key."""
 
     folder: Path
     genesis: Genesis
-    organisation: str
+    name: str
     key: PrivateKey
 
 
@@ -78,76 +74,89 @@ def read_private_key(path: Path) -> PrivateKey:
         raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key file {path}.") from None
 
 
-def _open_network(folder: Path | None) -> tuple[Path, Genesis]:
+def open_network(folder: Path | None) -> tuple[Path, Genesis]:
+    """Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
     place = network_folder(folder)
     if not (place / "genesis.json").exists():
         raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {place}.")
     return place, load_genesis(place / "genesis.json")
 
 
-def resolve_signer(folder: Path | None, organisation: str | None, key_file: Path | None) -> GovernanceSigner:
-    """Return the signer; an ambiguous organisation is a usage error.
-
-    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID.
-    """
-    seats = _find_seats(folder, organisation, key_file)
-    if len(seats) > 1:
-        names = " | ".join(seat.organisation for seat in seats)
-        raise click.UsageError(f"Say for which organisation you speak: --as {names}.")
-    return seats[0]
-
-
-def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | None) -> list[GovernanceSigner]:
-    place, genesis = _open_network(folder)
-    if key_file is not None:
-        return [GovernanceSigner(place, genesis, organisation or "", read_private_key(key_file))]
-    known = admin_keys(place)
-    first = [entry.name for entry in genesis.organisations if entry.name in known]
-    names = list(dict.fromkeys([*first, *known])) if organisation is None else [organisation]
-    if not names or not set(names) <= set(known):
-        wanted = "any organisation" if organisation is None else repr(organisation)
-        raise BlockRobotError(
-            "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {wanted} in {place / 'organisations'}."
-        )
-    return [GovernanceSigner(place, genesis, name, read_private_key(known[name])) for name in names]
-
-
-def with_client(seat: GovernanceSigner, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
-    """Run work with a network client. Raises GOVERNANCE_NOT_ADMIN."""
-
+def with_network(signer: Signer, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
     async def run() -> T:
-        async with open_pinned_client(seat.genesis, seat.folder / PIN_FILE) as client:
+        async with open_pinned_client(signer.genesis, signer.folder / PIN_FILE) as client:
             return await work(client)
 
+    return asyncio.run(run())
+
+
+def read_with_first(signers: list[Signer], work: Callable[[NetworkClient, PrivateKey], Awaitable[T]]) -> T:
+    """Read as the first signer that nodes admit; proved results are the same."""
+    for place, signer in enumerate(signers):
+        try:
+            return with_network(signer, lambda client, key=signer.key: work(client, key))  # type: ignore[misc]
+        except BlockRobotError as error:
+            if error.code != "SESSION_REFUSED" or place == len(signers) - 1:
+                raise
+    raise AssertionError("there is at least one signer")
+
+
+@contextmanager
+def _told_as_admin() -> Iterator[None]:
     try:
-        return asyncio.run(run())
+        yield
     except BlockRobotError as error:
         if error.code == "SESSION_REFUSED":
             raise BlockRobotError("GOVERNANCE_NOT_ADMIN") from None
         raise
 
 
-async def _work_as(
-    client: NetworkClient, work: Callable[[NetworkClient, PrivateKey], Awaitable[T]], key: PrivateKey
-) -> T:
-    return await work(client, key)
+def with_client(seat: Signer, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
+    """Run an admin's work with a network client. Raises GOVERNANCE_NOT_ADMIN."""
+    with _told_as_admin():
+        return with_network(seat, work)
 
 
-def read_as_any(
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    work: Callable[[NetworkClient, PrivateKey], Awaitable[T]],
-) -> T:
-    """Read as any local organisation: proved results are the same."""
-    seats = _find_seats(folder, organisation, key_file)
-    for place, seat in enumerate(seats):
-        try:
-            return with_client(seat, partial(_work_as, work=work, key=seat.key))
-        except BlockRobotError as error:
-            if error.code != "GOVERNANCE_NOT_ADMIN" or place == len(seats) - 1:
-                raise
-    raise AssertionError("there is at least one seat")
+@dataclass(frozen=True, slots=True)
+class Speaker:
+    """For whom a command speaks, as its options say."""
+
+    folder: Path | None = None
+    organisation: str | None = None
+    key_file: Path | None = None
+
+    def signer(self) -> Signer:
+        """Return the signer; an ambiguous organisation is a usage error.
+
+        Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID.
+        """
+        seats = self._seats()
+        if len(seats) > 1:
+            names = " | ".join(seat.name for seat in seats)
+            raise click.UsageError(f"Say for which organisation you speak: --as {names}.")
+        return seats[0]
+
+    def read(self, work: Callable[[NetworkClient, PrivateKey], Awaitable[T]]) -> T:
+        """Read as any local organisation. Raises GOVERNANCE_NOT_ADMIN, and as `signer`."""
+        with _told_as_admin():
+            return read_with_first(self._seats(), work)
+
+    def _seats(self) -> list[Signer]:
+        place, genesis = open_network(self.folder)
+        if self.key_file is not None:
+            return [Signer(place, genesis, self.organisation or "", read_private_key(self.key_file))]
+        known = admin_keys(place)
+        first = [entry.name for entry in genesis.organisations if entry.name in known]
+        names = list(dict.fromkeys([*first, *known])) if self.organisation is None else [self.organisation]
+        if not names or not set(names) <= set(known):
+            wanted = "any organisation" if self.organisation is None else repr(self.organisation)
+            raise BlockRobotError(
+                "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {wanted} in {place / 'organisations'}."
+            )
+        return [Signer(place, genesis, name, read_private_key(known[name])) for name in names]
+
+
+governing_options = as_one("speaker", Speaker, folder_option, as_option, key_option)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,59 +168,53 @@ class SubmittedAct:
     proposal: ProposalRow | None
 
 
-def decide(
-    seat: GovernanceSigner,
-    work: Callable[[Governor], Awaitable[Decision]],
-    check: Callable[[NetworkClient], Awaitable[None]] | None = None,
+async def _read_act(client: NetworkClient, seat: Signer, decision: Decision, proposal_id: bytes | None) -> SubmittedAct:
+    after = await read_membership(client, seat.key)
+    return SubmittedAct(decision, after, next((row for row in after.proposals if row.id == proposal_id), None))
+
+
+def propose_once(
+    seat: Signer,
+    contract: str,
+    kind: str,
+    arguments: Mapping[str, Any],
+    check: Check | None = None,
+    prepare: Callable[[Governor], Awaitable[None]] | None = None,
 ) -> SubmittedAct:
-    """Check if requested, decide, wait for finality, read the result."""
+    """Check and prepare if requested, propose unless already open, wait for finality, read the result.
+
+    Raises GOVERNANCE_PROPOSED_ALREADY.
+    """
 
     async def run(client: NetworkClient) -> SubmittedAct:
+        before, governor = await read_membership(client, seat.key), Governor(client, seat.key)
+        _refuse_twice(seat, before, contract, kind, arguments)
         if check is not None:
-            await check(client)
-        decision = await work(Governor(client, seat.key))
-        membership = await read_membership(client, seat.key)
-        found = [row for row in membership.proposals if row.id == decision.proposal_id]
-        return SubmittedAct(decision, membership, found[0] if found else None)
+            await check(client, before, kind, arguments)
+        if prepare is not None:
+            await prepare(governor)
+        decision = await governor.propose(contract, kind, arguments)
+        return await _read_act(client, seat, decision, decision.proposal_id)
 
     return with_client(seat, run)
 
 
-def propose_once(
-    seat: GovernanceSigner,
-    contract: str,
-    kind: str,
-    arguments: Mapping[str, Any],
-    work: Callable[[Governor], Awaitable[Decision]],
-    check: Callable[[NetworkClient, MembershipView], Awaitable[None]] | None = None,
-) -> SubmittedAct:
-    """Propose unless already open. Raises GOVERNANCE_PROPOSED_ALREADY, and as `decide`."""
-
-    async def look(client: NetworkClient) -> None:
-        before = await read_membership(client, seat.key)
-        _refuse_twice(seat, before, contract, kind, arguments)
-        if check is not None:
-            await check(client, before)
-
-    return decide(seat, work, look)
-
-
 def _refuse_twice(
-    seat: GovernanceSigner, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
+    seat: Signer, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
 ) -> None:
     """Refuse duplicates of open proposals, which would split the approvals.
 
     Exempt: revoking an own certificate, which takes effect at once.
     """
-    if kind == "revoke_certificate" and seat.organisation in {"", arguments["organisation"]}:
+    if kind == "revoke_certificate" and seat.name in {"", arguments["organisation"]}:
         return
     for row in membership.proposals:
         is_same = all(row.arguments.get(name) == value for name, value in arguments.items() if name != "note")
         if (row.contract, row.kind) == (contract, kind) and is_same:
             command = f"blockrobot {_GROUPS[contract]} approve {shown_id(row.id)} --as"
-            way = f"Approve it: {command} {seat.organisation or 'ORG'}"
-            if seat.organisation in row.approvals:
-                way = f"{seat.organisation} stands behind it already; another organisation approves it: {command} ORG"
+            way = f"Approve it: {command} {seat.name or 'ORG'}"
+            if seat.name in row.approvals:
+                way = f"{seat.name} stands behind it already; another organisation approves it: {command} ORG"
             state = f"is proposed already, by {row.organisation}, and open until {show_moment(row.expires_ms)}"
             raise BlockRobotError("GOVERNANCE_PROPOSED_ALREADY", f"{summary_of(row)} {state}. {way}")
 
@@ -228,13 +231,9 @@ async def _tell_closed(client: NetworkClient, key: PrivateKey, text: str) -> Non
 
 
 def decide_on_proposal(
-    seat: GovernanceSigner,
-    contract: str,
-    text: str,
-    work: Callable[[Governor, ProposalRow], Awaitable[Decision]],
-    check: Callable[[NetworkClient, MembershipView, ProposalRow], Awaitable[None]] | None = None,
+    seat: Signer, contract: str, text: str, entry: str, check: Check | None = None
 ) -> tuple[SubmittedAct, ProposalRow]:
-    """Find an open proposal by id prefix, check if requested, and decide."""
+    """Find an open proposal by id prefix, check if requested, approve or withdraw it."""
 
     async def run(client: NetworkClient) -> tuple[SubmittedAct, ProposalRow]:
         before = await read_membership(client, seat.key)
@@ -244,11 +243,10 @@ def decide_on_proposal(
             await _tell_closed(client, seat.key, text)
             raise
         if check is not None:
-            await check(client, before, proposal)
-        decision = await work(Governor(client, seat.key), proposal)
-        after = await read_membership(client, seat.key)
-        found = [row for row in after.proposals if row.id == proposal.id]
-        return SubmittedAct(decision, after, found[0] if found else None), proposal
+            await check(client, before, proposal.kind, proposal.arguments)
+        governor = Governor(client, seat.key)
+        decision = await (governor.approve if entry == "approve" else governor.withdraw)(proposal)
+        return await _read_act(client, seat, decision, proposal.id), proposal
 
     return with_client(seat, run)
 
@@ -338,3 +336,19 @@ def report_decision(told: SubmittedAct, what: str, group: str, *, as_json: bool,
     console.print(f"{escape(what)}: {state} since height {decision.height}.")
     if decision.epoch is not None:
         console.print(f"Epoch {decision.epoch} begins with the block after that height.")
+
+
+def withdraw_command(contract: str, what: str) -> click.Command:
+    group = _GROUPS[contract]
+    example = f"Example: blockrobot {group} withdraw 3fa2c19b07de --as hospital"
+
+    @click.command(help=f"Take back {what} that your own organisation proposed.\n\n{example}")
+    @click.argument("proposal")
+    @governing_options
+    @json_option
+    @handle_errors
+    def withdraw(proposal: str, speaker: Speaker, as_json: bool) -> None:
+        told, row = decide_on_proposal(speaker.signer(), contract, proposal, "withdraw")
+        report_decision(told, f"Withdrawal of {summary_of(row)}", group, as_json=as_json, needs_others=False)
+
+    return withdraw

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
@@ -14,7 +13,7 @@ from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import read_given_file, write_new_file
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer
 from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 from consensus.rights.notices import (
@@ -48,10 +47,9 @@ from network.cli.governance.governance_answers import (
     ProcessingPlace,
 )
 from network.cli.governance.governance_signer import (
-    GovernanceSigner,
+    Signer,
+    Speaker,
     governing_options,
-    read_as_any,
-    resolve_signer,
     shown_id,
     with_client,
 )
@@ -62,10 +60,6 @@ from pages.moments import show_moment
 
 _new_file = click.Path(path_type=Path, dir_okay=False)
 _file = click.Path(path_type=Path, exists=True, dir_okay=False)
-
-
-def is_at_terminal() -> bool:
-    return sys.stdin.isatty()
 
 
 @click.group()
@@ -137,7 +131,7 @@ def _version_answer(row: NoticeRow) -> NoticeVersion:
     return NoticeVersion(organisation=row.organisation, version=row.version, hash=row.digest.hex(), height=row.height)
 
 
-async def _own_organisation(client: NetworkClient, seat: GovernanceSigner) -> str:
+async def _own_organisation(client: NetworkClient, seat: Signer) -> str:
     name = await client.state_value(identity.ADMIN.key(seat.key.public_key), seat.key)
     if not isinstance(name, str):
         raise BlockRobotError("GOVERNANCE_NOT_ADMIN")
@@ -161,9 +155,7 @@ def _ask_to_publish(organisation: str, before: PublishedNotice | None, found: No
 @governing_options
 @json_option
 @handle_errors
-def publish(
-    file: Path, yes: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def publish(file: Path, yes: bool, speaker: Speaker, as_json: bool) -> None:
     """Publish a notice as the next version of what your organisation tells people. It stays on the chain for ever.
 
     It shows what changes, and asks. Wallets show it before anybody registers, and tell those who are registered that it
@@ -173,12 +165,12 @@ def publish(
     """
     found = read_notice_file(file)
     encode_notice(found)
-    if not yes and not is_at_terminal():
+    if not yes and not can_ask():
         raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-    seat = resolve_signer(folder, organisation, key_file)
+    seat = speaker.signer()
 
     async def work(client: NetworkClient) -> tuple[PublishedNotice, bool]:
-        name = seat.organisation or await _own_organisation(client, seat)
+        name = seat.name or await _own_organisation(client, seat)
         _ask_to_publish(name, await read_notice(client, name), found, yes=yes)
         return await publish_notice(client, seat.key, name, found)
 
@@ -207,13 +199,11 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
     """
 
     async def read(client: NetworkClient, _: object) -> PublishedNotice | None:
-        return (
-            await read_notice(client, organisation)
-            if version is None
-            else await read_version(client, organisation, version)
+        return await (
+            read_notice(client, organisation) if version is None else read_version(client, organisation, version)
         )
 
-    found = read_as_any(folder, None, None, read)
+    found = Speaker(folder).read(read)
     if found is None:
         raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} has published none.")
     row = found.row
@@ -270,19 +260,17 @@ def activities_answer(found: Activities, file: Path | None) -> NoticeActivitiesA
 @governing_options
 @json_option
 @handle_errors
-def activities(
-    out: Path | None, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def activities(out: Path | None, speaker: Speaker, as_json: bool) -> None:
     """Make the register of processing activities (GDPR Art. 30) from the chain and the notice in force.
 
     What no program knows of your organisation it names as open: a register is kept by people.
 
     Example: blockrobot notice activities --as hospital --out register.md
     """
-    seat = resolve_signer(folder, organisation, key_file)
+    seat = speaker.signer()
 
     async def read(client: NetworkClient) -> Activities:
-        name = seat.organisation or await _own_organisation(client, seat)
+        name = seat.name or await _own_organisation(client, seat)
         return await read_activities(client, name, await read_membership(client, seat.key))
 
     found = with_client(seat, read)

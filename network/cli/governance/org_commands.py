@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
+from clients.sdk.chain.governance import MembershipView, read_membership
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.json_answers import convert_row
 from clients.sdk.terminal.safe_output import escape
@@ -19,18 +21,19 @@ from consensus.state.membership import NodeRow, OrganisationRow
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_answers import MemberNode, MemberOrganisation, OrgListAnswer, OrgNewAnswer
 from network.cli.governance.governance_signer import (
+    Signer,
+    Speaker,
     decide_on_proposal,
     governing_options,
     plain_table,
     print_proposals,
     proposal_answer,
     propose_once,
-    read_as_any,
     read_private_key,
     report_decision,
-    resolve_signer,
     shown_id,
     summary_of,
+    withdraw_command,
 )
 from network.cli.governance.quorum_check import anyway_option, check_membership_change
 from network.provisioning.authority_check import check_authority_change
@@ -63,12 +66,12 @@ def _organisation_answer(row: OrganisationRow, nodes: tuple[NodeRow, ...]) -> Me
 @governing_options
 @json_option
 @handle_errors
-def list_organisations(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def list_organisations(speaker: Speaker, as_json: bool) -> None:
     """Show organisations, nodes and open proposals, checked against proofs.
 
     Example: blockrobot org list --json
     """
-    view = read_as_any(folder, organisation, key_file, read_membership)
+    view = speaker.read(read_membership)
     proposals = [row for row in view.proposals if row.contract == "membership"]
     if as_json:
         answer = OrgListAnswer(
@@ -124,15 +127,21 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
     console.print(f"Next step, there: blockrobot org propose add-org --from {ORGANISATION_ENTRY_FILE} --as ORG")
 
 
+async def _check(
+    seat: Signer, anyway: bool, client: NetworkClient, before: MembershipView, kind: str, arguments: Mapping[str, Any]
+) -> None:
+    check_authority_change(kind, arguments, before.organisations)
+    if not anyway:
+        await check_membership_change(client, seat.folder, seat.key, before, kind, arguments)
+
+
 @org.command()
 @click.argument("proposal")
 @anyway_option
 @governing_options
 @json_option
 @handle_errors
-def approve(
-    proposal: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Stand behind a proposed change (named by the first digits of its id).
 
     To take nodes out, or to replace a producer's key, is refused while too few of the others are well, unless you say
@@ -140,54 +149,17 @@ def approve(
 
     Example: blockrobot org approve 3fa2c19b07de --as university
     """
-    seat = resolve_signer(folder, organisation, key_file)
-
-    async def look(client: NetworkClient, before: MembershipView, found: ProposalRow) -> None:
-        check_authority_change(found.kind, found.arguments, before.organisations)
-        if not anyway:
-            await check_membership_change(client, seat.folder, seat.key, before, found.kind, found.arguments)
-
-    told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.approve(found), look)
+    seat = speaker.signer()
+    told, row = decide_on_proposal(seat, "membership", proposal, "approve", partial(_check, seat, anyway))
     report_decision(told, summary_of(row), "org", as_json=as_json)
 
 
-@org.command()
-@click.argument("proposal")
-@governing_options
-@json_option
-@handle_errors
-def withdraw(
-    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
-    """Take back a change that your own organisation proposed.
-
-    Example: blockrobot org withdraw 3fa2c19b07de --as hospital
-    """
-    seat = resolve_signer(folder, organisation, key_file)
-    told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.withdraw(found))
-    report_decision(told, f"Withdrawal of {summary_of(row)}", "org", as_json=as_json, needs_others=False)
+org.add_command(withdraw_command("membership", "a change"))
 
 
-def _propose(
-    kind: str,
-    arguments: dict[str, Any],
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    *,
-    as_json: bool,
-    anyway: bool = True,
-) -> None:
-    seat = resolve_signer(folder, organisation, key_file)
-
-    async def look(client: NetworkClient, before: MembershipView) -> None:
-        check_authority_change(kind, arguments, before.organisations)
-        if not anyway:
-            await check_membership_change(client, seat.folder, seat.key, before, kind, arguments)
-
-    told = propose_once(
-        seat, "membership", kind, arguments, lambda governor: governor.propose_membership(kind, arguments), look
-    )
+def _propose(kind: str, arguments: dict[str, Any], speaker: Speaker, *, as_json: bool, anyway: bool = True) -> None:
+    seat = speaker.signer()
+    told = propose_once(seat, "membership", kind, arguments, partial(_check, seat, anyway))
     named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
     report_decision(told, f"{kind.replace('_', '-')} {named}", "org", as_json=as_json)
 
@@ -211,25 +183,18 @@ def propose() -> None:
 @governing_options
 @json_option
 @handle_errors
-def add_org(
-    name: str | None,
-    source: Path | None,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
+def add_org(name: str | None, source: Path | None, speaker: Speaker, as_json: bool) -> None:
     """Propose a new organisation by its entry: certificate authority and public keys, nothing secret.
 
     Example: blockrobot org propose add-org --from organisation-entry.json --as hospital
     """
     if source is None and name is None:
         raise click.UsageError(f"Name the newcomer's {ORGANISATION_ENTRY_FILE} with --from FILE.")
-    place = source or network_folder(folder) / "organisations" / str(name) / ORGANISATION_ENTRY_FILE
+    place = source or network_folder(speaker.folder) / "organisations" / str(name) / ORGANISATION_ENTRY_FILE
     arguments = read_organisation_entry(place)
     if name is not None and arguments["name"] != name:
         raise BlockRobotError("FILE_UNUSABLE", f"{place} is the entry of {arguments['name']!r}, not of {name!r}.")
-    _propose("add_org", arguments, folder, organisation, key_file, as_json=as_json)
+    _propose("add_org", arguments, speaker, as_json=as_json)
 
 
 @propose.command("remove-org")
@@ -238,14 +203,12 @@ def add_org(
 @governing_options
 @json_option
 @handle_errors
-def remove_org(
-    name: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def remove_org(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Propose to remove an organisation with its nodes, keys and voice.
 
     Example: blockrobot org propose remove-org clinic --as hospital
     """
-    _propose("remove_org", {"name": name}, folder, organisation, key_file, as_json=as_json, anyway=anyway)
+    _propose("remove_org", {"name": name}, speaker, as_json=as_json, anyway=anyway)
 
 
 @propose.command("replace-ca")
@@ -254,14 +217,7 @@ def remove_org(
 @governing_options
 @json_option
 @handle_errors
-def replace_ca(
-    name: str,
-    certificate: Path,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
+def replace_ca(name: str, certificate: Path, speaker: Speaker, as_json: bool) -> None:
     """Propose a new certificate authority for an organisation. Certificates of the old one count no more.
 
     Only the certificates in the file are sent, written anew; a file that holds a private key too is refused.
@@ -269,7 +225,7 @@ def replace_ca(
     Example: blockrobot org propose replace-ca hospital --certificate new-ca.crt.pem --as hospital
     """
     arguments = {"organisation": name, "ca_certificate": read_authority_certificates(certificate)}
-    _propose("replace_ca", arguments, folder, organisation, key_file, as_json=as_json)
+    _propose("replace_ca", arguments, speaker, as_json=as_json)
 
 
 @propose.command("replace-keys")
@@ -282,13 +238,7 @@ def replace_ca(
 @json_option
 @handle_errors
 def replace_keys(
-    name: str,
-    admins: tuple[str, ...],
-    registrars: tuple[str, ...],
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
+    name: str, admins: tuple[str, ...], registrars: tuple[str, ...], speaker: Speaker, as_json: bool
 ) -> None:
     """Propose new admins and registrars in place of all that an organisation has.
 
@@ -299,7 +249,7 @@ def replace_keys(
         "admins": [_read_public_key(key, "--admin") for key in admins],
         "registrars": [_read_public_key(key, "--registrar") for key in registrars],
     }
-    _propose("replace_keys", arguments, folder, organisation, key_file, as_json=as_json)
+    _propose("replace_keys", arguments, speaker, as_json=as_json)
 
 
 @propose.command("add-node")
@@ -307,14 +257,14 @@ def replace_keys(
 @governing_options
 @json_option
 @handle_errors
-def add_node(source: Path, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def add_node(source: Path, speaker: Speaker, as_json: bool) -> None:
     """Propose a new node. It produces nothing before it is voted in (producer propose).
 
     Example: blockrobot org propose add-node --from node-5/node-entry.json --as hospital
     """
     arguments = read_node_entry(source)
     check_api_url(str(arguments["name"]), str(arguments["api_url"]))
-    _propose("add_node", arguments, folder, organisation, key_file, as_json=as_json)
+    _propose("add_node", arguments, speaker, as_json=as_json)
 
 
 @propose.command("remove-node")
@@ -323,14 +273,12 @@ def add_node(source: Path, folder: Path | None, organisation: str | None, key_fi
 @governing_options
 @json_option
 @handle_errors
-def remove_node(
-    name: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def remove_node(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Propose to remove a node. Its certificate and votes count no more from the height at which that takes effect.
 
     Example: blockrobot org propose remove-node node-5 --as hospital
     """
-    _propose("remove_node", {"name": name}, folder, organisation, key_file, as_json=as_json, anyway=anyway)
+    _propose("remove_node", {"name": name}, speaker, as_json=as_json, anyway=anyway)
 
 
 @propose.command("rekey-producer")
@@ -340,15 +288,7 @@ def remove_node(
 @governing_options
 @json_option
 @handle_errors
-def rekey_producer(
-    node: str,
-    secret: Path,
-    anyway: bool,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
+def rekey_producer(node: str, secret: Path, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Propose a new producer key for a node, with proof that it is held. The old one counts no more.
 
     The node is silent until it has the new key; that is refused while the others cannot do without it, unless you say
@@ -359,7 +299,7 @@ def rekey_producer(
     key = read_private_key(secret)
     proof = prove_possession(key, node)
     arguments = {"node": node, "producer_key": key.public_key, "producer_possession": proof}
-    _propose("rekey_producer", arguments, folder, organisation, key_file, as_json=as_json, anyway=anyway)
+    _propose("rekey_producer", arguments, speaker, as_json=as_json, anyway=anyway)
 
 
 def _read_hex(text: str, option: str) -> bytes:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from pathlib import Path
+from collections.abc import Callable
 
 import click
 import msgspec
@@ -29,11 +28,10 @@ from network.cli.governance.governance_answers import (
     ProducerVoteAnswer,
 )
 from network.cli.governance.governance_signer import (
-    GovernanceSigner,
+    Signer,
+    Speaker,
     governing_options,
     plain_table,
-    read_as_any,
-    resolve_signer,
     shown_id,
     to_json,
     with_client,
@@ -99,12 +97,12 @@ def _print_evidence(row: CandidateRow) -> None:
 @governing_options
 @json_option
 @handle_errors
-def list_producers(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def list_producers(speaker: Speaker, as_json: bool) -> None:
     """Show seats, votes, who is ready and who is suspended with the evidence, checked against proofs.
 
     Example: blockrobot producer list
     """
-    view, membership = read_as_any(folder, organisation, key_file, _read)
+    view, membership = speaker.read(_read)
     needed = membership.majority
     if as_json:
         answer = ProducerListAnswer(
@@ -159,9 +157,9 @@ def _find_key(text: str, view: ProducersView, membership: MembershipView) -> byt
 
 def _vote(
     node: str,
-    seat: GovernanceSigner,
+    seat: Signer,
     what: str,
-    work: Callable[[Governor, bytes], Awaitable[Decision]],
+    entry: str,
     *,
     as_json: bool,
     after: Callable[[ProducersView, bytes], list[CandidateRow]] | None = None,
@@ -176,7 +174,7 @@ def _vote(
         key = _find_key(node, view, membership)
         if after is not None:
             await require_live_quorum(client, seat.folder, view, after(view, key))
-        decision = await work(Governor(client, seat.key), key)
+        decision = await Governor(client, seat.key).vote(entry, key)
         now, membership = await _read(client, seat.key)
         return decision, now, membership, key
 
@@ -225,13 +223,12 @@ def _next_step(node: str, row: CandidateRow | None, membership: MembershipView) 
 @governing_options
 @json_option
 @handle_errors
-def propose(node: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def propose(node: str, speaker: Speaker, as_json: bool) -> None:
     """Make a node a candidate, with your organisation's vote. The node must be in the network (org propose add-node).
 
     Example: blockrobot producer propose node-5 --as hospital
     """
-    seat = resolve_signer(folder, organisation, key_file)
-    _vote(node, seat, "Proposed", lambda governor, key: governor.propose_producer(key), as_json=as_json)
+    _vote(node, speaker.signer(), "Proposed", "propose", as_json=as_json)
 
 
 @producer.command()
@@ -239,13 +236,12 @@ def propose(node: str, folder: Path | None, organisation: str | None, key_file: 
 @governing_options
 @json_option
 @handle_errors
-def approve(node: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def approve(node: str, speaker: Speaker, as_json: bool) -> None:
     """Vote for a candidate, or for a suspended producer's return.
 
     Example: blockrobot producer approve node-5 --as university
     """
-    seat = resolve_signer(folder, organisation, key_file)
-    _vote(node, seat, "Voted for", lambda governor, key: governor.approve_producer(key), as_json=as_json)
+    _vote(node, speaker.signer(), "Voted for", "approve", as_json=as_json)
 
 
 @producer.command()
@@ -254,22 +250,14 @@ def approve(node: str, folder: Path | None, organisation: str | None, key_file: 
 @governing_options
 @json_option
 @handle_errors
-def withdraw(
-    node: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def withdraw(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Take your organisation's vote back. A producer without any vote loses its seat.
 
     Example: blockrobot producer withdraw node-5 --as university
     """
-    seat = resolve_signer(folder, organisation, key_file)
-    _vote(
-        node,
-        seat,
-        "Vote withdrawn from",
-        lambda governor, key: governor.withdraw_producer(key),
-        as_json=as_json,
-        after=None if anyway else lambda view, key: seats_after(view, withdrawn=(key, seat.organisation)),
-    )
+    seat = speaker.signer()
+    after = None if anyway else lambda view, key: seats_after(view, withdrawn=(key, seat.name))
+    _vote(node, seat, "Vote withdrawn from", "withdraw", as_json=as_json, after=after)
 
 
 @producer.command()
@@ -278,21 +266,12 @@ def withdraw(
 @governing_options
 @json_option
 @handle_errors
-def remove(
-    node: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def remove(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Stand for a producer's removal: one of your own goes at once, another's when a majority says so.
 
     It is refused while too few of those who would be left are well, unless you say --anyway.
 
     Example: blockrobot producer remove node-5 --as hospital
     """
-    seat = resolve_signer(folder, organisation, key_file)
-    _vote(
-        node,
-        seat,
-        "Removal of",
-        lambda governor, key: governor.remove_producer(key),
-        as_json=as_json,
-        after=None if anyway else lambda view, key: seats_after(view, leaving={key}),
-    )
+    after = None if anyway else lambda view, key: seats_after(view, leaving={key})
+    _vote(node, speaker.signer(), "Removal of", "remove", as_json=as_json, after=after)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
 
 import click
 
 from clients.sdk.chain.governance import (
     MembershipView,
     ProducersView,
-    ProposalRow,
     read_membership,
     read_producers,
     settings_in_force,
@@ -21,16 +22,17 @@ from clients.sdk.terminal.terminal import console, handle_errors, json_option, p
 from consensus.primitives.keys import PrivateKey
 from network.cli.governance.governance_answers import SettingsListAnswer
 from network.cli.governance.governance_signer import (
+    Signer,
+    Speaker,
     decide_on_proposal,
     governing_options,
     plain_table,
     print_proposals,
     proposal_answer,
     propose_once,
-    read_as_any,
     report_decision,
-    resolve_signer,
     summary_of,
+    withdraw_command,
 )
 from network.cli.governance.quorum_check import anyway_option, check_setting
 
@@ -65,7 +67,7 @@ def settings() -> None:
 @governing_options
 @json_option
 @handle_errors
-def list_settings(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def list_settings(speaker: Speaker, as_json: bool) -> None:
     """Show the settings in force and the open proposals, checked against proofs.
 
     Example: blockrobot settings list --json
@@ -74,7 +76,7 @@ def list_settings(folder: Path | None, organisation: str | None, key_file: Path 
     async def read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, MembershipView]:
         return await read_producers(client, key), await read_membership(client, key)
 
-    producers, membership = read_as_any(folder, organisation, key_file, read)
+    producers, membership = speaker.read(read)
     values = settings_in_force(producers)
     proposals = [row for row in membership.proposals if row.contract == "settings"]
     if as_json:
@@ -99,6 +101,13 @@ def _read_value(text: str) -> int | str:
     return int(text) if _NUMBER.fullmatch(text) else text
 
 
+async def _check(
+    seat: Signer, anyway: bool, client: NetworkClient, _: MembershipView, _kind: str, arguments: Mapping[str, Any]
+) -> None:
+    if not anyway:
+        await check_setting(client, seat.folder, seat.key, arguments["name"], arguments["value"])
+
+
 @settings.command(context_settings={"ignore_unknown_options": True})  # a value may begin with a minus
 @click.argument("name")
 @click.argument("value")
@@ -106,32 +115,16 @@ def _read_value(text: str) -> int | str:
 @governing_options
 @json_option
 @handle_errors
-def propose(
-    name: str,
-    value: str,
-    anyway: bool,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
+def propose(name: str, value: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Propose a value for a setting; a majority of the organisations puts it into force.
 
     Fewer seats are refused while too few of the producers left over are well, unless you say --anyway.
 
     Example: blockrobot settings propose base_timeout_ms 800 --as hospital
     """
-    seat = resolve_signer(folder, organisation, key_file)
+    seat = speaker.signer()
     wanted = _read_value(value.strip())
-
-    async def look(client: NetworkClient, _: MembershipView) -> None:
-        if not anyway:
-            await check_setting(client, seat.folder, seat.key, name, wanted)
-
-    arguments = {"name": name, "value": wanted}
-    told = propose_once(
-        seat, "settings", "set", arguments, lambda governor: governor.propose_setting(name, wanted), look
-    )
+    told = propose_once(seat, "settings", "set", {"name": name, "value": wanted}, partial(_check, seat, anyway))
     report_decision(told, f"{name} = {wanted}", "settings", as_json=as_json)
 
 
@@ -141,37 +134,16 @@ def propose(
 @governing_options
 @json_option
 @handle_errors
-def approve(
-    proposal: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
+def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Stand behind a proposed setting (named by the first digits of its id).
 
     Fewer seats are refused while too few of the producers left over are well, unless you say --anyway.
 
     Example: blockrobot settings approve 3fa2c19b07de --as university
     """
-    seat = resolve_signer(folder, organisation, key_file)
-
-    async def look(client: NetworkClient, _: MembershipView, found: ProposalRow) -> None:
-        if not anyway:
-            await check_setting(client, seat.folder, seat.key, found.arguments["name"], found.arguments["value"])
-
-    told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.approve(found), look)
+    seat = speaker.signer()
+    told, row = decide_on_proposal(seat, "settings", proposal, "approve", partial(_check, seat, anyway))
     report_decision(told, summary_of(row), "settings", as_json=as_json)
 
 
-@settings.command()
-@click.argument("proposal")
-@governing_options
-@json_option
-@handle_errors
-def withdraw(
-    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
-) -> None:
-    """Take back a setting that your own organisation proposed.
-
-    Example: blockrobot settings withdraw 3fa2c19b07de --as hospital
-    """
-    seat = resolve_signer(folder, organisation, key_file)
-    told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.withdraw(found))
-    report_decision(told, f"Withdrawal of {summary_of(row)}", "settings", as_json=as_json, needs_others=False)
+settings.add_command(withdraw_command("settings", "a setting"))

@@ -5,6 +5,7 @@ Issue and renewal are local to an organisation; revocation is a transaction.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -14,11 +15,11 @@ from clients.sdk.terminal.terminal import console, handle_errors, json_option, p
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
+    Speaker,
     governing_options,
     plain_table,
     propose_once,
     report_decision,
-    resolve_signer,
 )
 from network.cli.node.node_answers import (
     CertificateEntry,
@@ -176,14 +177,7 @@ def renew_certificate(
 @json_option
 @handle_errors
 def revoke(
-    node: str | None,
-    serial: str | None,
-    file: Path | None,
-    owner: str | None,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
+    node: str | None, serial: str | None, file: Path | None, owner: str | None, speaker: Speaker, as_json: bool
 ) -> None:
     """Revoke a certificate on the chain. An organisation revokes its own alone; another's needs a majority.
 
@@ -192,25 +186,21 @@ def revoke(
     if sum(item is not None for item in (node, serial, file)) != 1:
         raise click.UsageError("Name a node, or a certificate with --serial or --certificate.")
     if node is not None:
-        config = find_node(node, folder)
+        config = find_node(node, speaker.folder)
         facts = read_report(config).facts
         if facts is None:
             raise BlockRobotError("FILE_UNUSABLE", f"The certificate of {config.name} cannot be read; use --serial.")
-        number, owner = facts.serial, owner or _organisation(config, folder)
+        number, owner = facts.serial, owner or _organisation(config, speaker.folder)
     else:
         number = parse_serial(str(serial) if file is None else f"{read_certificate(file).serial_number:x}")
-    seat = resolve_signer(folder, organisation or (owner if key_file is None else None), key_file)
-    owner = owner or seat.organisation
+    if speaker.organisation is None and speaker.key_file is None:
+        speaker = replace(speaker, organisation=owner)
+    seat = speaker.signer()
+    owner = owner or seat.name
     if not owner:
         raise click.UsageError("Say whose authority issued it: --of ORG.")
     arguments = {"organisation": owner, "serial": serial_bytes(number)}
-    told = propose_once(
-        seat,
-        "membership",
-        "revoke_certificate",
-        arguments,
-        lambda governor: governor.propose_membership("revoke_certificate", arguments),
-    )
+    told = propose_once(seat, "membership", "revoke_certificate", arguments)
     report_decision(told, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
 
 

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import network.cli.contract.contract_signers as contract_signers
+import network.cli.governance.governance_signer as governance_signer
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.passphrase import PassphraseCost
 from clients.wallet.store.keystore import Keystore
@@ -52,7 +53,7 @@ def chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Consortium:
         (place / "registrar.key").write_bytes(key_of(name + "/registrar").secret)
     (folder / "genesis.json").write_text(genesis_to_json(chain.genesis), encoding="utf-8")
     monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
-    monkeypatch.setattr(contract_signers, "open_pinned_client", lambda _genesis, _path: AskedClient(chain))
+    monkeypatch.setattr(governance_signer, "open_pinned_client", lambda _genesis, _path: AskedClient(chain))
     return chain
 
 

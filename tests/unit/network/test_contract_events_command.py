@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import network.cli.contract.contract_events_command as command
-import network.cli.contract.contract_signers as contract_signers
+import network.cli.governance.governance_signer as governance_signer
 from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place
 from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
@@ -58,7 +58,7 @@ def story(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Story:
     (place / "admin.key").write_bytes(admin_of("org-01").secret)
     (tmp_path / "network" / "genesis.json").write_text(genesis_to_json(chain.genesis), encoding="utf-8")
     monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
-    monkeypatch.setattr(contract_signers, "open_pinned_client", lambda _genesis, _path: ConsortiumClient(chain))
+    monkeypatch.setattr(governance_signer, "open_pinned_client", lambda _genesis, _path: ConsortiumClient(chain))
     monkeypatch.setattr(command, "read_events", story.read)
     monkeypatch.setattr(command, "RETRY_S", 0)
     monkeypatch.setattr(command, "PAUSE_S", 0)

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-import network.cli.contract.contract_signers as contract_signers
+import network.cli.governance.governance_signer as governance_signer
 from clients.sdk.chain.receipts import FinalReceipt, final_receipt
 from clients.sdk.connections import NodeAddress
 from consensus.chain.block import (
@@ -188,7 +188,7 @@ def test_the_command_shows_lines_and_values(
     (place / "admin.key").write_bytes(admin_of("org-01").secret)
     (tmp_path / "network" / "genesis.json").write_text(genesis_to_json(served.genesis), encoding="utf-8")
     monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
-    monkeypatch.setattr(contract_signers, "open_pinned_client", lambda _genesis, _path: served)
+    monkeypatch.setattr(governance_signer, "open_pinned_client", lambda _genesis, _path: served)
     shown = CliRunner().invoke(contract, ["trace", served.txid(3, 1).hex()])
     assert "settings.propose" in shown.output
     assert "failed at line" in shown.output

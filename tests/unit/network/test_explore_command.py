@@ -19,7 +19,7 @@ from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
 from network.cli.cluster import explore_command
 from network.cli.cluster.explore_command import LINK_LIFETIME_S, explore, keep_link
-from network.cli.contract.contract_signers import Signer
+from network.cli.governance.governance_signer import Signer
 from node.api import create_api
 from tests.unit.node.api.small_network import ADMIN, OWNER, STRANGER, SUBJECT, SmallLedger, SmallNode, make_genesis
 

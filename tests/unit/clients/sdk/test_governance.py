@@ -39,7 +39,7 @@ async def refusal_of(work: Awaitable[Any]) -> BlockRobotError:
 
 
 async def test_a_proposal_is_read_approved_and_told(client: Any) -> None:
-    opened = await governor(client, "org-01").propose_setting("heartbeat_ms", 9000)
+    opened = await governor(client, "org-01").propose("settings", "set", {"name": "heartbeat_ms", "value": 9000})
     assert (opened.executed, opened.epoch, opened.height) == (False, None, 1)
     view = await read_membership(client, READER)
     (row,) = view.proposals
@@ -56,7 +56,7 @@ async def test_a_proposal_is_read_approved_and_told(client: Any) -> None:
 
 
 async def test_an_expired_proposal_is_listed_no_more(client: Any) -> None:
-    await governor(client, "org-01").propose_setting("heartbeat_ms", 9000)
+    await governor(client, "org-01").propose("settings", "set", {"name": "heartbeat_ms", "value": 9000})
     client.chain.time_ms += 8 * 24 * 3600 * 1000
     assert (await read_membership(client, READER)).proposals == ()
 
@@ -74,7 +74,7 @@ async def test_organisations_and_nodes_are_read_as_they_are(client: Any) -> None
 async def test_seats_votes_readiness_and_evidence_are_read(client: Any) -> None:
     chain = client.chain
     chain.agree("add_node", node_fields("node-05", "org-01"))
-    await governor(client, "org-01").propose_producer(producer_of("node-05").public_key)
+    await governor(client, "org-01").vote("propose", producer_of("node-05").public_key)
     chain.ready("node-05")
     chain.must(producer_of("node-01"), "producers", "accuse", *chain.evidence(producer_of("node-02")))
     rows = {row.name: row for row in (await read_producers(client, READER)).candidates}
@@ -93,26 +93,34 @@ async def test_seats_votes_readiness_and_evidence_are_read(client: Any) -> None:
 async def test_a_producer_is_voted_in_and_out(client: Any) -> None:
     key = producer_of("node-05").public_key
     client.chain.agree("add_node", node_fields("node-05", "org-01"))
-    await governor(client, "org-01").propose_producer(key)
+    await governor(client, "org-01").vote("propose", key)
     client.chain.ready("node-05")
-    assert (await governor(client, "org-02").approve_producer(key)).epoch == 1
-    assert (await governor(client, "org-02").withdraw_producer(key)).epoch is None
-    assert (await governor(client, "org-03").remove_producer(key)).epoch is None
-    assert (await governor(client, "org-01").remove_producer(key)).epoch == 2
+    assert (await governor(client, "org-02").vote("approve", key)).epoch == 1
+    assert (await governor(client, "org-02").vote("withdraw", key)).epoch is None
+    assert (await governor(client, "org-03").vote("remove", key)).epoch is None
+    assert (await governor(client, "org-01").vote("remove", key)).epoch == 2
 
 
 async def test_every_refusal_has_a_code_of_the_catalogue_and_the_contracts_sentence(client: Any) -> None:
     first = governor(client, "org-01")
-    opened = await first.propose_membership("remove_node", {"name": "node-04"})
+    opened = await first.propose("membership", "remove_node", {"name": "node-04"})
     (row,) = (await read_membership(client, READER)).proposals
     refusals = [
-        (Governor(client, key_of("stranger")).propose_setting("heartbeat_ms", 1), "GOVERNANCE_NOT_ADMIN", "admin"),
+        (
+            Governor(client, key_of("stranger")).propose("settings", "set", {"name": "heartbeat_ms", "value": 1}),
+            "GOVERNANCE_NOT_ADMIN",
+            "admin",
+        ),
         (Governor(client, key_of("org-01/registrar")).approve(row), "GOVERNANCE_NOT_ADMIN", "admin"),
         (first.approve(row), "GOVERNANCE_APPROVED_ALREADY", "one voice"),
         (governor(client, "org-02").withdraw(row), "GOVERNANCE_NOT_ADMIN", "proposed"),
-        (first.propose_setting("heartbeat_ms", 0), "GOVERNANCE_SETTING_REFUSED", "3600000"),
-        (first.propose_membership("remove_node", {"name": "x"}), "GOVERNANCE_REFUSED", "node"),
-        (first.propose_producer(key_of("x").public_key), "GOVERNANCE_REFUSED", "node"),
+        (
+            first.propose("settings", "set", {"name": "heartbeat_ms", "value": 0}),
+            "GOVERNANCE_SETTING_REFUSED",
+            "3600000",
+        ),
+        (first.propose("membership", "remove_node", {"name": "x"}), "GOVERNANCE_REFUSED", "node"),
+        (first.vote("propose", key_of("x").public_key), "GOVERNANCE_REFUSED", "node"),
     ]
     for work, code, word in refusals:
         error = await refusal_of(work)
@@ -126,13 +134,13 @@ async def test_every_refusal_has_a_code_of_the_catalogue_and_the_contracts_sente
 
 async def test_the_last_of_its_kind_is_not_removed() -> None:
     client: Any = ConsortiumClient(Consortium(organisations=1, nodes=1))
-    error = await refusal_of(governor(client, "org-01").remove_producer(producer_of("node-01").public_key))
+    error = await refusal_of(governor(client, "org-01").vote("remove", producer_of("node-01").public_key))
     assert error.code == "GOVERNANCE_WOULD_STOP_CHAIN"
 
 
 @pytest.mark.parametrize("text", ["", "abc", "zz" * 6, "00" * 32])
 async def test_an_id_that_names_no_open_proposal_is_refused(client: Any, text: str) -> None:
-    await governor(client, "org-01").propose_setting("heartbeat_ms", 9000)
+    await governor(client, "org-01").propose("settings", "set", {"name": "heartbeat_ms", "value": 9000})
     view = await read_membership(client, READER)
     with pytest.raises(BlockRobotError, match="GOVERNANCE_PROPOSAL_CLOSED"):
         find_proposal(view.proposals, text)
