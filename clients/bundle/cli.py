@@ -14,7 +14,7 @@ from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
 from clients.sdk.terminal.plurals import counted
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
+from clients.sdk.terminal.terminal import command_output, console, load_genesis, print_answer
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from pages.moments import show_moment
@@ -75,8 +75,7 @@ def _bundle_answer(path: Path, verdict: Verdict) -> VerifyBundleAnswer:
 @click.option(
     "--genesis", "named", help="The network's genesis file, or its genesis hash: whom you trust, not the file."
 )
-@json_option
-@handle_errors
+@command_output
 def verify(file: Path, named: str | None, as_json: bool) -> None:
     """Check an export bundle offline: what is proved, against which network, up to which block, and what is not.
 

@@ -15,7 +15,7 @@ from clients.officer.officer_answers import BreachCloseAnswer, BreachesAnswer, C
 from clients.officer.officer_mandates_commands import mandates
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
 from clients.wallet.cli.group_options import place_wallet, wallet_options
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
@@ -101,9 +101,8 @@ def _show(breach: Breach, profile: str) -> None:
 
 @officer.command()
 @click.option("--all", "everything", is_flag=True, help="Those that are closed, too.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def breaches(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """List denied visits with what is left of the 72 hours, by the chain's clock.
@@ -125,9 +124,8 @@ def breaches(ctx: click.Context, everything: bool, as_json: bool) -> None:
 @click.argument("breach")
 @click.option("--risk", type=click.Choice(sorted(RISKS)), required=True, help="none, risk or high, to people.")
 @click.option("--reason", type=_reasons(), required=True, help="Why you think so.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def assess(ctx: click.Context, breach: str, risk: str, reason: str, as_json: bool) -> None:
     """Say how much risk a breach is to people; say it anew if it turns out to be more. It cannot be lowered again.
 
@@ -141,9 +139,8 @@ def assess(ctx: click.Context, breach: str, risk: str, reason: str, as_json: boo
 @click.argument("breach")
 @click.option("--whom", type=click.Choice(sorted(RECIPIENTS)), required=True, help="Who was told.")
 @click.option("--reason", type=_reasons(), help=f"After 72 hours, why so late: {', '.join(DELAY_REASONS)}.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def notify(ctx: click.Context, breach: str, whom: str, reason: str | None, as_json: bool) -> None:
     """Note that the authority (Art. 33) or the subjects (Art. 34) were told. You tell them yourself.
 
@@ -158,9 +155,8 @@ def notify(ctx: click.Context, breach: str, whom: str, reason: str | None, as_js
 @click.option("--outcome", type=click.Choice(sorted(OUTCOMES)), required=True, help="erased or released.")
 @click.option("--reason", type=_reasons(), required=True, help="Why.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool, as_json: bool) -> None:
     """End a breach: have the visit erased, or end its quarantine. It cannot be opened again.
 
@@ -184,10 +180,9 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
 
 
 @officer.command("correction")
-@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
-@json_option
+@click.argument("file", type=EXISTING_FILE)
 @click.pass_context
-@handle_errors
+@command_output
 def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
     """Check a correction that a person handed over: that it was they who said it, of what, and when.
 

@@ -17,7 +17,7 @@ from clients.officer.officer_answers import (
 )
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.times import MOMENT
@@ -171,9 +171,8 @@ def _require_room(found: Preview, visits: int | None) -> int:
 
 @lost_keys.command("list")
 @click.option("--all", "everything", is_flag=True, help="Those that are over, too.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """List what was proposed, how far it is, and what comes next.
@@ -193,9 +192,8 @@ def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
 
 @lost_keys.command()
 @_span_options
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json: bool) -> None:
     """Show how many visits and records a span would touch. Nothing is changed, and nobody is told.
@@ -220,9 +218,8 @@ def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json
     help="How many visits may go at most. [default: as many as are there now]",
 )
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def propose(
     ctx: click.Context,
     robot: str,
@@ -259,9 +256,8 @@ def propose(
 @lost_keys.command()
 @click.argument("proposal")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
     """Agree to a colleague's proposal, after seeing what it would touch. You have checked it yourself.
 
@@ -286,9 +282,8 @@ def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None
 @lost_keys.command()
 @click.argument("proposal")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
     """Have an approved proposal carried out. Say it again for what comes later: robots may deliver a day late.
 
@@ -340,9 +335,8 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
 
 @lost_keys.command()
 @click.argument("proposal")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def stop(ctx: click.Context, proposal: str, as_json: bool) -> None:
     """End a proposal, approved or not. What was ordered already stays ordered.
 

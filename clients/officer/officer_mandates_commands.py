@@ -17,7 +17,7 @@ from clients.officer.mandate_papers import (
 from clients.sdk.failover import SURE_REFUSALS
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.plurals import counted
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.times import MOMENT
@@ -31,7 +31,6 @@ from consensus.rights.mandates import ACCEPT_MS, ACTS, APPROVE_MS, MANDATE_REASO
 from pages.moments import show_moment
 
 _DAY_MS = 24 * 3600 * 1000
-_FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.group()
@@ -81,14 +80,13 @@ def _require_papers(papers: tuple[Path, ...]) -> None:
 @mandates.command()
 @click.option("--for", "whom", required=True, help="The handle of the person who cannot act, whole or in short.")
 @click.option("--to", "representative", required=True, help="The handle of who is to act, whole or in short.")
-@click.option("--papers", type=_FILE, multiple=True, required=True, help="A paper as a file; may be repeated.")
+@click.option("--papers", type=FILE, multiple=True, required=True, help="A paper as a file; may be repeated.")
 @click.option("--reason", type=click.Choice(sorted(MANDATE_REASONS)), required=True, help="Why; not told to the chain.")
 @click.option("--until", "until_ms", type=MOMENT, required=True, help="When it ends, in a year at most.")
-@click.option("--receipt", type=_FILE, help="Write the papers' receipt here. [default: beside the first paper]")
+@click.option("--receipt", type=FILE, help="Write the papers' receipt here. [default: beside the first paper]")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def propose(
     ctx: click.Context,
     whom: str,
@@ -138,12 +136,11 @@ def propose(
 
 @mandates.command()
 @click.argument("mandate")
-@click.option("--receipt", type=_FILE, required=True, help="The papers' receipt that your colleague has.")
-@click.option("--papers", type=_FILE, multiple=True, required=True, help="A paper that you saw; may be repeated.")
+@click.option("--receipt", type=FILE, required=True, help="The papers' receipt that your colleague has.")
+@click.option("--papers", type=FILE, multiple=True, required=True, help="A paper that you saw; may be repeated.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def approve(
     ctx: click.Context, mandate: str, receipt: Path, papers: tuple[Path, ...], yes: bool, as_json: bool
 ) -> None:
@@ -171,9 +168,8 @@ def approve(
 
 @mandates.command("list")
 @click.option("--all", "everything", is_flag=True, help="Those that are over, too.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """List mandates and proposals, how far each is, and what comes next.
@@ -193,9 +189,8 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
 
 @mandates.command()
 @click.argument("mandate")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def end(ctx: click.Context, mandate: str, as_json: bool) -> None:
     """End a mandate, or a proposal of one. What was consented to under it is withdrawn with the same block.
 

@@ -20,11 +20,13 @@ from clients.registrar.registrar_answers import (
 from clients.sdk.new_files import new_file, write_new_file
 from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
 from clients.sdk.terminal.terminal import (
+    EXISTING_FILE,
+    FILE,
+    FOLDER,
     can_ask,
+    command_output,
     console,
-    handle_errors,
     home_folder,
-    json_option,
     load_genesis,
     print_answer,
 )
@@ -33,10 +35,8 @@ from consensus.members.vouchers import ROLES, decode_card_code
 
 def _desk_options(command: Any) -> Any:
     for option in (
-        click.option(
-            "--desk", type=click.Path(path_type=Path, file_okay=False), help="The organisation's folder with its key."
-        ),
-        click.option("--genesis", type=click.Path(path_type=Path, dir_okay=False), help="The network's genesis file."),
+        click.option("--desk", type=FOLDER, help="The organisation's folder with its key."),
+        click.option("--genesis", type=FILE, help="The network's genesis file."),
     ):
         command = option(command)
     return command
@@ -59,18 +59,13 @@ def card() -> None:
 @card.command()
 @_desk_options
 @click.option("--role", type=click.Choice(ROLES), default="subject", show_default=True)
-@click.option(
-    "--uid-file",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="A file with the tag's UID (asked for at a terminal otherwise).",
-)
+@click.option("--uid-file", type=EXISTING_FILE, help="A file with the tag's UID (asked for at a terminal otherwise).")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     help="Write the card: FILE.html to print, FILE.svg with the QR code alone, FILE.txt with the code.",
 )
-@json_option
-@handle_errors
+@command_output
 def issue(
     desk: Path | None, genesis: Path | None, role: str, uid_file: Path | None, out: Path | None, as_json: bool
 ) -> None:
@@ -122,12 +117,11 @@ def issue(
 @click.option("--member", metavar="KEY", help="The member key, in hexadecimal.")
 @click.option(
     "--uid-file",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=EXISTING_FILE,
     help="Instead of --member: a file with the UID of the tag, or of the robot, that the card was issued for.",
 )
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
-@handle_errors
+@command_output
 def revoke(
     desk: Path | None, genesis: Path | None, member: str | None, uid_file: Path | None, yes: bool, as_json: bool
 ) -> None:
@@ -159,13 +153,8 @@ def revoke(
 @click.argument("name")
 @click.option("--place", default="", help="Where it is: a ward, a room, a floor.")
 @click.option("--robot", metavar="KEY", help="The robot's member key, in hexadecimal.")
-@click.option(
-    "--uid-file",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Instead of --robot: the file that its card was issued with.",
-)
-@json_option
-@handle_errors
+@click.option("--uid-file", type=EXISTING_FILE, help="Instead of --robot: the file that its card was issued with.")
+@command_output
 def name_robot(
     desk: Path | None,
     genesis: Path | None,
@@ -195,13 +184,8 @@ def name_robot(
 
 @card.command()
 @_desk_options
-@click.option(
-    "--uid-file",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Forget this tag alone, whoever has it.",
-)
-@json_option
-@handle_errors
+@click.option("--uid-file", type=EXISTING_FILE, help="Forget this tag alone, whoever has it.")
+@command_output
 def forget(desk: Path | None, genesis: Path | None, uid_file: Path | None, as_json: bool) -> None:
     """Take tags off the desk's list: of those who left or were revoked, and of codes that expired unused.
 
@@ -235,14 +219,8 @@ def roster() -> None:
 @roster.command()
 @_desk_options
 @click.option("--robot", required=True, help="The robot's member key, in hexadecimal.")
-@click.option(
-    "--out",
-    required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Where to write it, in place of an older roster.",
-)
-@json_option
-@handle_errors
+@click.option("--out", required=True, type=FILE, help="Where to write it, in place of an older roster.")
+@command_output
 def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json: bool) -> None:
     """Seal today's roster to one robot. It is good for a day.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from clients.sdk.terminal.terminal import handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, print_answer
 from network.cli.tool_answers import CompletionAnswer
 
 _PROGRAM, _VARIABLE = "blockrobot", "_BLOCKROBOT_COMPLETE"
@@ -14,8 +14,7 @@ _SHELLS = ("bash", "fish", "zsh")
 
 @click.command()
 @click.argument("shell", type=click.Choice(_SHELLS))
-@json_option
-@handle_errors
+@command_output
 def completion(shell: str, as_json: bool) -> None:
     """Print the completion script of a shell: commands, options, profiles, records that were viewed here.
 

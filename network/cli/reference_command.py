@@ -7,21 +7,14 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXIT_FAILED, FOLDER, command_output, console, print_answer
 from network.cli.tool_answers import ReferenceAnswer
 
 
 @click.command()
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("docs/reference"),
-    show_default=True,
-    help="The folder of the pages.",
-)
+@click.option("--out", type=FOLDER, default=Path("docs/reference"), show_default=True, help="The folder of the pages.")
 @click.option("--check", is_flag=True, help="Write nothing; exit 1 if a page is not current.")
-@json_option
-@handle_errors
+@command_output
 def reference(out: Path, check: bool, as_json: bool) -> None:
     """Write http-api.md, errors.md, authorisation.md, state.md and json-output.md, made from the tables in the code.
 

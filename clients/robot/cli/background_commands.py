@@ -23,7 +23,7 @@ from clients.robot.cli.source_options import open_recording, source_options
 from clients.robot.identity.robot_keys import is_sealed
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.sources.live.live_sampling import record_empty_frames
-from clients.sdk.terminal.terminal import can_ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import can_ask, command_output, console, print_answer
 from pages.moments import show_moment
 
 
@@ -43,9 +43,8 @@ def background() -> None:
     seconds_help="Look at the robot's camera for so long.",
 )
 @source_options
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def record_command(
     ctx: click.Context, /, recording: Path | None, viewpoint: str, as_json: bool, **options: Any
 ) -> None:
@@ -84,9 +83,8 @@ def _live_frames(options: dict[str, Any], *, as_json: bool) -> list[Depth]:
 
 
 @background.command("list")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def list_command(ctx: click.Context, as_json: bool) -> None:
     """List the viewpoints of a robot with who approved their empty frames, and until when.
 
@@ -116,9 +114,8 @@ def list_command(ctx: click.Context, as_json: bool) -> None:
     help="For how long.",
 )
 @click.option("--yes", is_flag=True, help="Do not ask whether nobody is in the picture.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def approve_command(ctx: click.Context, viewpoint: str, by: str, days: int, yes: bool, as_json: bool) -> None:
     """Say that you have looked at a viewpoint's empty frames, and that nobody is in them.
 

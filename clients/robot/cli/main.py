@@ -54,11 +54,13 @@ from clients.sdk.terminal.json_answers import Problem, extend
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import escape, overwrite_line
 from clients.sdk.terminal.terminal import (
+    EXISTING_FILE,
     EXIT_FAILED,
+    FILE,
+    FOLDER,
+    command_output,
     console,
-    handle_errors,
     home_folder,
-    json_option,
     load_genesis,
     print_answer,
     problem_json,
@@ -73,11 +75,11 @@ _ROSTER_FILE = "roster.sealed"
 
 @click.group()
 @click.option("--name", default="robot", show_default=True, help="Which robot, if there are several.")
-@click.option("--robot-dir", type=click.Path(path_type=Path, file_okay=False), help="The folder of robots.")
-@click.option("--genesis", type=click.Path(path_type=Path, dir_okay=False), help="The network's genesis file.")
+@click.option("--robot-dir", type=FOLDER, help="The folder of robots.")
+@click.option("--genesis", type=FILE, help="The network's genesis file.")
 @click.option(
     "--passphrase-file",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=EXISTING_FILE,
     help="The first line of this file opens the robot's key file, if that is sealed.",
 )
 @click.pass_context
@@ -95,9 +97,8 @@ def robot(
 
 
 @robot.command()
-@json_option
 @click.pass_obj
-@handle_errors
+@command_output
 def new(place: RobotPlace, as_json: bool) -> None:
     """Draw a robot's keys. With `robot --passphrase-file FILE` they are sealed under it.
 
@@ -116,13 +117,10 @@ def new(place: RobotPlace, as_json: bool) -> None:
 
 
 @robot.command()
-@click.option(
-    "--new-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="A file with the new passphrase."
-)
+@click.option("--new-file", type=EXISTING_FILE, help="A file with the new passphrase.")
 @click.option("--none", "to_none", is_flag=True, help="Leave the key file open, for a robot that starts by itself.")
-@json_option
 @click.pass_obj
-@handle_errors
+@command_output
 def passphrase(place: RobotPlace, new_file: Path | None, to_none: bool, as_json: bool) -> None:
     """Seal the robot's key file under a passphrase, change it, or take it away.
 
@@ -145,9 +143,8 @@ def passphrase(place: RobotPlace, new_file: Path | None, to_none: bool, as_json:
 
 @robot.command()
 @click.argument("code")
-@json_option
 @click.pass_obj
-@handle_errors
+@command_output
 def register(place: RobotPlace, code: str, as_json: bool) -> None:
     """Register the robot with the CODE that the registrar issued: its letters, or @FILE with them or a picture of the card.
 
@@ -191,10 +188,10 @@ class _Progress:
 
 def _common(command: Any) -> Any:
     for option in (
-        click.option("--roster", type=click.Path(path_type=Path, dir_okay=False), help="The robot's sealed roster."),
+        click.option("--roster", type=FILE, help="The robot's sealed roster."),
         click.option("--purpose", default="demo", show_default=True, help="What the recording is for."),
         click.option("--clip-ms", default=CLIP_DEFAULT_MS, show_default=True, type=click.IntRange(0, 2_000)),
-        click.option("--events", type=click.Path(path_type=Path, dir_okay=False), help="Append the event log here."),
+        click.option("--events", type=FILE, help="Append the event log here."),
         click.option(
             "--now", "at_once", is_flag=True, help="Submit without random delay. This links owners of a scene."
         ),
@@ -301,9 +298,8 @@ robot.add_command(background)
 @source_options
 @_common
 @click.option("--fast", is_flag=True, help="Read as fast as possible; times of frames then run ahead of the clock.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any) -> None:
     """Record from a ROS bag (ROS 1 .bag, rosbag2 folder, .mcap or .db3), in real time unless --fast is given.
 
@@ -326,15 +322,10 @@ def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any
     type=click.IntRange(1, 30),
     help="Frames a second of the synthetic corridor, at most.",
 )
-@click.option(
-    "--scenario",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Who walks in the synthetic corridor. [default: the published first run]",
-)
+@click.option("--scenario", type=FILE, help="Who walks in the synthetic corridor. [default: the published first run]")
 @_common
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def run(ctx: click.Context, /, as_json: bool, **options: Any) -> None:
     """Record live until Ctrl-C: from a robot's own middleware, or from a synthetic corridor with people in it.
 

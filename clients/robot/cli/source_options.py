@@ -10,16 +10,12 @@ import click
 from clients.robot.sources.recordings.bag_source import BagSource, EmptyScene
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.topics import Topics, load_topics, tags_by_type, with_topic
+from clients.sdk.terminal.terminal import FILE
 
 
 def topic_options(command: Any) -> Any:
     for option in (
-        click.option(
-            "--topics",
-            "topics_file",
-            type=click.Path(path_type=Path, dir_okay=False),
-            help="A file that names topics and fields.",
-        ),
+        click.option("--topics", "topics_file", type=FILE, help="A file that names topics and fields."),
         click.option("--depth", metavar="TOPIC", help="The topic of depth images."),
         click.option(
             "--tags", metavar="TOPIC", help="The topic of tag readings (RfidDetection, or String for a bare UID)."

@@ -14,7 +14,7 @@ from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import Listed, draft_topics, list_topics, next_steps
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
 
 
 @click.command()
@@ -23,13 +23,8 @@ from clients.sdk.terminal.terminal import console, handle_errors, json_option, p
     source_help="List what the robot's middleware carries now, instead of a RECORDING.",
     seconds_help="Listen to the robot's middleware for so long.",
 )
-@click.option(
-    "--draft",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write a topics file to start from; an existing file is left alone.",
-)
-@json_option
-@handle_errors
+@click.option("--draft", type=FILE, help="Write a topics file to start from; an existing file is left alone.")
+@command_output
 def topics(recording: Path | None, draft: Path | None, as_json: bool, **options: Any) -> None:
     """List the topics of a recording or of a running robot: types, counts and rates, and what each could be.
 

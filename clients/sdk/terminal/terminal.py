@@ -30,6 +30,10 @@ if TYPE_CHECKING:
 EXIT_FAILED = exit_codes.EXIT_FAILED
 JSON_OPTION = "--json"
 
+FILE = click.Path(path_type=Path, dir_okay=False)
+EXISTING_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 console = SafeConsole(highlight=False, emoji=False, soft_wrap=True)
@@ -243,3 +247,8 @@ def handle_errors(command: F) -> F:
         sys.exit(fail(refusal, as_json=bool(kwargs.get("as_json"))))
 
     return wrapped  # type: ignore[return-value]
+
+
+def command_output(command: F) -> F:
+    """Add --json, and handle errors."""
+    return json_option(handle_errors(command))

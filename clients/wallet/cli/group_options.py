@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.terminal.terminal import Answers, home_folder, set_confirm_words, set_error_formatter
+from clients.sdk.terminal.terminal import FILE, FOLDER, Answers, home_folder, set_confirm_words, set_error_formatter
 from clients.wallet.cli.invocation import DEFAULT_PROFILE, genesis_place
 from clients.wallet.cli.shell_completion import complete_profiles
 from clients.wallet.present.translations import LANGUAGES, WrongUsage, choose_language, say_error, text
@@ -30,10 +30,8 @@ def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 
 def wallet_options(command: F) -> F:
-    place = click.Path(path_type=Path, file_okay=False)
-    file = click.Path(path_type=Path, dir_okay=False)
     for option in (
-        click.option("--genesis", type=file, help="The network's genesis file: all that is trusted."),
+        click.option("--genesis", type=FILE, help="The network's genesis file: all that is trusted."),
         click.option(
             "--keyring",
             is_flag=True,
@@ -42,7 +40,7 @@ def wallet_options(command: F) -> F:
             callback=_use_keyring,
             help="Take the passphrase from the system's keyring (see `wallet keyring store`).",
         ),
-        click.option("--wallet-dir", type=place, help="The folder of wallets (default: your own)."),
+        click.option("--wallet-dir", type=FOLDER, help="The folder of wallets (default: your own)."),
         click.option(
             "--language",
             type=click.Choice(LANGUAGES),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_all, records_of
@@ -20,9 +20,8 @@ from pages.moments import show_moment
 
 
 @click.command()
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def audit(ctx: click.Context, as_json: bool) -> None:
     """Show everything that happened to your records, in order.
@@ -66,9 +65,8 @@ def audit(ctx: click.Context, as_json: bool) -> None:
 
 @click.command(hidden=True)
 @click.argument("record_id")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
     """Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations).
 

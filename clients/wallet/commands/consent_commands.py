@@ -14,7 +14,7 @@ from clients.bundle.checks.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet
@@ -123,9 +123,8 @@ def _named(codes: tuple[str, ...], kind: str, known: Mapping[str, str], none: st
 @click.option("--height", type=click.IntRange(min=0), default=0, help="From this block on (default: the next one).")
 @click.option("--yes", is_flag=True, help="Do not ask, if there is a notice that was not shown yet.")
 @for_option
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def give(
     ctx: click.Context,
     purposes: tuple[str, ...],
@@ -232,9 +231,8 @@ def _say_no(
 @consent.command()
 @_codes
 @for_option
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def refuse(
     ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
 ) -> None:
@@ -250,9 +248,8 @@ def refuse(
 @consent.command()
 @_codes
 @for_option
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def withdraw(
     ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
 ) -> None:
@@ -267,9 +264,8 @@ def withdraw(
 @consent.command("list")
 @_codes
 @for_option
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def list_choices(
     ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], whom: str | None, as_json: bool
@@ -331,11 +327,10 @@ def _line(row: Choice, height: int) -> str:
 
 
 @consent.command()
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write them here, for anybody to check.")
+@click.option("--out", type=FILE, help="Write them here, for anybody to check.")
 @click.option("--search", is_flag=True, help="Look through the chain for words that this wallet does not know.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) -> None:
     """Show your consent receipts, signed by your organisation and by you, each checked anew; fetch those that are due.
 

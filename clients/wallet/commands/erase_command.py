@@ -12,7 +12,7 @@ import click
 from msgspec import UNSET
 
 from clients.sdk.terminal.json_answers import Problem
-from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer, problem_json
+from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer, problem_json
 from clients.wallet.cli.shell_completion import complete_records
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.commands.share_commands import tell_copies, tell_recipients
@@ -122,9 +122,8 @@ def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
 @click.option("--frames", help="Only these pictures of one record, counted from 1: 1,4,5. Files in exports: from 0.")
 @click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def erase(
     ctx: click.Context,
     record_ids: tuple[str, ...],

@@ -12,7 +12,7 @@ from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import FILE, ask, can_ask, command_output, console, print_answer
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
@@ -48,7 +48,7 @@ def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("out", type=FILE)
 @click.option("--records", multiple=True, help="Only these records; may be repeated, or several with commas.")
 @click.option("--from", "begins", help="Only what was recorded from then on: -7d, 2027-01-31 or 2027-01-31T18:00.")
 @click.option("--until", "ends", help="Only what was recorded before then, written as for --from.")
@@ -58,9 +58,8 @@ def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
 @click.option("--now", is_flag=True, help="No pauses between visits: whoever reads the ledger can join them then.")
 @click.option("--force", is_flag=True, help="Replace OUT if it is there.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def export(
     ctx: click.Context,
     out: Path,

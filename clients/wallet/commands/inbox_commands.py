@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
+from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer, status_line
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.commands.view_commands import list_missing_rooms, tell_missing_rooms
@@ -68,9 +68,8 @@ def _inbox_answer(found: Inbox) -> InboxAnswer:
 
 
 @click.command()
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def inbox(ctx: click.Context, as_json: bool) -> None:
     """Show what was shared with you and what became of it since, and what is wrong with your own visits.
@@ -186,10 +185,9 @@ async def look_at(
 @click.command()
 @click.argument("grant")
 @click.argument("record_ids", nargs=-1)
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("shared"), show_default=True)
-@json_option
+@click.option("--out", type=FOLDER, default=Path("shared"), show_default=True)
 @click.pass_context
-@handle_errors
+@command_output
 def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path, as_json: bool) -> None:
     """Look at what was shared with you (GRANT, by `blockrobot wallet inbox`): all of it, or these records.
 
@@ -250,9 +248,8 @@ def _ask_whether_deleted(places: Sequence[Path], records_count: int, *, yes: boo
 @click.argument("record_ids", nargs=-1)
 @click.option("--delete", is_flag=True, help="Delete what `look` wrote on this machine, first.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def confirm_deleted(
     ctx: click.Context, grant: str, record_ids: tuple[str, ...], delete: bool, yes: bool, as_json: bool
 ) -> None:

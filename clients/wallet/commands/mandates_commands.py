@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import ACTIVE, APPROVED, OPEN, Mandate, Mandates
@@ -73,9 +73,8 @@ def _print_mandate(opened: Wallet, mandate: Mandate, trail: list[ActRow]) -> Non
 
 @mandates.command("list")
 @click.option("--all", "everything", is_flag=True, help="Those that are over, too.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """Show who acts for you, for whom you act, and everything that was said so, proven against the chain.
@@ -103,9 +102,8 @@ def list_mandates(ctx: click.Context, everything: bool, as_json: bool) -> None:
 @mandates.command()
 @click.argument("mandate")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
     """Accept to act for somebody who cannot. From then on you decide what may be recorded of that person.
 
@@ -130,9 +128,8 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
 
 @mandates.command()
 @click.argument("mandate")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def end(ctx: click.Context, mandate: str, as_json: bool) -> None:
     """End a mandate, or a proposal of one. What was consented to under it is withdrawn with the same block.
 

@@ -7,7 +7,7 @@ from msgspec import UNSET
 
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.consent.receipt_fetching import Receipted, take_receipt
@@ -47,9 +47,8 @@ def tell_first(notices: Notices | None, told: NoticeView, question: str, *, yes:
 
 
 @click.command()
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def notice(ctx: click.Context, as_json: bool) -> None:
     """Show what your organisation tells you about your data, and what changed since you consented.
 
@@ -89,9 +88,8 @@ def _ask_of(purposes: tuple[str, ...]) -> str:
 @click.argument("code")
 @click.option("--purpose", "purposes", multiple=True, help="What you consent to. [default: nothing]")
 @click.option("--yes", is_flag=True, help="Do not ask: who registers has read the notice, and consents.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool, as_json: bool) -> None:
     """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
 

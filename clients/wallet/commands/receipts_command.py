@@ -6,7 +6,7 @@ import click
 
 from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
@@ -62,9 +62,8 @@ def _kept_receipt(proof: CheckedProof) -> KeptReceipt:
 
 
 @click.command("receipts")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def receipts(ctx: click.Context, as_json: bool) -> None:
     """Show the receipts whose proofs this wallet keeps, each checked here. No node is asked: it works without a network.

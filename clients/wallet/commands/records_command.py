@@ -9,7 +9,7 @@ import click
 
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
+from clients.sdk.terminal.terminal import command_output, console, print_answer, status_line
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.commands.account.rotate_commands import print_words
 from clients.wallet.consent.notice_reading import Notices
@@ -135,9 +135,8 @@ def _filters(command: Any) -> Any:
 @click.option(
     "--per-page", type=click.IntRange(0), help="Records a page, 0 for all (default: 50 at a terminal, otherwise all)."
 )
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def records(
     ctx: click.Context,

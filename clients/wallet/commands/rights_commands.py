@@ -10,7 +10,7 @@ import click
 
 from clients.sdk.new_files import new_file
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.terminal import can_ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, FILE, can_ask, command_output, console, print_answer
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import require_new, run_with_wallet
 from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
@@ -86,9 +86,8 @@ def _all_of(spoken: Spoken) -> list[RightsStatement]:
 @_what
 @click.option("--ground", type=click.Choice(sorted(GROUNDS)), required=True, help="Why: see below.")
 @_now
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def restrict(
     ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], ground: str, now: bool, as_json: bool
 ) -> None:
@@ -124,9 +123,8 @@ def restrict(
 @click.command()
 @_what
 @_now
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], now: bool, as_json: bool) -> None:
     """Lift a restriction. What has outlived its time under it is erased at once.
 
@@ -156,9 +154,8 @@ def _tell_progress(number: int, count: int) -> None:
     "--recording-only", is_flag=True, help="Object to new recordings only, and leave past visits as they are."
 )
 @for_option
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def object_to(
     ctx: click.Context, purposes: tuple[str, ...], now: bool, recording_only: bool, whom: str | None, as_json: bool
 ) -> None:
@@ -203,15 +200,10 @@ def _read_text(text_file: Path | None) -> str:
 @click.command()
 @_what
 @click.option("--of", "kind", type=click.Choice(sorted(CORRECTIONS)), default="attribution", show_default=True)
-@click.option("--text-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="What is right.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write it to this new file, to hand it on (mode 0600).",
-)
-@json_option
+@click.option("--text-file", type=EXISTING_FILE, help="What is right.")
+@click.option("--out", type=FILE, help="Write it to this new file, to hand it on (mode 0600).")
 @click.pass_context
-@handle_errors
+@command_output
 def correct(
     ctx: click.Context,
     record_ids: tuple[str, ...],
@@ -253,9 +245,8 @@ def correct(
 @click.command("wrong-person")
 @click.argument("visit")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> None:
     """Say that a visit (the beginning of its name) shows somebody else. Nobody sees it from then on, you neither.
 

@@ -16,9 +16,8 @@ from clients.sdk.terminal.json_answers import Problem
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     can_ask,
+    command_output,
     console,
-    handle_errors,
-    json_option,
     load_genesis,
     print_answer,
     problem_json,
@@ -52,9 +51,8 @@ ENDINGS = (signal.SIGINT, signal.SIGTERM)
     show_default=True,
     help="End after so long without use.",
 )
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool) -> None:
     """Open your wallet as a page in your browser, for you alone: it is served on this machine, and keys stay here.
 

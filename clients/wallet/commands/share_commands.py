@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import click
 
 from clients.sdk.terminal.qr_codes import read_given
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
+from clients.sdk.terminal.terminal import command_output, console, print_answer, status_line
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
@@ -99,9 +99,8 @@ def _print_shared(shared: Shared, grantee: Grantee) -> None:
 @click.option("--for", "span", help="For how long: 90m, 12h, 7d, 2w.")
 @click.option("--until", help="Until when: +7d, 2027-01-31 or 2027-01-31T18:00.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def share(
     ctx: click.Context,
     record_ids: tuple[str, ...],
@@ -147,9 +146,8 @@ def share(
 
 
 @click.command()
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def shares(ctx: click.Context, as_json: bool) -> None:
     """Show what you share, with whom, until when, who looked and when, and who says that copies are deleted.
@@ -190,9 +188,8 @@ def tell_copies(found: Sequence[Share]) -> None:
 
 @click.command()
 @click.argument("grant")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
     """End what you shared (GRANT: the beginning of its name, by `blockrobot wallet shares`). At once, and for good.
 
@@ -225,9 +222,8 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
 
 
 @click.command()
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def handle(ctx: click.Context, as_json: bool) -> None:
     """Show your own handle. Whoever is to share something with you needs it; it is no secret.

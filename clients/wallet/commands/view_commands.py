@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer, status_line
+from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer, status_line
 from clients.wallet.cli.shell_completion import complete_records
 from clients.wallet.cli.wallet_context import on_abort, read_only_wallet, run_with_wallet
 from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
@@ -105,13 +105,12 @@ def _counts(view: RecordView) -> str:
 
 @click.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("pictures"), show_default=True)
+@click.option("--out", type=FOLDER, default=Path("pictures"), show_default=True)
 @click.option("--sheet/--no-sheet", default=True, help="Write contact sheets and animations too, or leave them.")
 @click.option("--show/--no-show", default=True, help="Show some pictures in the terminal, where it can.")
 @click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def view(
     ctx: click.Context, record_ids: tuple[str, ...], out: Path, sheet: bool, show: bool, purpose: str, as_json: bool
@@ -163,9 +162,8 @@ def view(
 @click.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
 @click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_json: bool) -> None:
     """Check records against the chain on this machine, trusting no node, and put the verdict on the chain.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import Wallet
@@ -143,9 +143,8 @@ def erasure_lines(
 
 
 @click.command()
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 @read_only_wallet
 def erasures(ctx: click.Context, as_json: bool) -> None:
     """Show what you asked to erase, which custodians have confirmed it, and which are overdue.

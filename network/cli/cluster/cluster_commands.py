@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from network.blocks_kept import kept_lines
 from network.cli.cluster.cluster_answers import DownAnswer, LogLine, LogsAnswer
@@ -48,8 +48,7 @@ _TEXT_COLUMNS = frozenset({"node", "state", "leads"})
 @click.option("--ephemeral", is_flag=True, help="Begin with an empty network, forgetting the last one.")
 @click.option("--console", "with_console", is_flag=True, help="Then show it in the browser: see blockrobot console.")
 @click.option("--no-browser", is_flag=True, help="With --console: open no browser; say which file opens the page.")
-@json_option
-@handle_errors
+@command_output
 def up(
     folder: Path | None,
     nodes: int,
@@ -132,8 +131,7 @@ def _first_failure(cluster: Cluster, error: BaseException) -> BaseException:
 
 @click.command()
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def down(folder: Path | None, as_json: bool) -> None:
     """Stop the local network. Nothing final is lost.
 
@@ -152,8 +150,7 @@ def down(folder: Path | None, as_json: bool) -> None:
     "--watch", "is_watching", is_flag=True, help="Go on showing what happens; q quits. With --json: JSON lines."
 )
 @click.option("--seconds", type=click.FloatRange(0, 86_400), help="With --watch: end after so long.")
-@json_option
-@handle_errors
+@command_output
 def status(folder: Path | None, is_watching: bool, seconds: float | None, as_json: bool) -> None:
     """Show each node's height, finalized height, round, peers and custody checkpoint.
 
@@ -190,8 +187,7 @@ def _tell_faults(cluster: Cluster, place: Path) -> None:
 @click.argument("node", required=False)
 @folder_option
 @click.option("--lines", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many lines of each.")
-@json_option
-@handle_errors
+@command_output
 def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> None:
     """Show the last log lines of one node, or of all.
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal.terminal import home_folder
+from clients.sdk.terminal.terminal import FOLDER, home_folder
 
 
 def network_folder(folder: Path | None) -> Path:
@@ -23,9 +23,7 @@ def dir_words(place: Path) -> str:
     return "" if place.absolute() == network_folder(None).absolute() else f" --dir {shlex.quote(str(place.absolute()))}"
 
 
-folder_option = click.option(
-    "--dir", "folder", type=click.Path(path_type=Path, file_okay=False), help="The network's folder."
-)
+folder_option = click.option("--dir", "folder", type=FOLDER, help="The network's folder.")
 
 
 def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Any], Any]:

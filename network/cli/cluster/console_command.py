@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.safe_output import escape
+from clients.sdk.terminal.terminal import command_output, home_folder, print_answer
 from clients.sdk.terminal.terminal import console as terminal
-from clients.sdk.terminal.terminal import handle_errors, home_folder, json_option, print_answer
 from network.cli.cluster.cluster_answers import ConsoleAnswer
 from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
 from network.cluster import Cluster
@@ -22,8 +22,7 @@ no_browser_option = click.option("--no-browser", is_flag=True, help="Open no bro
 @click.command()
 @folder_option
 @no_browser_option
-@json_option
-@handle_errors
+@command_output
 def console(folder: Path | None, no_browser: bool, as_json: bool) -> None:
     """Show a local network in the browser: who leads and votes, what flows, buttons for every fault, a time line.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXIT_FAILED, FOLDER, command_output, console, print_answer
 from network.cli.cluster.cluster_answers import DoctorAnswer, DoctorFinding
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import plain_table
@@ -17,12 +17,9 @@ from network.doctor.findings import Finding
 
 
 @click.command()
-@click.option(
-    "--data-dir", type=click.Path(path_type=Path, file_okay=False), help="Look at this one node, not at a network."
-)
+@click.option("--data-dir", type=FOLDER, help="Look at this one node, not at a network.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def doctor(data_dir: Path | None, folder: Path | None, as_json: bool) -> None:
     """Find what is wrong: nodes, clocks, certificates, disks, ports, ledgers, differing states. Exit code 1 if anything is.
 

@@ -19,7 +19,7 @@ from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.node_answers import read_answer, read_hex
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, home_folder, json_option, print_answer, status_line
+from clients.sdk.terminal.terminal import FILE, command_output, console, home_folder, print_answer, status_line
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.api_documents import ChallengeAnswer, ChallengeRequest
 from consensus.chain.session_message import sign_session
@@ -54,13 +54,10 @@ class Entrance:
     "--profile", "--wallet", "wallet_profile", metavar="PROFILE", help="Look as the person whose wallet this is."
 )
 @click.option("--as", "officer", metavar="ORG[/ROLE]", help="Look as an organisation's admin, or ORG/registrar.")
-@click.option(
-    "--key", "key_file", type=click.Path(path_type=Path, dir_okay=False), help="Look with a key file of raw 32 bytes."
-)
+@click.option("--key", "key_file", type=FILE, help="Look with a key file of raw 32 bytes.")
 @click.option("--no-browser", is_flag=True, help="Open nothing: print the file to open.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def explore(
     node_name: str | None,
     wallet_profile: str | None,

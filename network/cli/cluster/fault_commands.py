@@ -13,7 +13,7 @@ from rich.table import Table
 
 from clients.sdk.new_files import read_given_file
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, EXIT_FAILED, command_output, console, print_answer
 from consensus.bounded_text import TOML_MAX_BYTES
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
@@ -83,8 +83,7 @@ def _add_of_one_node(make: type[Kill | Restart | Pause | Resume], text: str) -> 
     @fault.command(make.__name__.lower(), help=text)
     @click.argument("node")
     @folder_option
-    @json_option
-    @handle_errors
+    @command_output
     def command(node: str, folder: Path | None, as_json: bool) -> None:
         # A network of which no node runs may be started so.
         control = FaultControl(Cluster(network_folder(folder))) if make is Restart else _control(folder)
@@ -98,8 +97,7 @@ for _make, _text in _OF_ONE_NODE.items():
 @fault.command()
 @click.argument("groups")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def partition(groups: str, folder: Path | None, as_json: bool) -> None:
     """Cut the network into groups that hear nothing of each other; nodes not named make one more group.
 
@@ -112,8 +110,7 @@ def partition(groups: str, folder: Path | None, as_json: bool) -> None:
 @fault.command()
 @click.argument("nodes", nargs=-1)
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def heal(nodes: tuple[str, ...], folder: Path | None, as_json: bool) -> None:
     """End the faults of these nodes, or of all: links, clocks, disks, pauses, lies. Who was killed stays down.
 
@@ -133,8 +130,7 @@ def heal(nodes: tuple[str, ...], folder: Path | None, as_json: bool) -> None:
 @click.option("--cut", is_flag=True, help="Let nothing through.")
 @click.option("--seed", default=0, show_default=True, help="What the link's chance is drawn from.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def link(link: tuple[str, ...], folder: Path | None, as_json: bool, seed: int, **figures: Any) -> None:
     """Make the link from A to B (one direction) or A<->B (both) slow or lossy; without figures, sound again.
 
@@ -150,8 +146,7 @@ def link(link: tuple[str, ...], folder: Path | None, as_json: bool, seed: int, *
 @click.argument("node")
 @click.argument("offset")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def skew(node: str, offset: str, folder: Path | None, as_json: bool) -> None:
     """Set a node's clock wrong by an offset such as +1h or -90s; 0 sets it right, running or not. A change is a jump.
 
@@ -166,8 +161,7 @@ def skew(node: str, offset: str, folder: Path | None, as_json: bool) -> None:
 @click.argument("state", type=click.Choice(["full", "free"]))
 @click.option("--of", "disk", type=click.Choice(DISKS), default="journal", show_default=True, help="Whose disk.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def disk(node: str, state: str, disk: str, folder: Path | None, as_json: bool) -> None:
     """Let the disk under a node's journal, ledger or custody store be full, or free again (running or not).
 
@@ -182,8 +176,7 @@ def disk(node: str, state: str, disk: str, folder: Path | None, as_json: bool) -
 @click.argument("behaviour")
 @click.option("--seed", default=0, show_default=True, help="What the lies are drawn from.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def byzantine(node: str, behaviour: str, seed: int, folder: Path | None, as_json: bool) -> None:
     """Restart a node as one that lies with its genuine key; `fault restart` makes it honest again.
 
@@ -202,8 +195,7 @@ def _switched_faults(name: str, switched: Any) -> SwitchedFaults | None:
 
 @fault.command(name="list")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def list_faults(folder: Path | None, as_json: bool) -> None:
     """Show what is wrong on purpose, node by node.
 
@@ -233,11 +225,10 @@ def list_faults(folder: Path | None, as_json: bool) -> None:
 
 
 @fault.command()
-@click.argument("plan", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument("plan", type=EXISTING_FILE)
 @click.option("--dry-run", is_flag=True, help="Show the steps, random ones included, and do nothing.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
     """Carry out a plan of timed and random faults (TOML); one wrong line, and nothing of it is done.
 

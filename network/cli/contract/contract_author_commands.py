@@ -13,7 +13,7 @@ import click
 import msgspec
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
@@ -30,11 +30,8 @@ _NOISE = 'ignore:The configuration option "asyncio_default_fixture_loop_scope" i
 
 @click.command()
 @click.argument("name")
-@click.option(
-    "--dir", "folder", type=click.Path(path_type=Path, file_okay=False), help="Where to write it (default: ./NAME)."
-)
-@json_option
-@handle_errors
+@click.option("--dir", "folder", type=FOLDER, help="Where to write it (default: ./NAME).")
+@command_output
 def new(name: str, folder: Path | None, as_json: bool) -> None:
     """Begin a contract: a source that works, its test, and what editors and mypy need to know the language.
 
@@ -55,8 +52,7 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
 @click.argument("path", type=click.Path(path_type=Path, exists=True), default=Path())
 @click.option("--lines", is_flag=True, help="Show every source with the runs and the gas of each line.")
 @click.option("-k", "chosen", metavar="WORDS", help="Only tests whose names match, as pytest reads it.")
-@json_option
-@handle_errors
+@command_output
 def test(path: Path, lines: bool, chosen: str | None, as_json: bool) -> None:
     """Run the tests of contracts with pytest; show the gas of each entry and what no test has run.
 

@@ -13,7 +13,7 @@ from msgspec import UNSET
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import EXIT_REFUSED
 from consensus.primitives.encoding import decode_value
@@ -39,7 +39,7 @@ MISFITS = frozenset({"ARGUMENTS_INVALID", "ENTRY_UNKNOWN", "CONTRACT_UNKNOWN"})
 source_option = click.option(
     "--source",
     "source_file",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     help="Read the arguments by this source, not by the version that the chain has.",
 )
 
@@ -65,8 +65,7 @@ class TypedCommand(click.Command):
 @click.argument("arguments", nargs=-1)
 @source_option
 @signer_options
-@json_option
-@handle_errors
+@command_output
 def query(
     contract: str, view: str, arguments: Sequence[str], source_file: Path | None, find: FindSigners, as_json: bool
 ) -> None:
@@ -96,8 +95,7 @@ def query(
 @click.argument("arguments", nargs=-1)
 @source_option
 @signer_options
-@json_option
-@handle_errors
+@command_output
 def call(
     contract: str, entry: str, arguments: Sequence[str], source_file: Path | None, find: FindSigners, as_json: bool
 ) -> None:

@@ -9,7 +9,7 @@ import click
 import msgspec
 from rich.cells import cell_len
 
-from clients.sdk.terminal.terminal import handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, FOLDER, command_output, print_answer
 from consensus.visible_text import escape_controls
 from contracts import vectors as golden
 from contracts.execution.chain_refusals import find_refusals
@@ -75,10 +75,9 @@ def _print_problem(path: Path, lines: list[str], problem: Diagnostic) -> None:
 
 
 @click.command()
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument("files", nargs=-1, required=True, type=EXISTING_FILE)
 @click.option("--name", help="The contract's name, if it is not the file's (for one file).")
-@json_option
-@handle_errors
+@command_output
 def check(files: tuple[Path, ...], name: str | None, as_json: bool) -> None:
     """Say whether sources are in the contract language and such as a chain takes, and all that is wrong with them.
 
@@ -134,10 +133,9 @@ VECTORS_FOLDER = Path(golden.__file__).resolve().parents[1] / "tests" / "vectors
     help="The folder of the vectors (those of the source tree).", show_default=False,
 )  # fmt: skip
 @click.option(
-    "--write", "target", type=click.Path(path_type=Path, file_okay=False), help="Write down what happens here, there.",
+    "--write", "target", type=FOLDER, help="Write down what happens here, there.",
 )  # fmt: skip
-@json_option
-@handle_errors
+@command_output
 def vectors(folder: Path, target: Path | None, as_json: bool) -> None:
     """Play the golden vectors: does every call end here as it did everywhere else, to the last unit of gas?
 

@@ -23,7 +23,7 @@ from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place, read
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import open_to_append
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option
+from clients.sdk.terminal.terminal import FILE, command_output, console
 from clients.sdk.trust_pin_file import write_pin_file
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
@@ -224,17 +224,10 @@ def _check_place(_context: click.Context, _parameter: click.Parameter, text: str
     callback=_check_place,
     help="start (the oldest kept), now, or a place height:index.",
 )
-@click.option(
-    "--state", type=click.Path(path_type=Path, dir_okay=False), help="Remember here where to go on; go on there."
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Append to this file, one JSON object a line; go on there.",
-)
+@click.option("--state", type=FILE, help="Remember here where to go on; go on there.")
+@click.option("--out", type=FILE, help="Append to this file, one JSON object a line; go on there.")
 @signer_options
-@json_option
-@handle_errors
+@command_output
 def events(
     forever: bool,
     contract: str | None,

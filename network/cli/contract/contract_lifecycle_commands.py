@@ -12,7 +12,7 @@ import click
 from clients.sdk.chain.governance import Decision, Governor, MembershipView, ProposalRow
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from consensus.state.identity import ADMIN
 from consensus.state.lifecycle import UPLOADS
@@ -156,13 +156,12 @@ def _decision_answer(told: SubmittedAct, arrival: Arrival | None) -> ContractDec
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument("file", type=EXISTING_FILE)
 @click.option("--name", help="The contract's name, if it is not the file's.")
 @when_options
 @no_wait_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def propose(file: Path, name: str | None, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool) -> None:
     """Upload a source and propose it: a new contract, or a new version of one.
 
@@ -198,8 +197,7 @@ def propose(file: Path, name: str | None, when: dict[str, Any], speaker: Speaker
 @click.argument("proposal")
 @no_wait_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def approve(proposal: str, speaker: Speaker, no_wait: bool, as_json: bool) -> None:
     """Stand behind a proposed change of a contract; with a majority it is decided.
 
@@ -219,8 +217,7 @@ withdraw = withdraw_command("lifecycle", "a change of a contract")
 @when_options
 @no_wait_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def activate(name: str, version: int, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool) -> None:
     """Propose to bring a version back: to roll an upgrade back, or to end a disabled contract's rest.
 
@@ -240,8 +237,7 @@ def activate(name: str, version: int, when: dict[str, Any], speaker: Speaker, no
 @when_options
 @no_wait_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def disable(
     name: str, version: int | None, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool
 ) -> None:
@@ -260,8 +256,7 @@ def disable(
 @click.argument("name")
 @version_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def keep(name: str, version: int | None, speaker: Speaker, as_json: bool) -> None:
     """Propose to keep a version that is on trial: of forms, identity, lifecycle, membership, producers or settings.
 

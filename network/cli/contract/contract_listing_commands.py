@@ -13,7 +13,7 @@ from rich.syntax import Syntax
 from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProposalRow, find_proposal
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.arguments import signature_of
@@ -102,8 +102,7 @@ def _print_proposal(row: ProposalRow, needed: int) -> None:
 
 @click.command("list")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def list_contracts(speaker: Speaker, as_json: bool) -> None:
     """Show the chain's contracts, their versions, what is due and what is proposed, checked against proofs.
 
@@ -197,8 +196,7 @@ def _show_answer(name: str, edition: Edition, view: ContractsView) -> ContractSh
 @click.option("--source", "with_source", is_flag=True, help="Print the source and nothing else.")
 @click.option("--abi", "with_abi", is_flag=True, help="Print the entries and nothing else.")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def show(
     name: str,
     version: int | None,
@@ -265,8 +263,7 @@ def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) ->
 @click.argument("new", required=False)
 @click.option("--exit-code", "with_exit_code", is_flag=True, help="Exit with 1 if they differ.")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def diff(name: str, old: str, new: str | None, with_exit_code: bool, speaker: Speaker, as_json: bool) -> None:
     """Compare two versions of a contract: what changes for callers, and the sources line by line.
 

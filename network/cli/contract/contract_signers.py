@@ -12,7 +12,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import home_folder
+from clients.sdk.terminal.terminal import FILE, home_folder
 from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys
@@ -76,8 +76,6 @@ signer_options = as_one(
     click.option(
         "--as", "officer", metavar="ORG[/ROLE]", help="An organisation's admin, or its registrar as ORG/registrar."
     ),
-    click.option(
-        "--key", "key_file", type=click.Path(path_type=Path, dir_okay=False), help="A key file of raw 32 bytes."
-    ),
+    click.option("--key", "key_file", type=FILE, help="A key file of raw 32 bytes."),
     click.option("--wallet", "wallet_profile", metavar="PROFILE", help="The person whose wallet this is."),
 )

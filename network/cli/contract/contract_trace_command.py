@@ -7,7 +7,7 @@ import msgspec
 
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from consensus.primitives.keys import PrivateKey
 from network.cli.contract.contract_answers import ContractTraceAnswer
 from network.cli.contract.contract_signers import FindSigners, signer_options
@@ -20,8 +20,7 @@ TXID_BYTES = 32
 @click.command()
 @click.argument("txid")
 @signer_options
-@json_option
-@handle_errors
+@command_output
 def trace(txid: str, find: FindSigners, as_json: bool) -> None:
     """Execute a final transaction again and show the lines that ran, their gas, and the values after each.
 

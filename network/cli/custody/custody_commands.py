@@ -16,7 +16,7 @@ from rich.table import Table
 
 from clients.sdk.terminal.lazy_group import LazyCommand, LazyGroup
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json, status_line
+from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_json, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.node.node_commands import find_node
@@ -69,8 +69,7 @@ def _custodians(node: str | None, folder: Path | None) -> list[NodeConfig]:
 @click.command()
 @click.argument("node", required=False)
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def status(node: str | None, folder: Path | None, as_json: bool) -> None:
     """Show how far each custodian is behind the chain, what it holds and lacks, and which erasures are overdue.
 
@@ -161,8 +160,7 @@ def _run(configs: list[NodeConfig], kind: type[R], work: str, *, as_json: bool) 
 @click.command()
 @click.argument("node", required=False)
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def scrub(node: str | None, folder: Path | None, as_json: bool) -> None:
     """Prove now that chain and store agree, and that of what was erased no ciphertext and no key is left.
 
@@ -178,8 +176,7 @@ def scrub(node: str | None, folder: Path | None, as_json: bool) -> None:
 @click.command()
 @click.argument("node")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def rebuild(node: str, folder: Path | None, as_json: bool) -> None:
     """Make a custodian's index again from the chain's state, erase what the chain has erased, fetch what is missing.
 

@@ -8,7 +8,15 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer, status_line
+from clients.sdk.terminal.terminal import (
+    EXISTING_FILE,
+    EXIT_FAILED,
+    FILE,
+    command_output,
+    console,
+    print_answer,
+    status_line,
+)
 from consensus.errors import BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES
 from network.cli.cluster.cluster_options import folder_option, network_folder
@@ -41,14 +49,14 @@ def _read_ids(_context: click.Context, _parameter: click.Parameter, given: tuple
 @click.option(
     "--trace",
     "trace_file",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     help="What to look for: written at the first use, before an erasure; read at the next, after it.",
 )
 @click.option(
     "--plaintext",
     "pictures",
     multiple=True,
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=EXISTING_FILE,
     help="A picture of the record, of which nothing may be found anywhere. With one RECORD only.",
 )
 @click.option(
@@ -58,8 +66,7 @@ def _read_ids(_context: click.Context, _parameter: click.Parameter, given: tuple
     help="Search this folder or file too: a robot's, a wallet's, a backup, a database server's files.",
 )
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def hunt(
     records: tuple[bytes, ...],
     trace_file: Path | None,

@@ -13,7 +13,7 @@ from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import write_new_file
 from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from network.cli.governance.governance_answers import ApprovedFrame, FramesDecisionAnswer, FramesListAnswer
@@ -103,8 +103,7 @@ def _report(receipt: FinalReceipt | None, what: str, digests: list[bytes], *, as
 @click.option("--robot", metavar="MEMBER_KEY", help="Whose frames they are, if no robot.txt is beside them.")
 @click.option("--yes", is_flag=True, help="Do not ask: you have looked at the preview.png beside the frames.")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def approve(place: Path, robot: str | None, yes: bool, *, speaker: Speaker, as_json: bool) -> None:
     """Let a robot publish the frames in FOLDER: you have looked at them, and nobody is in them.
 
@@ -127,8 +126,7 @@ def approve(place: Path, robot: str | None, yes: bool, *, speaker: Speaker, as_j
 @frames.command("list")
 @click.argument("robot", metavar="MEMBER_KEY")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def list_frames(robot: str, speaker: Speaker, as_json: bool) -> None:
     """Show which frames a robot may publish, who approved them and when, as the chain proves it.
 
@@ -157,8 +155,7 @@ def list_frames(robot: str, speaker: Speaker, as_json: bool) -> None:
 @click.argument("digests", metavar="[SHA256]...", nargs=-1)
 @click.option("--all", "takes_all", is_flag=True, help="Withdraw all that are approved for the robot.")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def withdraw(robot: str, digests: tuple[str, ...], takes_all: bool, *, speaker: Speaker, as_json: bool) -> None:
     """Take frames back: every custodian deletes them, and what stood on them is shown without a room.
 

@@ -26,7 +26,7 @@ from clients.sdk.chain.governance import (
 )
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
+from clients.sdk.terminal.terminal import FILE, command_output, console, load_genesis, print_answer
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
@@ -44,10 +44,7 @@ Check = Callable[[NetworkClient, MembershipView, str, Mapping[str, Any]], Awaita
 
 as_option = click.option("--as", "organisation", metavar="ORG", help="The organisation that you speak for.")
 key_option = click.option(
-    "--key",
-    "key_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="The admin's key file, if it does not lie in the network's folder.",
+    "--key", "key_file", type=FILE, help="The admin's key file, if it does not lie in the network's folder."
 )
 
 
@@ -345,8 +342,7 @@ def withdraw_command(contract: str, what: str) -> click.Command:
     @click.command(help=f"Take back {what} that your own organisation proposed.\n\n{example}")
     @click.argument("proposal")
     @governing_options
-    @json_option
-    @handle_errors
+    @command_output
     def withdraw(proposal: str, speaker: Speaker, as_json: bool) -> None:
         told, row = decide_on_proposal(speaker.signer(), contract, proposal, "withdraw")
         report_decision(told, f"Withdrawal of {summary_of(row)}", group, as_json=as_json, needs_others=False)

@@ -13,7 +13,7 @@ from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import read_given_file, write_new_file
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import ask, can_ask, console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, FILE, ask, can_ask, command_output, console, print_answer
 from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 from consensus.rights.notices import (
@@ -58,9 +58,6 @@ from network.notices.notice_publishing import publish_notice
 from network.notices.processing_register import OPEN, SUBJECTS, Activities, read_activities, tell_activities
 from pages.moments import show_moment
 
-_new_file = click.Path(path_type=Path, dir_okay=False)
-_file = click.Path(path_type=Path, exists=True, dir_okay=False)
-
 
 @click.group()
 def notice() -> None:
@@ -87,9 +84,8 @@ def read_notice_file(path: Path) -> Notice:
 
 
 @notice.command()
-@click.argument("file", type=_new_file)
-@json_option
-@handle_errors
+@click.argument("file", type=FILE)
+@command_output
 def new(file: Path, as_json: bool) -> None:
     """Write the demonstration hospital's notice to FILE, to be changed into your own.
 
@@ -106,9 +102,8 @@ def new(file: Path, as_json: bool) -> None:
 
 
 @notice.command()
-@click.argument("file", type=_file)
-@json_option
-@handle_errors
+@click.argument("file", type=EXISTING_FILE)
+@command_output
 def check(file: Path, as_json: bool) -> None:
     """Check that a notice says all that has to be said, and show it as people will read it.
 
@@ -150,11 +145,10 @@ def _ask_to_publish(organisation: str, before: PublishedNotice | None, found: No
 
 
 @notice.command()
-@click.argument("file", type=_file)
+@click.argument("file", type=EXISTING_FILE)
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def publish(file: Path, yes: bool, speaker: Speaker, as_json: bool) -> None:
     """Publish a notice as the next version of what your organisation tells people. It stays on the chain for ever.
 
@@ -190,8 +184,7 @@ def publish(file: Path, yes: bool, speaker: Speaker, as_json: bool) -> None:
 @click.argument("organisation", default=DEMO_ORGANISATION)
 @click.option("--version", type=click.IntRange(min=1), help="An earlier version.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def show(organisation: str, version: int | None, folder: Path | None, as_json: bool) -> None:
     """Show what an organisation tells people, proved against the chain.
 
@@ -256,10 +249,9 @@ def activities_answer(found: Activities, file: Path | None) -> NoticeActivitiesA
 
 
 @notice.command()
-@click.option("--out", type=_new_file, help="Write it to this new file, as Markdown.")
+@click.option("--out", type=FILE, help="Write it to this new file, as Markdown.")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def activities(out: Path | None, speaker: Speaker, as_json: bool) -> None:
     """Make the register of processing activities (GDPR Art. 30) from the chain and the notice in force.
 

@@ -13,7 +13,7 @@ from clients.sdk.chain.governance import MembershipView, read_membership
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.json_answers import convert_row
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
 from consensus.chain.proof_of_possession import prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import is_public_key
@@ -46,8 +46,6 @@ from network.provisioning.exchange_files import (
 from network.provisioning.network_layout import create_organisation
 from network.provisioning.node_joining import check_api_url
 
-_file = click.Path(path_type=Path, exists=True, dir_okay=False)
-
 
 @click.group()
 def org() -> None:
@@ -64,8 +62,7 @@ def _organisation_answer(row: OrganisationRow, nodes: tuple[NodeRow, ...]) -> Me
 
 @org.command("list")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def list_organisations(speaker: Speaker, as_json: bool) -> None:
     """Show organisations, nodes and open proposals, checked against proofs.
 
@@ -101,8 +98,7 @@ def list_organisations(speaker: Speaker, as_json: bool) -> None:
 @org.command()
 @click.argument("name")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def new(name: str, folder: Path | None, as_json: bool) -> None:
     """Make an organisation's folder on this machine: its certificate authority, an admin's and a registrar's key.
 
@@ -139,8 +135,7 @@ async def _check(
 @click.argument("proposal")
 @anyway_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Stand behind a proposed change (named by the first digits of its id).
 
@@ -177,12 +172,11 @@ def propose() -> None:
 @click.option(
     "--from",
     "source",
-    type=_file,
+    type=EXISTING_FILE,
     help=f"The newcomer's {ORGANISATION_ENTRY_FILE} (see org new); else NAME's in the network's folder.",
 )
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def add_org(name: str | None, source: Path | None, speaker: Speaker, as_json: bool) -> None:
     """Propose a new organisation by its entry: certificate authority and public keys, nothing secret.
 
@@ -201,8 +195,7 @@ def add_org(name: str | None, source: Path | None, speaker: Speaker, as_json: bo
 @click.argument("name")
 @anyway_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def remove_org(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Propose to remove an organisation with its nodes, keys and voice.
 
@@ -213,10 +206,9 @@ def remove_org(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> None
 
 @propose.command("replace-ca")
 @click.argument("name")
-@click.option("--certificate", required=True, type=_file, help="The new CA certificate (PEM).")
+@click.option("--certificate", required=True, type=EXISTING_FILE, help="The new CA certificate (PEM).")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def replace_ca(name: str, certificate: Path, speaker: Speaker, as_json: bool) -> None:
     """Propose a new certificate authority for an organisation. Certificates of the old one count no more.
 
@@ -235,8 +227,7 @@ def replace_ca(name: str, certificate: Path, speaker: Speaker, as_json: bool) ->
 )
 @click.option("--registrar", "registrars", multiple=True, help="A registrar's public key (hexadecimal); repeatable.")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def replace_keys(
     name: str, admins: tuple[str, ...], registrars: tuple[str, ...], speaker: Speaker, as_json: bool
 ) -> None:
@@ -253,10 +244,11 @@ def replace_keys(
 
 
 @propose.command("add-node")
-@click.option("--from", "source", required=True, type=_file, help="The node's entry: JSON, as `node init` writes it.")
+@click.option(
+    "--from", "source", required=True, type=EXISTING_FILE, help="The node's entry: JSON, as `node init` writes it."
+)
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def add_node(source: Path, speaker: Speaker, as_json: bool) -> None:
     """Propose a new node. It produces nothing before it is voted in (producer propose).
 
@@ -271,8 +263,7 @@ def add_node(source: Path, speaker: Speaker, as_json: bool) -> None:
 @click.argument("name")
 @anyway_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def remove_node(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Propose to remove a node. Its certificate and votes count no more from the height at which that takes effect.
 
@@ -283,11 +274,12 @@ def remove_node(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> Non
 
 @propose.command("rekey-producer")
 @click.argument("node")
-@click.option("--producer-key", "secret", required=True, type=_file, help="The new producer key's file; stays here.")
+@click.option(
+    "--producer-key", "secret", required=True, type=EXISTING_FILE, help="The new producer key's file; stays here."
+)
 @anyway_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def rekey_producer(node: str, secret: Path, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Propose a new producer key for a node, with proof that it is held. The old one counts no more.
 

@@ -18,7 +18,7 @@ from clients.sdk.chain.governance import (
 )
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES, PrivateKey
 from network.cli.governance.governance_answers import (
@@ -95,8 +95,7 @@ def _print_evidence(row: CandidateRow) -> None:
 
 @producer.command("list")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def list_producers(speaker: Speaker, as_json: bool) -> None:
     """Show seats, votes, who is ready and who is suspended with the evidence, checked against proofs.
 
@@ -221,8 +220,7 @@ def _next_step(node: str, row: CandidateRow | None, membership: MembershipView) 
 @producer.command()
 @click.argument("node")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def propose(node: str, speaker: Speaker, as_json: bool) -> None:
     """Make a node a candidate, with your organisation's vote. The node must be in the network (org propose add-node).
 
@@ -234,8 +232,7 @@ def propose(node: str, speaker: Speaker, as_json: bool) -> None:
 @producer.command()
 @click.argument("node")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def approve(node: str, speaker: Speaker, as_json: bool) -> None:
     """Vote for a candidate, or for a suspended producer's return.
 
@@ -248,8 +245,7 @@ def approve(node: str, speaker: Speaker, as_json: bool) -> None:
 @click.argument("node")
 @anyway_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def withdraw(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Take your organisation's vote back. A producer without any vote loses its seat.
 
@@ -264,8 +260,7 @@ def withdraw(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
 @click.argument("node")
 @anyway_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def remove(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Stand for a producer's removal: one of your own goes at once, another's when a majority says so.
 

@@ -18,7 +18,7 @@ from clients.sdk.chain.governance import (
 )
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from consensus.primitives.keys import PrivateKey
 from network.cli.governance.governance_answers import SettingsListAnswer
 from network.cli.governance.governance_signer import (
@@ -65,8 +65,7 @@ def settings() -> None:
 
 @settings.command("list")
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def list_settings(speaker: Speaker, as_json: bool) -> None:
     """Show the settings in force and the open proposals, checked against proofs.
 
@@ -113,8 +112,7 @@ async def _check(
 @click.argument("value")
 @anyway_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def propose(name: str, value: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Propose a value for a setting; a majority of the organisations puts it into force.
 
@@ -132,8 +130,7 @@ def propose(name: str, value: str, anyway: bool, speaker: Speaker, as_json: bool
 @click.argument("proposal")
 @anyway_option
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     """Stand behind a proposed setting (named by the first digits of its id).
 

@@ -11,7 +11,7 @@ import click
 from rich.table import Table
 
 from clients.sdk.terminal.safe_output import overwrite_line
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, home_folder, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, home_folder, print_json
 from network.bench.bench_ending import run_to_end
 
 LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
@@ -32,8 +32,7 @@ def bench() -> None:
 @click.option("--seconds", default=10.0, show_default=True, type=click.FloatRange(0.5, 240.0), help="How long.")
 @click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="Node processes.")
 @click.option("--batch", default=16, show_default=True, type=click.IntRange(1, 256), help="Calls a request.")
-@json_option
-@handle_errors
+@command_output
 def tx(clients: int, seconds: float, nodes: int, batch: int, as_json: bool) -> None:
     """Measure calls a second, and how long each takes, with many robots at once.
 
@@ -48,8 +47,7 @@ def tx(clients: int, seconds: float, nodes: int, batch: int, as_json: bool) -> N
 @bench.command()
 @click.option("--count", default=100, show_default=True, type=click.IntRange(1, 5_000), help="How many calls.")
 @click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="Node processes.")
-@json_option
-@handle_errors
+@command_output
 def latency(count: int, nodes: int, as_json: bool) -> None:
     """Measure how long one call takes on an idle network, with the proof checked.
 
@@ -63,8 +61,7 @@ def latency(count: int, nodes: int, as_json: bool) -> None:
 @bench.command()
 @click.option("--repeats", default=3, show_default=True, type=click.IntRange(1, 100), help="How often each fault.")
 @click.option("--nodes", default=4, show_default=True, type=click.IntRange(4, 21), help="Node processes.")
-@json_option
-@handle_errors
+@command_output
 def faults(repeats: int, nodes: int, as_json: bool) -> None:
     """Measure how long nothing becomes final when the leader is killed, and how soon it is back.
 
@@ -92,8 +89,7 @@ def faults(repeats: int, nodes: int, as_json: bool) -> None:
     help="With --worst: breed dearer programs for so many minutes of CPU time.",
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Of the search.")
-@json_option
-@handle_errors
+@command_output
 def vm(seconds: float, profile: bool, worst: bool, search_min: float | None, seed: int, as_json: bool) -> None:
     """Measure the contract machine alone: no network, no signatures, no disk.
 
@@ -126,8 +122,7 @@ def vm(seconds: float, profile: bool, worst: bool, search_min: float | None, see
 @click.option("--rate", default=100, show_default=True, type=click.IntRange(1, 1_000), help="Calls a second meanwhile.")
 @click.option("--nodes", default=4, show_default=True, type=click.IntRange(4, 21), help="Node processes.")
 @click.option("--new", is_flag=True, help="The node comes back with an empty ledger, and begins at genesis.")
-@json_option
-@handle_errors
+@command_output
 def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool) -> None:
     """Measure how fast a node that was down catches up while the chain goes on.
 
@@ -155,8 +150,7 @@ def _read_counts(_context: click.Context, _option: click.Parameter, text: str | 
     "--behind", default=10_000, show_default=True, type=click.IntRange(50, 1_000_000), help="Records to catch up."
 )
 @click.option("--held", callback=_read_counts, help="Only erasing, beside so many kept clips: 250,4000,100000. SQLite.")
-@json_option
-@handle_errors
+@command_output
 def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...], as_json: bool) -> None:
     """Measure what custody costs: erasing until every receipt is final, following, catching up, scanning, room.
 
@@ -186,8 +180,7 @@ def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...
 )
 @click.option("--seconds", default=6.0, show_default=True, type=click.FloatRange(1.0, 120.0), help="How long each.")
 @click.option("--list", "lists", is_flag=True, help="Only show what there is to send.")
-@json_option
-@handle_errors
+@command_output
 def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json: bool) -> None:
     """Flood a network of four nodes, from one core and with at most 20 MB a second, and measure what it does to others.
 
@@ -225,8 +218,7 @@ def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json
     "--companion-scenes", default=0, type=click.IntRange(0, 10_000), help="Also judge companions, scenes of each kind."
 )
 @click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
-@json_option
-@handle_errors
+@command_output
 def hiding(as_json: bool, **options: int) -> None:
     """Judge hiding: what hand-made and learned attackers recover of the people whom a robot hides.
 
@@ -245,8 +237,7 @@ def hiding(as_json: bool, **options: int) -> None:
 )
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0), help="What is drawn.")
 @click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
-@json_option
-@handle_errors
+@command_output
 def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) -> None:
     """Measure how often the robot would take a tag's bearer for somebody else, and how much it withholds.
 
@@ -288,8 +279,7 @@ class _Teller:
 @click.option("--scenes", default=12, show_default=True, type=click.IntRange(1, 10_000), help="Scenes of each kind.")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**20), help="What is drawn.")
 @click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
-@json_option
-@handle_errors
+@command_output
 def companions_command(scenes: int, seed: int, workers: int | None, as_json: bool) -> None:
     """Measure how often two people in one silhouette are found, and single people taken for two.
 
@@ -311,8 +301,7 @@ def companions_command(scenes: int, seed: int, workers: int | None, as_json: boo
     "--film", default=None, type=click.Path(path_type=Path), help="The film. [default: opencv-doc's vtest.avi]"
 )
 @click.option("--picture", default=None, type=click.Path(path_type=Path), help="Write what is shown to whom, as a PNG.")
-@json_option
-@handle_errors
+@command_output
 def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path | None, as_json: bool) -> None:
     """Measure how many real pedestrians stay visible to whom, on a film of them.
 
@@ -336,8 +325,7 @@ def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path |
 @click.option(
     "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from."
 )
-@json_option
-@handle_errors
+@command_output
 def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, as_json: bool) -> None:
     """Measure whether a robot keeps up with its camera, two registered people in view; no frame may be lost or doubled.
 

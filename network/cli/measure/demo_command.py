@@ -14,7 +14,7 @@ import click
 from rich.status import Status
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, home_folder, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, FOLDER, command_output, console, home_folder, print_json
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.demo.checks import Check, CheckList
@@ -40,16 +40,13 @@ def _clear(out: Path) -> None:
 
 
 @click.command()
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), default=Path("blockrobot-demo"), show_default=True
-)
+@click.option("--out", type=FOLDER, default=Path("blockrobot-demo"), show_default=True)
 @click.option(
     "--store", default="sqlite", show_default=True, help="sqlite, or mongodb://host:port for a database each."
 )
 @click.option("--base-port", default=DEFAULT_DEMO_BASE_PORT, show_default=True, help="The first of ten ports a node.")
 @click.option("--keep", is_flag=True, help="Leave the network up and say how to use it.")
-@json_option
-@handle_errors
+@command_output
 def demo(out: Path, store: str, base_port: int, keep: bool, as_json: bool) -> None:
     """Run the whole story: four nodes, a robot, two patients, a visitor; check every step.
 

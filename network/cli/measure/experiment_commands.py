@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, home_folder, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, FILE, FOLDER, command_output, console, home_folder, print_json
 from consensus.errors import BlockRobotError
 
 DEFAULT_EXPERIMENT_BASE_PORT = 7572
@@ -25,16 +25,12 @@ def experiment() -> None:
 @experiment.command()
 @click.argument("number", type=click.Choice(["1", "2", "3", "4", "all"]))
 @click.option(
-    "--out",
-    required=True,
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Where results go: a new folder, or one of earlier experiments.",
+    "--out", required=True, type=FOLDER, help="Where results go: a new folder, or one of earlier experiments."
 )
 @click.option(
     "--base-port", default=DEFAULT_EXPERIMENT_BASE_PORT, show_default=True, help="The first of ten ports a node."
 )
-@json_option
-@handle_errors
+@command_output
 def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
     """Run experiment NUMBER, or all four, each on a network of its own; exits 0 only if every check held.
 
@@ -72,15 +68,12 @@ def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
 
 
 @experiment.command()
-@click.argument("log", type=click.Path(path_type=Path, dir_okay=False))
-@click.argument("second", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("log", type=FILE)
+@click.argument("second", required=False, type=FILE)
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Write tables, events and process maps into this folder, which must be new or empty.",
+    "--out", type=FOLDER, help="Write tables, events and process maps into this folder, which must be new or empty."
 )
-@json_option
-@handle_errors
+@command_output
 def compare(log: Path, second: Path | None, out: Path | None, as_json: bool) -> None:
     """Make figures, statistics tables and the process map from LOG, and beside it from a SECOND one.
 

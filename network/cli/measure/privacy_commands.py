@@ -9,7 +9,7 @@ from typing import Any
 import click
 from rich.table import Table
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_json
 
 _SCHEMES = ("prototype", "salted", "peppered", "pepper_stolen", "ours")
 
@@ -29,8 +29,7 @@ def privacy() -> None:
 @click.option(
     "--uid-bits", default=20, show_default=True, type=click.IntRange(12, 30), help="Of a tag's UID, to enumerate."
 )
-@json_option
-@handle_errors
+@command_output
 def attack(seed: int, people: int, days: int, uid_bits: int, as_json: bool) -> None:
     """Attack the prototype's way, salted and peppered hashes, and ours, on the records of the same people.
 

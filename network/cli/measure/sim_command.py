@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, FILE, command_output, console, print_json
 
 if TYPE_CHECKING:
     from network.sim.history import Observation
@@ -45,8 +45,7 @@ def _parse_seeds(_context: click.Context, _parameter: click.Parameter, text: str
 
 
 @sim.command("calibrate")
-@json_option
-@handle_errors
+@command_output
 def calibrate_command(as_json: bool) -> None:
     """Measure here what the cost model of `sim run --profile flood` charges, in microseconds of CPU.
 
@@ -93,11 +92,10 @@ def calibrate_command(as_json: bool) -> None:
 @click.option(
     "--byzantine", default=0, show_default=True, type=click.IntRange(0, 9), help="Dishonest nodes among them."
 )
-@click.option("--plan", "plan_file", type=click.Path(path_type=Path, dir_okay=False), help="Play this plan instead.")
+@click.option("--plan", "plan_file", type=FILE, help="Play this plan instead.")
 @click.option("--workers", default=0, type=click.IntRange(0, 64), help="Processes (0: one a core).")
 @click.option("--trace", is_flag=True, help="Print every observation of a single seed or plan, on standard error.")
-@json_option
-@handle_errors
+@command_output
 def run_command(
     seeds: range,
     profile: str,

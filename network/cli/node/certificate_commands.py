@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, FOLDER, command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
@@ -45,11 +45,8 @@ from network.provisioning.node_joining import newest_directory, organisation_of
 from node.config import NodeConfig
 
 authority_option = click.option(
-    "--authority",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="The folder with ca.crt.pem and ca.key.pem, if it is not in the network's folder.",
+    "--authority", type=FOLDER, help="The folder with ca.crt.pem and ca.key.pem, if it is not in the network's folder."
 )
-_file = click.Path(path_type=Path, exists=True, dir_okay=False)
 days_option = click.option(
     "--days", default=NODE_LIFETIME_DAYS, show_default=True, type=click.IntRange(1, 3650), help="How long it counts."
 )
@@ -80,8 +77,7 @@ def _certificate_answer(
 
 @certificate.command("list")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def list_certificates(folder: Path | None, as_json: bool) -> None:
     """Show each node's certificate: its serial number, until when it counts, whether it was revoked.
 
@@ -107,14 +103,11 @@ def list_certificates(folder: Path | None, as_json: bool) -> None:
 @click.argument("name")
 @click.option("--organisation", required=True, help="Whose node it is.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="The node's address or host name.")
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Where the two files are made."
-)
+@click.option("--out", required=True, type=FOLDER, help="Where the two files are made.")
 @days_option
 @authority_option
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def issue(
     name: str,
     organisation: str,
@@ -146,8 +139,7 @@ def issue(
 @days_option
 @authority_option
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def renew_certificate(
     node: str, new_key: bool, days: int, authority: Path | None, folder: Path | None, as_json: bool
 ) -> None:
@@ -169,13 +161,12 @@ def renew_certificate(
 @certificate.command()
 @click.argument("node", required=False)
 @click.option("--serial", help="The certificate by its serial number, in hexadecimal; else the one the node has now.")
-@click.option("--certificate", "file", type=_file, help="The certificate by its file (PEM).")
+@click.option("--certificate", "file", type=EXISTING_FILE, help="The certificate by its file (PEM).")
 @click.option(
     "--of", "owner", metavar="ORG", help="With --serial or --certificate: whose authority issued it; else your own."
 )
 @governing_options
-@json_option
-@handle_errors
+@command_output
 def revoke(
     node: str | None, serial: str | None, file: Path | None, owner: str | None, speaker: Speaker, as_json: bool
 ) -> None:

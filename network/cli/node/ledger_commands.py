@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import msgspec
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, console, handle_errors, json_option, print_answer, status_line
+from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_answer, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.node.node_answers import DifferingKey, NodeDiffAnswer, NodePruneAnswer
@@ -39,8 +39,7 @@ _POLL_S = 0.1
     help="How many of the newest blocks keep their bodies.",
 )
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def prune(node: str, keep: int, folder: Path | None, as_json: bool) -> None:
     """Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.
 
@@ -100,8 +99,7 @@ def _prune_running(config: NodeConfig, keep: int) -> PrunedLedger:
     "--full", is_flag=True, help="Look at every page of both state tries, also where nothing seems to differ."
 )
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def diff(first: str, second: str, base: Path | None, full: bool, folder: Path | None, as_json: bool) -> None:
     """Name the first block and state key on which nodes A and B differ, and the transaction that wrote it.
 

@@ -12,7 +12,7 @@ import click
 
 from clients.sdk.chain.governance import MembershipView
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import NodeEntry
 from consensus.errors import BlockRobotError
@@ -35,8 +35,7 @@ from node.directory.node_directory import DirectoryContent
 @click.option("--custodian", "is_custodian", is_flag=True, help="It keeps off-chain data too.")
 @click.option("--base-port", type=click.IntRange(1, 65_533), help="The first of its three ports; else the next free.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def add(
     name: str | None,
     organisation: str | None,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import network_folder
 from network.cli.node.node_answers import NodeRunAnswer
@@ -22,7 +22,7 @@ from node.service import Node
 
 @click.command()
 @click.argument("node", required=False)
-@click.option("--data-dir", type=click.Path(path_type=Path, file_okay=False), help="The node by its data directory.")
+@click.option("--data-dir", type=FOLDER, help="The node by its data directory.")
 @click.option("--dir", "folder", type=click.Path(path_type=Path), default=None, help="The network's folder.")
 @click.option(
     "--restored",
@@ -30,8 +30,7 @@ from node.service import Node
     help="The data directory, or its voting journal, comes from a backup or is lost: be silent until it is safe.",
 )
 @click.option("--detach", is_flag=True, help="Leave it running behind this terminal; `blockrobot down` stops it.")
-@json_option
-@handle_errors
+@command_output
 def run(
     node: str | None, data_dir: Path | None, folder: Path | None, restored: bool, detach: bool, as_json: bool
 ) -> None:

@@ -9,7 +9,15 @@ import click
 
 from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
+from clients.sdk.terminal.terminal import (
+    EXISTING_FILE,
+    FILE,
+    FOLDER,
+    command_output,
+    console,
+    load_genesis,
+    print_answer,
+)
 from consensus.bounded_text import read_json_as
 from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder
@@ -33,9 +41,7 @@ from node.directory.directory_file import DIRECTORY_FILE, decode_directory, enco
 @click.argument("name")
 @click.option("--organisation", required=True, help="Whose node it is; its authority signs the certificate.")
 @click.option(
-    "--data-dir",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Where the node keeps all that is its own; else nodes/NAME in the network's folder.",
+    "--data-dir", type=FOLDER, help="Where the node keeps all that is its own; else nodes/NAME in the network's folder."
 )
 @click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens, and peers reach it.")
 @click.option(
@@ -47,22 +53,19 @@ from node.directory.directory_file import DIRECTORY_FILE, decode_directory, enco
 @click.option("--base-port", type=click.IntRange(1, 65_533), help="The first of its three ports; else the next free.")
 @click.option("--custodian", is_flag=True, help="It keeps off-chain data too.")
 @click.option("--store", default="sqlite", show_default=True, help="A custodian's store: sqlite or mongodb://...")
-@click.option("--authority", type=click.Path(path_type=Path, file_okay=False), help="The folder with the CA's files.")
-@click.option(
-    "--genesis", type=click.Path(path_type=Path, dir_okay=False), help="The genesis file; else the network folder's."
-)
+@click.option("--authority", type=FOLDER, help="The folder with the CA's files.")
+@click.option("--genesis", type=FILE, help="The genesis file; else the network folder's.")
 @click.option(
     "--directory",
     "directory_file",
-    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    type=EXISTING_FILE,
     help=f"A {DIRECTORY_FILE} of another machine (see node directory), if the network is older than its genesis file.",
 )
 @click.option(
     "--faults", is_flag=True, help="Allow it to be broken on purpose (blockrobot fault). For experiments only."
 )
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def init(
     name: str,
     organisation: str,
@@ -153,10 +156,9 @@ def next_steps(name: str, speaker: str, place: Path, network: Path | None, folde
 
 @click.command("directory")
 @click.argument("node")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write it to this new file.")
+@click.option("--out", type=FILE, help="Write it to this new file.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def directory(node: str, out: Path | None, folder: Path | None, as_json: bool) -> None:
     """Show who the nodes are by a node's chain; with --out, write it for `node init --directory` elsewhere.
 

@@ -9,7 +9,7 @@ import msgspec
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
 
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, load_genesis, print_answer
+from clients.sdk.terminal.terminal import command_output, console, load_genesis, print_answer
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.node.node_answers import (
     SnapshotCreateAnswer,
@@ -65,8 +65,7 @@ def snapshot() -> None:
 @click.argument("node")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="The folder to make.")
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def create(node: str, out: Path, folder: Path | None, as_json: bool) -> None:
     """Make a snapshot of a node's newest finalized state, while it runs or not.
 
@@ -88,8 +87,7 @@ def create(node: str, out: Path, folder: Path | None, as_json: bool) -> None:
 @click.argument("node")
 @click.argument("path", type=click.Path(path_type=Path))
 @folder_option
-@json_option
-@handle_errors
+@command_output
 def restore(node: str, path: Path, folder: Path | None, as_json: bool) -> None:
     """Put a snapshot in the place of a stopped node's ledger; keys, journal and custody stay.
 
@@ -115,8 +113,7 @@ def restore(node: str, path: Path, folder: Path | None, as_json: bool) -> None:
 @snapshot.command()
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option("--genesis", type=click.Path(path_type=Path), help="Verify it all against this genesis file.")
-@json_option
-@handle_errors
+@command_output
 def show(path: Path, genesis: Path | None, as_json: bool) -> None:
     """Say what a snapshot holds; with --genesis, check every byte, the proofs and the state's root as well.
 

@@ -12,9 +12,10 @@ import click
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
+    FOLDER,
     ask_for_enter,
+    command_output,
     console,
-    handle_errors,
     is_at_terminal,
     json_option,
     print_answer,
@@ -87,9 +88,8 @@ def guardians(ctx: click.Context, as_json: bool) -> None:
 
 
 @guardians.command("list")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def list_(ctx: click.Context, as_json: bool) -> None:
     """Show who holds words of this wallet, how many of them are needed, and which sets still work.
 
@@ -141,15 +141,14 @@ def _tell_before(content: WalletContent, one: GuardianSet) -> None:
 @click.option("--threshold", type=int, help="How many of them are needed (default: more than half).")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="Write a sheet for each guardian into this folder, mode 0600, instead of showing the words.",
 )
 @click.option("--former", type=click.IntRange(1), help="Split words that were replaced instead; 1 are the oldest.")
 @click.option("--check/--no-check", "checked", default=True, help="Ask for some of the words back.")
 @click.option("--yes", is_flag=True, help="Do not ask whether there is to be one more set.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def split(
     ctx: click.Context,
     names: tuple[str, ...],

@@ -16,15 +16,16 @@ from shamir_mnemonic import Share
 from clients.sdk.terminal.ascii_output import printable
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
+    EXISTING_FILE,
     EXIT_FAILED,
+    FILE,
     ask,
     ask_for,
     can_ask,
     clear_screen,
+    command_output,
     console,
-    handle_errors,
     is_at_terminal,
-    json_option,
     print_answer,
     status_line,
 )
@@ -123,8 +124,7 @@ def _read_file(path: Path, *, as_json: bool) -> Share:
 @click.argument(
     "file", type=click.Path(path_type=Path, exists=True, dir_okay=False, allow_dash=True), default=str(_STDIN)
 )
-@json_option
-@handle_errors
+@command_output
 def check(file: Path, as_json: bool) -> None:
     """For guardians: see that your words are whole. Needs no wallet and no other guardian, and keeps nothing.
 
@@ -296,25 +296,22 @@ def _place(ctx: click.Context, path: Path, words_file: Path | None) -> Iterator[
 @click.option(
     "--share",
     "files",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=EXISTING_FILE,
     multiple=True,
     help="A guardian's sheet, or words as text; may be repeated. The rest is asked for.",
 )
 @click.option(
     "--former",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=EXISTING_FILE,
     multiple=True,
     help="Words that were replaced, in a file; oldest first if there are several.",
 )
-@click.option(
-    "--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the 24 words too, mode 0600."
-)
+@click.option("--words-file", type=FILE, help="Write the 24 words too, mode 0600.")
 @click.option("--show-words", "show", is_flag=True, help="Show the 24 words too, to write them down again.")
 @click.option("--words-only", "only", is_flag=True, help="Make no wallet: for words that were replaced (--former).")
 @click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def recover(
     ctx: click.Context,
     files: tuple[Path, ...],

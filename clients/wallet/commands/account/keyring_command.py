@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import console, handle_errors, json_option, print_answer
+from clients.sdk.terminal.terminal import command_output, console, print_answer
 from clients.wallet.cli.invocation import called
 from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.present.translations import text
@@ -29,9 +29,8 @@ def keyring() -> None:
 
 
 @keyring.command()
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def store(ctx: click.Context, as_json: bool) -> None:
     """Ask for the passphrase, see that it opens the wallet, and keep it in the keyring.
 
@@ -52,9 +51,8 @@ def store(ctx: click.Context, as_json: bool) -> None:
 
 
 @keyring.command()
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def forget(ctx: click.Context, as_json: bool) -> None:
     """Take the passphrase out of the keyring.
 

@@ -10,7 +10,15 @@ import click
 from nacl import pwhash
 
 from clients.sdk.passphrase import PassphraseCost
-from clients.sdk.terminal.terminal import can_ask, console, handle_errors, is_at_terminal, json_option, print_answer
+from clients.sdk.terminal.terminal import (
+    EXISTING_FILE,
+    FILE,
+    can_ask,
+    command_output,
+    console,
+    is_at_terminal,
+    print_answer,
+)
 from clients.wallet.cli.wallet_context import on_abort, read_new_passphrase
 from clients.wallet.present.translations import WrongUsage, say_error, text
 from clients.wallet.present.wallet_answers import NewWalletAnswer, RestoreAnswer
@@ -60,12 +68,11 @@ def _hand_over(words: str, words_file: Path | None, *, check: bool) -> None:
 
 
 @click.command()
-@click.option("--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the words here, mode 0600.")
+@click.option("--words-file", type=FILE, help="Write the words here, mode 0600.")
 @click.option("--check/--no-check", default=True, help="Ask for some of the words, once they are written down.")
 @click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphrase: bool, as_json: bool) -> None:
     """Make a new wallet and show its 24 words, this once. Write them down: they are the wallet.
 
@@ -96,17 +103,16 @@ def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphras
 
 
 @click.command()
-@click.option("--words-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="Read the words here.")
+@click.option("--words-file", type=EXISTING_FILE, help="Read the words here.")
 @click.option(
     "--former",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=EXISTING_FILE,
     multiple=True,
     help="Words that were replaced, in a file; oldest first if there are several.",
 )
 @click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def restore(
     ctx: click.Context, words_file: Path | None, former: tuple[Path, ...], fast_passphrase: bool, as_json: bool
 ) -> None:

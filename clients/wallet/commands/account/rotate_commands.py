@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.terminal import console, handle_errors, is_at_terminal, json_option, print_answer
+from clients.sdk.terminal.terminal import FILE, command_output, console, is_at_terminal, print_answer
 from clients.wallet.cli.prompts import ask_or_say
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
@@ -144,12 +144,11 @@ async def _fetch_receipts(opened: Wallet) -> int:
 
 
 @click.command()
-@click.option("--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the words here, mode 0600.")
+@click.option("--words-file", type=FILE, help="Write the words here, mode 0600.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @_spread
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def rotate(
     ctx: click.Context,
     words_file: Path | None,
@@ -206,9 +205,8 @@ def rotate(
 
 @click.command()
 @_spread
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool, as_json: bool) -> None:
     """Give visits that came late, under former words, a key of the present ones.
 
@@ -234,9 +232,8 @@ def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool
 
 @click.command()
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@json_option
 @click.pass_context
-@handle_errors
+@command_output
 def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
     """End your membership. Says what stays and what goes, and asks.
 
