@@ -65,8 +65,18 @@ class BlockTree:
         """Return the finalized head's round; 0 for an earlier epoch (R23)."""
         return self.root.header.round if self.root.header.epoch == self.epoch else GENESIS_ROUND
 
+    @property
+    def has_ended(self) -> bool:
+        """Return whether the finalized head ends the epoch (R22)."""
+        head = self.root.header
+        return head.epoch > self.epoch or (head.epoch == self.epoch and head.is_boundary)
+
     def get(self, block_id: bytes) -> BlockNode | None:
         return self.nodes.get(block_id)
+
+    def find(self, block_id: bytes) -> BlockNode | None:
+        """Return a block, connected or not."""
+        return self.nodes.get(block_id) or self.orphans.get(block_id)
 
     def may_add(self, block_id: bytes, header: Header) -> bool:
         if block_id in self.nodes or block_id in self.orphans:

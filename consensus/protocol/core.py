@@ -5,23 +5,199 @@ No clock, randomness or I/O; `Persist` precedes sending. Rules: `consensus/READM
 
 from __future__ import annotations
 
-from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
+from collections.abc import Sequence
+
+from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.chain.block_rules import is_safe_to_extend
-from consensus.chain.messages import CertificateNotice, LastSignedResponse, Proposal, Timeout, Vote
+from consensus.chain.epoch_settings import ChainSettings
+from consensus.chain.evidence import Evidence
+from consensus.chain.journal_records import JournalState, read_journal
+from consensus.chain.message_checks import MessageChecks
+from consensus.chain.messages import (
+    SILENT,
+    CertificateNotice,
+    LastSignedRequest,
+    LastSignedResponse,
+    Proposal,
+    SignedMessage,
+    Timeout,
+    Vote,
+)
+from consensus.chain.schedule import Schedule
+from consensus.chain.signature_cache import SignatureCache, SignatureCheck
 from consensus.errors import BlockRobotError
 from consensus.limits import VOTE_ROUNDS_AHEAD_MAX_COUNT
+from consensus.primitives.keys import PrivateKey
 from consensus.protocol import effects, events
-from consensus.protocol.block_tree import BlockNode, Execution, make_node
-from consensus.protocol.commit_rule import Commit, choose_commit, have_contradiction
+from consensus.protocol.block_fetching import Fetcher
+from consensus.protocol.block_processor import BlockProcessor
+from consensus.protocol.block_tree import BlockNode, BlockTree, Execution, make_node
 from consensus.protocol.effects import Effect, Message
 from consensus.protocol.events import Event
-from consensus.protocol.message_handling import MessageHandler
+from consensus.protocol.message_log import MessageLog
+from consensus.protocol.pacemaker import Pacemaker
+from consensus.protocol.proposer import Proposer
+from consensus.protocol.signing_guard import LockoutStatus
+from consensus.protocol.vote_collectors import TimeoutCollector, VoteCollector
+from consensus.protocol.voter import Voter
 
 _LATE_VOTE_ROUNDS = 2
 
 
-class Core(MessageHandler):
+class Core:
     """One node's consensus; without a scheduled key it only follows."""
+
+    def __init__(
+        self,
+        settings: ChainSettings,
+        chain_id: bytes,
+        schedule: Schedule,
+        key: PrivateKey | None,
+        *,
+        finalized: Block,
+        finalized_qc: QuorumCertificate,
+        round_zero_id: bytes,
+        journal: Sequence[bytes] = (),
+        check: SignatureCheck | None = None,
+        before: Core | None = None,
+    ) -> None:
+        """Begin above `finalized`, the synced store's head, in the schedule's epoch.
+
+        `round_zero_id`: genesis or boundary (R23). `before`: the previous epoch's core; speaking in it skips asking
+        (R36, R37). Raises ENCODING_*.
+        """
+        if finalized_qc.epoch != schedule.epoch:
+            raise AssertionError("the certificate of the finalized head is of another epoch")
+        kept = [] if before is None else before._later_records
+        restored = read_journal([*kept, *journal], schedule.epoch)
+        check = check or SignatureCache()
+        self.schedule = schedule
+        self._later_records: list[bytes] = restored.later
+        self._genuine = MessageChecks(chain_id, schedule, round_zero_id, check)
+        self._tree = BlockTree(finalized, finalized_qc)
+        self._votes = VoteCollector(schedule.quorum)
+        self._timeouts = TimeoutCollector(schedule.quorum)
+        self._pacemaker = Pacemaker(settings, schedule)
+        voter_before = None if before is None else before._voter
+        self._voter: Voter = Voter(settings, chain_id, schedule, key, restored, self._tree, voter_before)
+        self._blocks = BlockProcessor(self._tree, self._voter.journal_builder, self._pacemaker)
+        self._leading = Proposer(settings, schedule, self.index, self._tree, self._pacemaker)
+        self._witness = MessageLog(chain_id, schedule, self.index, check)
+        self._fetcher = Fetcher(self.index, settings.base_timeout_ms)
+        self._effects: list[Effect] = []
+        self._now_ms = 0
+        self._pending = False
+        self._proposal_seen_round = 0
+        self._timeout_seen_round = 0
+        self._noticed: dict[int, int] = {}
+        self._restore(restored, finalized_qc)
+        self._recall(restored, finalized, finalized_qc)
+
+    def _restore(self, restored: JournalState, finalized_qc: QuorumCertificate) -> None:
+        self.high_qc = finalized_qc
+        if restored.high_qc is not None and restored.high_qc.round > finalized_qc.round:
+            self.high_qc = restored.high_qc
+        self.entered_by = restored.entered_by
+        if self.entered_by is not None and self.entered_by.round <= self.high_qc.round:
+            self.entered_by = None
+        self.round = 1 + (self.high_qc.round if self.entered_by is None else self.entered_by.round)
+        nodes = sorted((make_node(block, 0) for block in restored.blocks.values()), key=lambda node: node.header.height)
+        for qc in [self.high_qc, *(node.header.qc for node in nodes)]:
+            self._tree.certify(qc)
+        for node in nodes:
+            if self._tree.may_add(node.block_id, node.header):
+                self._tree.add(node)
+
+    def _recall(self, restored: JournalState, finalized: Block, finalized_qc: QuorumCertificate) -> None:
+        self._witness.enter(self.round)
+        self._witness.note_blocks([finalized, *restored.blocks.values()])
+        for qc in (finalized_qc, self.high_qc):
+            self._witness.note_qc(qc)
+        if self.entered_by is not None:
+            self._witness.note_tc(self.entered_by)
+        head, is_alone = finalized.header, len(self.schedule.producers) == 1 and self.index is not None
+        if is_alone and head.epoch == self.epoch and head.round > 0:
+            # Alone, it certified the head's child too: it has nobody to ask what it said above that.
+            self._voter.last_voted_round = max(self._voter.last_voted_round, head.round + 1)
+
+    # What others may look at
+
+    @property
+    def halted(self) -> str:
+        return self._blocks.halted
+
+    @property
+    def epoch(self) -> int:
+        return self.schedule.epoch
+
+    @property
+    def index(self) -> int | None:
+        return self._voter.index
+
+    @property
+    def last_voted_round(self) -> int:
+        return self._voter.last_voted_round
+
+    @property
+    def leader(self) -> int:
+        return self.schedule.leader(self.round)
+
+    @property
+    def finalized(self) -> Header:
+        return self._tree.root.header
+
+    @property
+    def finalized_id(self) -> bytes:
+        return self._tree.root.block_id
+
+    @property
+    def has_ended(self) -> bool:
+        return self._tree.has_ended
+
+    @property
+    def has_timed_out(self) -> bool:
+        return self._voter.has_timed_out(self.round)
+
+    @property
+    def silence(self) -> LockoutStatus | None:
+        return self._voter.silence
+
+    @property
+    def is_busy(self) -> bool:
+        branch = self._tree.branch(self.high_qc.block_id)
+        return (
+            self._pending
+            or branch is None
+            or any(node.block.transactions or node.header.ends_epoch for node in branch)
+            or self.round in (self._proposal_seen_round, self._timeout_seen_round)
+            or self.has_timed_out
+            or self._pacemaker.heartbeat_due
+            or bool(self._pacemaker.interval_ms)
+        )
+
+    def certified_branch(self) -> list[bytes]:
+        """Return certified ids above the finalized head, oldest first (empty if any miss)."""
+        return [node.block_id for node in self._tree.branch(self.high_qc.block_id) or []]
+
+    def block(self, block_id: bytes) -> Block | None:
+        node = self._tree.find(block_id)
+        return self._voter.journal_builder.get_unstored(block_id) if node is None else node.block
+
+    def branch(self, block_id: bytes, above_height: int) -> list[Block]:
+        path = self._tree.branch(block_id)
+        if path is None:
+            return []
+        ancestry = [*self._voter.journal_builder.unstored(), *path]
+        return [node.block for node in ancestry if node.header.height > above_height]
+
+    def forget_journalled(self, stored_height: int) -> None:
+        """The synced store holds all blocks to this height; unjournal them (R12)."""
+        self._voter.journal_builder.forget(stored_height)
+
+    def journal_snapshot(self) -> tuple[bytes, ...]:
+        blocks = [*self._tree.nodes.values(), *self._tree.orphans.values()]
+        own = self._voter.snapshot(blocks, self.high_qc, self.entered_by)
+        return (*self._later_records, *own)  # the own ones last: the last word about a silence is theirs
 
     # Events
 
@@ -68,27 +244,26 @@ class Core(MessageHandler):
                 self._on_started()
 
     def _settle(self) -> None:
-        if self._dirty and not self.has_ended:
-            self._commit()
+        self._effects += self._blocks.commit()
         if self.has_ended:
             self._effects += self._pacemaker.stop()
         if self.halted or self.has_ended:
             return
-        if self._end_silence():
+        lifted = self._voter.end_silence()
+        self._effects += lifted
+        if lifted and not self._voter.signing_guard.bars:
             self._speak_again()
         while self._voter.may_have_signed(self.round):
             self._time_out()
         self._lead()
-        branch = self._certified_branch()
-        delay_ms = self._pacemaker.round_delay_ms(
-            self.round, self._tree.root_round, 0 if branch is None else len(branch)
-        )
         if self.index is not None:
             busy, timed_out = self.is_busy, self.has_timed_out
+            certified_above = len(self.certified_branch())
+            delay_ms = self._pacemaker.round_delay_ms(self.round, self._tree.root_round, certified_above)
             self._effects += self._pacemaker.run(self.round, busy=busy, timed_out=timed_out, delay_ms=delay_ms)
         wanted = [self.high_qc.block_id]
         wanted += [node.block_id for node in self._tree.orphans.values() if node.header.round == self.round]
-        self._effects += self._fetcher.ask(self._tree, wanted, len(self._schedule.producers), self.round)
+        self._effects += self._fetcher.ask(self._tree, wanted, len(self.schedule.producers), self.round)
 
     def _on_started(self) -> None:
         self._effects += self._pacemaker.heartbeat()
@@ -102,7 +277,7 @@ class Core(MessageHandler):
             self._count_vote(last_vote)
         if last_timeout is not None and last_timeout.round == self.round:
             self._count_timeout(last_timeout)
-        self._execute_children(self._tree.root)
+        self._effects += self._blocks.execute_children(self._tree.root)
 
     def _last_words(self) -> list[Message]:
         proposed_id = self._voter.proposed_id
@@ -122,7 +297,7 @@ class Core(MessageHandler):
         elif kind == effects.TIMER_ASK:
             self._effects += self._voter.signing_guard.ask_again()
         elif kind == effects.TIMER_EXECUTE:
-            self._execute_failed()
+            self._effects += self._blocks.execute_failed()
         elif kind == effects.TIMER_PROPOSE:
             self._leading.retry()
             if self._pacemaker.is_manual:
@@ -144,17 +319,11 @@ class Core(MessageHandler):
 
     def _use_qc(self, qc: QuorumCertificate) -> None:
         if self._tree.certify(qc):
-            self._dirty = True
             self._pacemaker.note_qc(qc)
-            node = self._tree.get(qc.block_id)
-            if node is not None:
-                self._note_certified(node)
-            elif qc.block_id in self._tree.orphans:
-                self._check_fork(self._tree.orphans[qc.block_id])
-        self._hear_qc(qc)
+            self._effects += self._blocks.certified(qc.block_id)
+        self._note_evidence(self._witness.note_qc(qc))
         if qc.round > self.high_qc.round:
             self.high_qc = qc
-            self._dirty = True
             self._votes.forget_up_to(qc.round)
         if qc.round >= self.round:
             self._enter(qc.round + 1, None)
@@ -162,7 +331,8 @@ class Core(MessageHandler):
     def _accept_tc(self, tc: TimeoutCertificate | None) -> None:
         if tc is None or tc.round < self.round or not self._genuine.of_tc(tc):
             return
-        self._hear_tc(tc)
+        self._witness.note_tc(tc)
+        self._doubt_own_memory()
         if tc.highest_qc_round <= self.high_qc.round:
             self._pacemaker.note_tc(tc)
             self._enter(tc.round + 1, tc)
@@ -204,13 +374,14 @@ class Core(MessageHandler):
             node = make_node(block, self._now_ms)
         except BlockRobotError:
             return None
-        self._hear_proposal(block, node.header, node.block_id, sender)
-        self._check_fork(node)
+        self._note_evidence(self._witness.hear_proposal(block, node.header, node.block_id, sender))
+        self._effects += self._blocks.check_fork(node)
         is_old = node.header.round < self._tree.root_round
         if not is_old and not self._tree.may_add(node.block_id, node.header):
             return None
-        if not self._is_genuine_block(block, node.header, node.block_id):
+        if not self._genuine.of_block(block, node.header):
             return None
+        self._note_evidence(self._witness.note_proposal(block, node.header, node.block_id))
         self._use_qc(node.header.qc)
         self._accept_tc(node.header.tc)
         if not self.halted and self._tree.may_add(node.block_id, node.header):
@@ -222,63 +393,21 @@ class Core(MessageHandler):
         self._fetcher.note_progress(connected)
         if node.header.round == self.round:
             self._proposal_seen_round = self.round
-        self._on_connected(connected)
-
-    def _check_fork(self, node: BlockNode) -> None:
-        if not self.has_ended and self._tree.contradicts_root(node):
-            self._halt("A quorum certified a block that contradicts the finalized chain.")
-
-    def _on_connected(self, connected: list[BlockNode]) -> None:
-        self._dirty = self._dirty or bool(connected)
-        for node in connected:
-            if node.block_id in self._tree.certificates:
-                self._note_certified(node)
-        for node in connected:
-            if node.parent is not None and node.parent.execution is Execution.VALID:
-                self._execute(node)
-
-    def _note_certified(self, node: BlockNode) -> None:
-        self._effects.append(effects.BlockCertified(block_id=node.block_id))
-        if node.execution is Execution.REFUSED:
-            self._halt("A certified block cannot be executed here.")
-        elif node.execution is Execution.FAILED:
-            self._execute(node)
-
-    def _execute(self, node: BlockNode) -> None:
-        if node.execution in (Execution.WAITING, Execution.FAILED) and not (self.halted or self.has_ended):
-            node.execution = Execution.RUNNING
-            certified = node.block_id in self._tree.certificates
-            self._effects.append(effects.ExecuteBlock(block=node.block, certified=certified))
-
-    def _execute_failed(self) -> None:
-        for node in list(self._tree.nodes.values()):
-            if node.execution is Execution.FAILED and node.block_id in self._tree.certificates:
-                self._execute(node)
-
-    def _execute_children(self, node: BlockNode) -> None:
-        for child in node.children:
-            self._execute(child)
+        self._effects += self._blocks.connected(connected)
 
     def _on_executed(self, event: events.BlockExecuted) -> None:
         node = self._tree.get(event.block_id)
         if node is None or node.execution is not Execution.RUNNING:
             return
-        self._dirty = True
-        is_certified = node.block_id in self._tree.certificates
-        if event.fault:
-            node.execution = Execution.FAILED
-            if is_certified:
-                self._effects += self._pacemaker.wait_to_execute()
-            return
-        if not event.valid:
-            node.execution = Execution.REFUSED
-            if is_certified:
-                self._halt("A certified block cannot be executed here.")
-            return
-        node.execution, node.withheld = Execution.VALID, event.withheld
-        self._pacemaker.note_executed()
-        self._try_vote(node)
-        self._execute_children(node)
+        self._effects += self._blocks.executed(node, event)
+        if event.valid and not event.fault:
+            self._try_vote(node)
+            self._effects += self._blocks.execute_children(node)
+
+    def _on_finalized_elsewhere(self, head: Block, qc: QuorumCertificate) -> None:
+        self._effects += self._blocks.finalized_elsewhere(head, self._now_ms)
+        if qc.epoch == self.epoch:
+            self._use_qc(qc)
 
     # Votes
 
@@ -292,18 +421,6 @@ class Core(MessageHandler):
             if node.execution is Execution.VALID and node.header.round == self.round:
                 self._try_vote(node)
 
-    def _on_words_answered(self, answer: LastSignedResponse, sender: int | None) -> None:
-        if sender == self.index or not self._genuine.has_producer(sender) or sender is None:
-            return
-        if not self._voter.signing_guard.is_answer(answer) or not self._accept_qc(answer.qc):
-            return
-        proven_round, tc = 1 + answer.qc.round, answer.entered_by
-        if tc is not None and self._genuine.of_tc(tc):
-            proven_round = max(proven_round, 1 + tc.round)
-            self._accept_tc(tc)
-        if self._hear_answer(answer, sender, proven_round):
-            self._speak_again()
-
     def _vote(self, branch: list[BlockNode], *, is_own: bool) -> None:
         vote, words = self._voter.vote(branch, self.high_qc, self.entered_by, is_own=is_own)
         self._effects += words
@@ -312,12 +429,14 @@ class Core(MessageHandler):
     def _on_vote(self, vote: Vote, sender: int | None) -> None:
         if vote.epoch != self.epoch or not self._genuine.has_producer(vote.index):
             return
-        self._hear_vote(vote, sender)
+        self._note_evidence(self._witness.hear_vote(vote, sender))
         is_late = vote.round <= self.high_qc.round
         is_stale = is_late and 0 <= vote.round < self.round - _LATE_VOTE_ROUNDS
         is_near = not is_late and vote.round <= self.round + VOTE_ROUNDS_AHEAD_MAX_COUNT
         counts = is_near and not self._votes.has(vote)
-        is_genuine = (is_stale or counts) and self._is_genuine_vote(vote)
+        is_genuine = (is_stale or counts) and self._genuine.of_vote(vote)
+        if is_genuine:
+            self._note_evidence(self._witness.note_vote(vote))
         self._confront(vote.round)
         if is_genuine and is_stale:
             self._answer_stale(vote.index, always=False)
@@ -343,7 +462,7 @@ class Core(MessageHandler):
         if timeout.index == self.index or not self._genuine.of_timeout(timeout):
             return
         self._pacemaker.note_word_of(timeout.index)
-        self._hear_timeout(timeout)
+        self._witness.note_timeout(timeout)
         if timeout.qc.round > self.high_qc.round and not self._accept_qc(timeout.qc):
             return
         self._accept_tc(timeout.entered_by)
@@ -358,89 +477,78 @@ class Core(MessageHandler):
         is_abandoned = timeout.index == self.leader and self._proposal_seen_round != self.round
         if tc is not None:
             self._accept_tc(tc)
-        elif is_abandoned or len(self._timeouts) > self._schedule.faults_tolerated:
+        elif is_abandoned or len(self._timeouts) > self.schedule.faults_tolerated:
             self._time_out()
 
-    # Finality
+    # What producers said before
 
-    def _commit(self) -> None:
-        chains = self._tree.two_chains()
-        if chains:
-            if have_contradiction(self._tree, chains):
-                self._halt("Two contradicting blocks are final: more producers are faulty than the chain tolerates.")
-                return
-            self._finalize(choose_commit(self._tree, chains))
-        self._branch = self._tree.branch(self.high_qc.block_id)
-        self._dirty = False
+    def _note_evidence(self, found: list[Evidence]) -> None:
+        self._effects += [effects.EvidenceFound(evidence=evidence) for evidence in found]
+        self._doubt_own_memory()
 
-    def _finalize(self, commit: Commit) -> None:
-        path = self._tree.advance_root(commit.head)
-        self._voter.journal_builder.note_finalized(path)
-        self._effects.append(effects.CommitBlocks(blocks=tuple(node.block for node in path), proof=commit.proof))
-        self._effects += self._pacemaker.heartbeat()
-        self._note_end()
+    def _doubt_own_memory(self) -> None:
+        for word in self._witness.take_own_words():
+            self._effects += self._voter.doubt(word)
 
-    def _on_finalized_elsewhere(self, head: Block, qc: QuorumCertificate) -> None:
-        node = self._tree.get(head.block_id)
-        if head.header.height > self._tree.root.header.height:
-            self._dirty = True
-            if node is not None:
-                node.execution = Execution.VALID
-                self._voter.journal_builder.note_finalized(self._tree.advance_root(node))
-                self._execute_children(node)
-            else:
-                self._on_connected(self._tree.replace_root(head, self._now_ms))
-            self._effects += self._pacemaker.heartbeat()
-            self._note_end()
-        if qc.epoch == self.epoch:
-            self._use_qc(qc)
+    def _confront(self, round_number: int) -> None:
+        if self.index is None:
+            return
+        block_id, voters = self._witness.confront(round_number)
+        node = self._tree.find(block_id)
+        if node is not None:
+            self._effects += [effects.SendTo(index=index, message=Proposal(block=node.block)) for index in voters]
 
-    def _halt(self, reason: str) -> None:
-        if not self.halted:
-            self.halted = reason
-            self._effects.append(effects.Halt(reason=reason))
+    def _on_words_asked(self, request: LastSignedRequest, sender: int | None) -> None:
+        if request.epoch != self.epoch or self.index is None or sender is None or sender == self.index:
+            return
+        answer = LastSignedResponse(
+            epoch=self.epoch,
+            asked_at_ms=request.asked_at_ms,
+            speech=SILENT if self._voter.has_left else self._voter.signing_guard.speech,
+            signed_round=self.last_voted_round,
+            word=self._witness.newest(sender),
+            qc=self.high_qc,
+            entered_by=self.entered_by,
+        )
+        self._effects.append(effects.SendTo(index=sender, message=answer))
+
+    def _on_words_answered(self, answer: LastSignedResponse, sender: int | None) -> None:
+        if sender == self.index or not self._genuine.has_producer(sender) or sender is None:
+            return
+        if not self._voter.signing_guard.is_answer(answer) or not self._accept_qc(answer.qc):
+            return
+        proven_round, tc = 1 + answer.qc.round, answer.entered_by
+        if tc is not None and self._genuine.of_tc(tc):
+            proven_round = max(proven_round, 1 + tc.round)
+            self._accept_tc(tc)
+        if not 0 <= answer.signed_round <= proven_round:
+            return
+        was_barred = self._voter.signing_guard.bars
+        self._hear_own_word(answer.word)
+        self._effects += self._voter.take_answer(sender, answer)
+        if was_barred and not self._voter.signing_guard.bars:
+            self._speak_again()
+
+    def _hear_own_word(self, word: SignedMessage | None) -> None:
+        if word is None or self.index is None or word.epoch != self.epoch:
+            return
+        if not self._voter.remembers(word) and self._genuine.of_word(word, self.index):
+            self._effects += self._voter.doubt(word)
 
     # Leading
 
     def _lead(self) -> None:
-        parent = self._tree.get(self.high_qc.block_id)
-        if (
-            self.index is None
-            or self.index != self.leader
-            or not self._voter.may_sign(self.round)
-            or self._leading.is_building(self.round)
-            or parent is None
-            or parent.execution is not Execution.VALID
-        ):
-            return
-        branch = self._certified_branch() or []
-        at_once = self.entered_by is not None or self._timeout_seen_round == self.round
-        wait_ms = self._leading.delay_ms(
-            parent, branch, now_ms=self._now_ms, pending=self._pending, at_once=at_once, round_number=self.round
-        )
-        if wait_ms is None:
-            return
-        if wait_ms > 0:
-            self._effects += self._pacemaker.wait_to_propose(self.round, wait_ms)
-            return
-        self._effects.append(
-            self._leading.build(
-                self.round,
-                parent,
-                branch,
-                qc=self.high_qc,
-                entered_by=self.entered_by,
-                epoch=self.epoch,
-                producer=self.index,
+        if self._voter.may_sign(self.round):
+            at_once = self.entered_by is not None or self._timeout_seen_round == self.round
+            self._effects += self._leading.lead(
+                self.round, self.high_qc, self.entered_by, self._now_ms, pending=self._pending, at_once=at_once
             )
-        )
 
     def _on_built(self, event: events.BlockBuilt) -> None:
         if event.round != self.round or not self._leading.is_building(self.round):
             return
         if event.block is None:
-            self._leading.note_failure()
-            self._effects += self._pacemaker.wait_to_propose(self.round, self._retry_ms)
+            self._effects += self._leading.note_failure(self.round)
             return
         node = make_node(event.block, self._now_ms)
         header = node.header

@@ -5,15 +5,32 @@ from __future__ import annotations
 from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
 from consensus.chain.block_rules import is_safe_to_extend
 from consensus.chain.epoch_settings import ChainSettings
-from consensus.chain.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalState
-from consensus.chain.messages import WORD_TIMEOUT, Proposal, SignedMessage, Timeout, Vote, sign_timeout, sign_vote
+from consensus.chain.journal_records import (
+    KIND_PROPOSAL,
+    KIND_TIMEOUT,
+    KIND_VOTE,
+    SILENCE_OUTDATED,
+    JournalState,
+    SigningLockout,
+    encode_silence_record,
+)
+from consensus.chain.messages import (
+    WORD_TIMEOUT,
+    LastSignedResponse,
+    Proposal,
+    SignedMessage,
+    Timeout,
+    Vote,
+    sign_timeout,
+    sign_vote,
+)
 from consensus.chain.schedule import Schedule
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
 from consensus.primitives.keys import PrivateKey
-from consensus.protocol.block_tree import BlockNode
+from consensus.protocol.block_tree import BlockNode, BlockTree
 from consensus.protocol.effects import Broadcast, Effect, Persist
 from consensus.protocol.journal_builder import JournalBuilder
-from consensus.protocol.signing_guard import SigningGuard
+from consensus.protocol.signing_guard import LockoutStatus, SigningGuard
 
 
 class Voter:
@@ -26,9 +43,12 @@ class Voter:
         schedule: Schedule,
         key: PrivateKey | None,
         restored: JournalState,
+        tree: BlockTree,
+        before: Voter | None,
     ) -> None:
+        """`before`: the previous epoch's voter (R36)."""
         self._settings, self._chain_id, self._epoch = settings, chain_id, schedule.epoch
-        self._key = key
+        self._key, self._tree = key, tree
         self.index = None if key is None else schedule.index_of(key.public_key)
         self.journal_builder = JournalBuilder(schedule.epoch, restored)
         self.last_voted_round = restored.last_voted_round
@@ -36,8 +56,12 @@ class Voter:
         self.last_timeout = restored.timeout
         self.proposed_id = restored.proposed_id
         self.newest_epoch = restored.newest_epoch
-        self.signing_guard = SigningGuard(schedule, self.index, settings.base_timeout_ms, restored.silence)
-        self.has_ended = False
+        if before is None:
+            self.signing_guard = SigningGuard(schedule, self.index, settings.base_timeout_ms, restored.silence)
+        else:
+            self.signing_guard = before.signing_guard.next(
+                schedule, self.index, settings.base_timeout_ms, boundary_round=before._tree.root.header.round
+            )
 
     def may_sign(self, round_number: int) -> bool:
         """R4, R40: whether signing is allowed, with nothing possibly signed in this or later rounds."""
@@ -50,7 +74,7 @@ class Voter:
 
     @property
     def _is_barred(self) -> bool:
-        return self.has_ended or self.has_left or self.journal_builder.is_behind or self.signing_guard.bars
+        return self._tree.has_ended or self.has_left or self.journal_builder.is_behind or self.signing_guard.bars
 
     @property
     def has_left(self) -> bool:
@@ -66,6 +90,41 @@ class Voter:
         if voted_id is None and given_up is None:
             return True
         return given_up == word.qc_round if word.kind == WORD_TIMEOUT else voted_id == word.block_id
+
+    # Its own memory
+
+    @property
+    def silence(self) -> LockoutStatus | None:
+        if self.has_left:
+            until = f"its ledger reaches epoch {self.newest_epoch}, of which its journal speaks"
+            return LockoutStatus(SILENCE_OUTDATED, until)
+        return self.signing_guard.report
+
+    def doubt(self, word: SignedMessage) -> list[Effect]:
+        """R34: an own word missing from the journal means lost memory."""
+        mark = self.signing_guard.mark
+        return [] if self.remembers(word) else self._follow(mark, self.signing_guard.doubt(word.round))
+
+    def take_answer(self, sender: int, answer: LastSignedResponse) -> list[Effect]:
+        mark = self.signing_guard.mark
+        return self._follow(mark, self.signing_guard.take(sender, answer, self.last_voted_round))
+
+    def end_silence(self) -> list[Effect]:
+        """R35: lift the lockout once the chain has passed it."""
+        mark = self.signing_guard.mark
+        if mark is None or not self.signing_guard.may_end(self._tree.root.header):
+            return []
+        if mark.epoch == self._epoch and mark.above_round is not None:
+            self.last_voted_round = max(self.last_voted_round, mark.above_round)
+        return self._follow(mark, self.signing_guard.end())
+
+    def _follow(self, mark_before: SigningLockout | None, consequences: list[Effect]) -> list[Effect]:
+        mark = self.signing_guard.mark
+        if mark == mark_before:
+            return consequences
+        return [Persist(records=(encode_silence_record(self._epoch, self.last_voted_round, mark),)), *consequences]
+
+    # Votes and timeouts
 
     def has_timed_out(self, round_number: int) -> bool:
         return self.last_timeout is not None and self.last_timeout.round == round_number

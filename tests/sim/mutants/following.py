@@ -11,7 +11,7 @@ from consensus.chain.block import Header
 from consensus.chain.epoch_settings import Epoch
 from consensus.chain.journal_records import JournalRecord, JournalState, _merge
 from consensus.primitives.encoding import decode
-from consensus.protocol import core, core_state
+from consensus.protocol import block_processor, core
 from consensus.protocol.block_tree import BlockTree
 from consensus.protocol.commit_rule import Commit, _prove
 from network.sim.plan import NetworkSize
@@ -32,7 +32,7 @@ def let_words_span_epochs(patch: pytest.MonkeyPatch) -> None:
             _merge(state, record)
         return state
 
-    patch.setattr(core_state, "read_journal", read)
+    patch.setattr(core, "read_journal", read)
 
 
 def ignore_the_boundary(patch: pytest.MonkeyPatch) -> None:
@@ -56,7 +56,7 @@ def finalize_closing_blocks(patch: pytest.MonkeyPatch) -> None:
         newest = chains[-1]
         return Commit(head=newest.final, proof=_prove([newest.final], newest), ends_epoch=False)
 
-    patch.setattr(core, "choose_commit", choose)
+    patch.setattr(block_processor, "choose_commit", choose)
 
 
 def carry_the_round_over(patch: pytest.MonkeyPatch) -> None:

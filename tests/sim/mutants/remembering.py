@@ -8,7 +8,7 @@ import pytest
 
 from consensus.chain.journal_records import JournalState, read_journal
 from consensus.chain.messages import Vote
-from consensus.protocol import core_state
+from consensus.protocol import core
 from consensus.protocol.block_tree import BlockNode
 from consensus.protocol.effects import Effect, Persist
 from consensus.protocol.journal_builder import JournalBuilder
@@ -29,7 +29,7 @@ def _forget(patch: pytest.MonkeyPatch, forget: Callable[[JournalState], None]) -
         forget(state)
         return state
 
-    patch.setattr(core_state, "read_journal", read)
+    patch.setattr(core, "read_journal", read)
 
 
 def forget_the_last_voted_round(patch: pytest.MonkeyPatch) -> None:
