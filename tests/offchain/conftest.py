@@ -12,7 +12,6 @@ from urllib.parse import urlsplit, urlunsplit
 import pytest
 from pymongo import MongoClient
 
-from network.sim.world.custody_store import MemoryCustodyStore
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.sqlite_store import SqliteStore
@@ -48,14 +47,11 @@ def mongo_database(mongo_uri: str, driver_sockets: None) -> Iterator[str]:
         client.drop_database(name)
 
 
-@pytest.fixture(params=["sqlite", "mongo", "memory"])
+@pytest.fixture(params=["sqlite", "mongo"])
 def make_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], CustodyStore]:
     """A maker of stores over one and the same database: a second one sees what the first left."""
     if request.param == "sqlite":
         return lambda: SqliteStore(tmp_path / "custody")
-    if request.param == "memory":
-        kept = MemoryCustodyStore()
-        return lambda: kept
     uri = request.getfixturevalue("mongo_database")
     return lambda: MongoStore(uri)
 

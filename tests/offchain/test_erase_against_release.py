@@ -11,7 +11,6 @@ import pytest
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload
 from consensus.records.sharing import GrantUpload, SharedDownload
-from network.sim.world.custody_store import MemoryCustodyStore
 from node.custody.finalized_events import FinalizedEvents
 from node.custody.stores.custody_store import RecordFacts
 from node.custody.stores.mongo_store import MongoStore
@@ -44,7 +43,7 @@ Work = Callable[[House, Case], Coroutine[Any, Any, Any]]
 FRAMES_COUNT = 3
 STEP_MS = 10
 SAMPLED_COUNT = 8
-"""How many of all pairs of stops are played in the short tests; a quarter of that on stores that take real time."""
+"""How many of all pairs of stops are played in the short tests; a quarter of that on MongoDB."""
 MONGO_PAIRS_COUNT = 100
 """And in the long ones on MongoDB, where all of them take hours."""
 COMES_LATE = frozenset(("the same upload", "a peer's copy"))
@@ -153,7 +152,7 @@ async def sweep(house: House, work: Work, frames: tuple[int, ...], sampled_count
         if sampled_count == NEVER:
             count = MONGO_PAIRS_COUNT if isinstance(house.store, MongoStore) else NEVER
         else:
-            count = sampled_count if isinstance(house.store, MemoryCustodyStore) else sampled_count // 4
+            count = sampled_count // 4 if isinstance(house.store, MongoStore) else sampled_count
         step = -(-len(both) // count)
         for stops in [*((stop, NEVER) for stop in range(1, places + 1)), *both[::step]]:
             await race(playing, await prepare(house, **given), work, frames, stops)

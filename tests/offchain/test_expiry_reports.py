@@ -17,11 +17,11 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.commitments import ciphertext_root, commitment_root
 from contracts.execution.executor import execute_block
-from network.sim.world.custody_store import MemoryCustodyStore
 from node.api.services import SubmitResult
 from node.custody.chain.chain_follower import OUTBOX_LIFETIME_MS, Custody
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
+from node.custody.stores.sqlite_store import SqliteStore
 from node.ledger.ledger_writer import FinalityFeed
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore
@@ -76,7 +76,7 @@ class Ward(Hospital):
     async def open_custody(self, name: str) -> None:
         """Begin to follow the chain, with a store that is empty: from the newest state, as who joins by a snapshot."""
         keys = self.opened.enter_context(EraseKeys(self.directory / name))
-        store = await self.opened.enter_async_context(MemoryCustodyStore())
+        store = await self.opened.enter_async_context(SqliteStore(self.directory / f"{name}-store"))
         key = key_of(name)
         custodian = Custodian(store, keys, member=key.public_key, clock_ms=lambda: self.time_ms)
         await custodian.start()

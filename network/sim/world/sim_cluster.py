@@ -81,6 +81,8 @@ class SimCluster(SimWorld):
         heights = tuple(node.ledger_height for node in self.nodes)
         rounds = tuple(-1 if node.parts is None else node.parts.core.round for node in self.nodes)
         loop.end(self.owners)
+        for node in self.nodes:
+            node.store.close()
         if self.wires.storm_at_ms is not None:
             text = "A storm: nodes answer each other without end."
             self.history.add(CodeFault(round(self.wires.storm_at_ms, 6), -1, text))

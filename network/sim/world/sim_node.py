@@ -7,7 +7,6 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from consensus.chain.messages import Proposal, Timeout, Vote
 from consensus.errors import BlockRobotError
@@ -27,7 +26,7 @@ from network.sim.history import (
     VoteSent,
 )
 from network.sim.world.cpu import NodeCheck, NodeTransactions
-from network.sim.world.custody_store import MemoryCustodyStore, MemoryEraseKeys
+from network.sim.world.custody_store import MemoryEraseKeys, SimCustodyStore
 from network.sim.world.links import SimNetwork
 from network.sim.world.sim_chain import EPOCH_MS, node_name
 from network.sim.world.sim_disk import SimDisk
@@ -77,7 +76,7 @@ class Backup:
 
     disk: dict[Path, bytes]
     ledger: MemoryStore
-    store: dict[str, Any]
+    store: bytes
 
 
 class SimNode:
@@ -90,7 +89,7 @@ class SimNode:
         self.ledger = SimLedger(cluster.loop, dice, self._note_handed, self._note_durable)
         self.ledger.found(cluster.chain.first_block)
         self.custody_key = cluster.chain.custodians[index]
-        self.store = MemoryCustodyStore(self._pause)
+        self.store = SimCustodyStore(self._pause)
         self.erase_keys = MemoryEraseKeys(dice)
         self.clock_offset_ms = 0
         self.behaviour = ""
