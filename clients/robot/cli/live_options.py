@@ -1,16 +1,17 @@
-"""Options of a robot's live source."""
+"""A robot's live sources, and their options."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import click
 
 from clients.robot.cli.run_report import clear_line
-from clients.robot.sources.live.feed_catalogue import BESIDE, CAMERAS, FeedKind, make_feeds
+from clients.robot.sources.live import llrp, ros1, ros2, zenoh
+from clients.robot.sources.live.live_feed import Feed
 from clients.robot.sources.live.live_source import LiveSource, Tell
 from clients.robot.sources.topics import (
     TagTopic,
@@ -25,6 +26,33 @@ from consensus.errors import BlockRobotError
 
 SYNTHETIC = "synthetic"
 LOOK_DEFAULT_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class FeedKind:
+    """An adapter: `make` builds feeds, `options` are its click options."""
+
+    make: Callable[[Mapping[str, Any]], Sequence[Feed]]
+    options: tuple[Callable[[Any], Any], ...] = ()
+
+
+CAMERAS: dict[str, FeedKind] = {
+    "ros1": FeedKind(ros1.make_feeds, ros1.OPTIONS),
+    "ros2": FeedKind(ros2.make_feeds, ros2.OPTIONS),
+    "zenoh": FeedKind(zenoh.make_feeds, zenoh.OPTIONS),
+}
+"""What `--source` can name: middleware that brings the camera's frames, and tag readings if the robot has them."""
+
+BESIDE: dict[str, FeedKind] = {
+    "llrp": FeedKind(llrp.make_feeds, llrp.OPTIONS),
+}
+"""Readers that bring sightings alone, beside any of the others; they make no feed unless their option is given."""
+
+
+def make_feeds(source: str, options: Mapping[str, Any]) -> list[Feed]:
+    """Return feeds of `source` and of readers beside it."""
+    kinds = [CAMERAS[source], *BESIDE.values()]
+    return [feed for kind in kinds for feed in kind.make(options)]
 
 
 def camera_options(command: Any) -> Any:
@@ -58,8 +86,7 @@ def look_options(*, source_help: str, seconds_help: str) -> Callable[[Any], Any]
 
 def live_topics(options: Mapping[str, Any]) -> Topics:
     """Raises TOPICS_INVALID."""
-    chosen = load_topics(options["topics_file"]) if options["topics_file"] else Topics()
-    return with_rooted_names(with_topic(chosen, depth=options["depth"]))
+    return with_rooted_names(with_topic(load_topics(options["topics_file"]), depth=options["depth"]))
 
 
 def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import shlex
+import signal
 import sys
-import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +44,6 @@ from clients.robot.recording.batching import CLIP_DEFAULT_MS
 from clients.robot.recording.spool import count_waiting
 from clients.robot.run.run_summary import RunProgress, RunSummary
 from clients.robot.run.runner import SPOOL_FOLDER, ReplayOptions, replay_recording
-from clients.robot.run.stop_signals import stopped_by_signals
 from clients.robot.sensing.reading_warnings import warn_of_lens, warn_of_readings
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.live.synthetic_source import SyntheticSource
@@ -68,7 +69,7 @@ from clients.sdk.terminal.terminal import (
 from consensus.chain.genesis import Genesis
 from consensus.exit_codes import EXIT_DONE, exit_code_of
 
-_PROGRESS_EVERY_S = 0.25
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _RATE_DEFAULT = 10
 _ROSTER_FILE = "roster.sealed"
 
@@ -167,15 +168,10 @@ class _Progress:
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
-        self._last = 0.0
         self.figures = RunProgress()
 
     def __call__(self, figures: RunProgress, *, last: bool = False) -> None:
         self.figures = figures
-        now = time.monotonic()
-        if now - self._last < _PROGRESS_EVERY_S and not last:
-            return
-        self._last = now
         if self._as_json:
             click.echo(json.dumps({"progress": msgspec.to_builtins(figures)}), err=True)
         elif sys.stderr.isatty():
@@ -213,6 +209,29 @@ def _common(command: Any) -> Any:
     return command
 
 
+@contextlib.contextmanager
+def _stopped_by_signals(stop: asyncio.Event, tell: Callable[[], None]) -> Iterator[None]:
+    """First SIGINT or SIGTERM sets `stop` and calls `tell`; the next cancels."""
+    loop = asyncio.get_running_loop()
+    task = asyncio.current_task(loop)
+    assert task is not None
+
+    def heard() -> None:
+        if stop.is_set():
+            task.cancel()
+        else:
+            stop.set()
+            tell()
+
+    for number in _STOP_SIGNALS:
+        loop.add_signal_handler(number, heard)
+    try:
+        yield
+    finally:
+        for number in _STOP_SIGNALS:
+            loop.remove_signal_handler(number)
+
+
 async def _record(
     folder: Path, source: Source, genesis: Genesis, options: ReplayOptions, progress: _Progress
 ) -> tuple[RunSummary, bool]:
@@ -223,7 +242,7 @@ async def _record(
         was_told = True
         click.echo(ending_line(progress.figures), err=True)
 
-    with stopped_by_signals(stop, tell):
+    with _stopped_by_signals(stop, tell):
         return await replay_recording(folder, source, genesis, options, progress, stop), was_told
 
 

@@ -9,7 +9,7 @@ import click
 
 from clients.robot.sources.recordings.bag_source import BagSource, EmptyScene
 from clients.robot.sources.recordings.recording import Recording
-from clients.robot.sources.topics import Topics, load_topics, tags_by_type, with_topic
+from clients.robot.sources.topics import load_topics, tags_by_type, with_topic
 from clients.sdk.terminal.terminal import FILE
 
 
@@ -46,7 +46,7 @@ def source_options(command: Any) -> Any:
 
 def open_recording(path: Path, options: dict[str, Any]) -> BagSource:
     """Raises UsageError, BAG_*, TOPICS_INVALID."""
-    chosen: Topics = load_topics(options["topics_file"]) if options["topics_file"] else Topics()
+    chosen = load_topics(options["topics_file"])
     tags = None
     if options["tags"]:
         known = Recording(path, chosen.definitions).topics.get(options["tags"])

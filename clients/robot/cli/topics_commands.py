@@ -7,9 +7,8 @@ from typing import Any
 
 import click
 
-from clients.robot.cli.live_options import look_options
+from clients.robot.cli.live_options import look_options, make_feeds
 from clients.robot.cli.robot_answers import RobotTopic, RobotTopicsAnswer
-from clients.robot.sources.live.feed_catalogue import make_feeds
 from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import Listed, draft_topics, list_topics, next_steps

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from clients.robot.hiding.likelihood import FILTERS, Belief, Step, log_antenna, log_evidence, log_sum, take
 from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, READINGS_MIN_COUNT, MatchEvidence
-from clients.robot.hiding.time_shift import find_delay_ms
 from clients.robot.hiding.tracking import NEAREST_RANGE_MS, Track
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
 
@@ -32,6 +33,12 @@ SIGMA_MIN_M = 0.05
 # Who is not followed and nearer than that in range to somebody who is could well be the bearer in their stead.
 UNFOLLOWED_M = 1.5
 _CHECKPOINT_EVERY_COUNT = 16
+
+# A reader's delay is looked for among these shifts, to be told; it changes no verdict.
+SHIFT_MAX_MS, SHIFT_STEP_MS = 4_000, 250
+SHIFT_READINGS_MIN_COUNT, SHIFT_READINGS_MAX_COUNT = 8, 64
+_SHIFT_BETTER = 0.4  # the spread that is left must be this small beside the one without a shift
+_SHIFT_SIGMAS = 2.5  # and no more than so many stated errors
 
 _Order = tuple[int, int, int, str, int, float, float, float]
 
@@ -245,7 +252,7 @@ class Matcher:
             distance_log_odds=every.distance_ratio,
             spread_m=math.sqrt(max(0.0, every.gap_m2_sum / compared - (every.gap_m_sum / compared) ** 2)),
             range_m=every.range_m_sum / compared,
-            delay_ms=find_delay_ms(tag.readings, self._tracks[best]) if odds < 0 and best in self._tracks else None,
+            delay_ms=_find_delay_ms(tag.readings, self._tracks[best]) if odds < 0 and best in self._tracks else None,
         )
 
     def forget_before(self, at_ms: int) -> None:
@@ -389,3 +396,26 @@ def _without_nonsense(sighting: Sighting) -> Sighting:
     if not (0 < distance_m < math.inf and 0 < sigma_m <= DISTANCE_SIGMA_MAX_M):
         return replace(sighting, distance_m=None, sigma_m=None)
     return sighting if sigma_m >= SIGMA_MIN_M else replace(sighting, sigma_m=SIGMA_MIN_M)
+
+
+def _find_delay_ms(readings: Sequence[Sighting], track: Track) -> int | None:
+    """Return how far tag distances lag behind the track in ms, None if no shift helps; reported only."""
+    measured = [reading for reading in readings if reading.distance_m is not None][-SHIFT_READINGS_MAX_COUNT:]
+    if len(measured) < SHIFT_READINGS_MIN_COUNT or not track.times:
+        return None
+    at_ms = np.array([reading.middle_ms for reading in measured], dtype=np.float64)
+    distances = np.array([reading.distance_m for reading in measured], dtype=np.float64)
+    sigma_m = float(np.mean([reading.sigma_m or 0.0 for reading in measured]))
+    times, ranges = np.array(track.times, dtype=np.float64), np.array(track.ranges)
+    found = {}
+    for shift_ms in sorted(range(-SHIFT_MAX_MS, SHIFT_MAX_MS + 1, SHIFT_STEP_MS), key=abs):
+        then_ms = at_ms - shift_ms
+        inside = (then_ms >= times[0]) & (then_ms <= times[-1])
+        if np.count_nonzero(inside) >= max(SHIFT_READINGS_MIN_COUNT, len(measured) // 2):
+            gaps = distances[inside] - np.interp(then_ms[inside], times, ranges)
+            found[shift_ms] = float(np.sqrt(np.mean(gaps * gaps)))
+    if 0 not in found:
+        return None
+    best_ms = min(found, key=lambda shift_ms: found[shift_ms])
+    is_better = found[best_ms] <= min(_SHIFT_BETTER * found[0], _SHIFT_SIGMAS * sigma_m)
+    return best_ms if best_ms and is_better else None

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from functools import lru_cache
 
-from clients.robot.hiding.forecast import time_to_bind_s
+import numpy as np
+
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
-from clients.robot.sensing.sensor_events import Facing
+from clients.robot.hiding.matcher import Matcher
+from clients.robot.hiding.tracking import Track
+from clients.robot.sensing.sensor_events import Facing, Sighting
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, TagMap
 from clients.robot.sources.topics import Topics
 
 ASSUMED_SIGMA_M = 0.3
 READ_EVERY_MS = 500
 """A warning assumes that a tag is read twice a second."""
+
+FORECAST_S = 30
+FRAME_EVERY_MS = 100
+_STANDS_AT_M = 2.5
+_WALKS_M, _WALKS_EVERY_S = 1.0, 8.0  # to and fro by a metre, a turn every eight seconds: about 0.8 m/s at most
 
 
 def warn_of_readings(topics: Topics) -> Iterator[str]:
@@ -49,3 +59,24 @@ def warn_of_lens(focal_px: float | None) -> Iterator[str]:
 def _sigma_m(made: TagMap) -> float:
     told = made.distance_sigma
     return told * LENGTH_UNITS_M[made.distance_unit] if isinstance(told, float) else ASSUMED_SIGMA_M
+
+
+@lru_cache(maxsize=128)
+def time_to_bind_s(sigma_m: float, facing: Facing, every_ms: int, *, walks: bool, seed: int = 1) -> float | None:
+    """Return seconds until the matcher binds a lone person, None if over `FORECAST_S`; error `sigma_m`."""
+    noise = np.random.default_rng(seed)
+    matcher, track = Matcher(), Track(1, 0, 0, 0.0, _STANDS_AT_M)
+    matcher.add_track(track)
+    for at_ms in range(0, FORECAST_S * 1000, FRAME_EVERY_MS):
+        turn = math.sin(2 * math.pi * at_ms / 1000 / _WALKS_EVERY_S) if walks else 0.0
+        range_m = _STANDS_AT_M + _WALKS_M * turn
+        track.times.append(at_ms)
+        track.ranges.append(range_m)
+        track.seen_ms = at_ms
+        if at_ms % every_ms == 0:
+            distance_m = max(0.01, range_m + float(noise.normal(0.0, sigma_m)))
+            matcher.add_sighting("tag", Sighting(at_ms, at_ms, "tag", 0, facing, 0.0, distance_m, sigma_m))
+        matcher.advance(at_ms)
+        if matcher.bound_track("tag", [1]) is not None:
+            return at_ms / 1000
+    return None

@@ -111,8 +111,10 @@ class Topics:
         return wanted
 
 
-def load_topics(path: Path) -> Topics:
-    """Read a topics file. Raises TOPICS_INVALID, naming the setting."""
+def load_topics(path: Path | None) -> Topics:
+    """Read a topics file, if one is named. Raises TOPICS_INVALID, naming the setting."""
+    if path is None:
+        return Topics()
     try:
         data = read_given_file(path, TOML_MAX_BYTES)
     except FileNotFoundError:

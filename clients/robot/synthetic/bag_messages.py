@@ -10,6 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from clients.robot.sensing.sensor_events import Depth, Sighting
+from clients.robot.sources.source import NS_PER_MS
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 SIGHTING_TYPE = "blockrobot_msgs/msg/RfidDetection"
@@ -27,7 +28,6 @@ builtin_interfaces/Time last_seen
 uint32 read_count
 """
 MS_PER_S = 1000
-NS_PER_MS = 1_000_000
 
 
 def typestore() -> Typestore:

@@ -16,6 +16,12 @@ from consensus.errors import BlockRobotError
 CLOSE_MAX_S = 5.0
 """How long a feed may take to close, whatever state its middleware is in."""
 
+MESSAGE_MAX_BYTES = 80 * 1024 * 1024
+"""Room for a depth image of 4096x4096 in metres, the largest that the robot takes."""
+
+NODE_NAME = "blockrobot"
+"""How the robot's own node is called on a ROS graph."""
+
 
 @dataclass(frozen=True, slots=True)
 class Message:

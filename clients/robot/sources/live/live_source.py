@@ -15,6 +15,7 @@ from clients.robot.sensing.sensor_events import Depth, Refused, Sighting, Source
 from clients.robot.sources.live.live_feed import Feed, Message
 from clients.robot.sources.live.live_queue import LiveQueue, Queued
 from clients.robot.sources.messages.decoding import (
+    IMAGE_TYPES,
     KINDS,
     AntennaCounts,
     MessageReader,
@@ -22,9 +23,9 @@ from clients.robot.sources.messages.decoding import (
     read_focal_px,
     wrong_type,
 )
-from clients.robot.sources.messages.image_decoding import COMPRESSED_TYPE, IMAGE_TYPE
 from clients.robot.sources.messages.message_types import LearntTypes, MessageTypes, types_with
 from clients.robot.sources.recordings.path_checks import missing_field
+from clients.robot.sources.recordings.topic_listing import LISTED_MAX_COUNT
 from clients.robot.sources.source import Clock, SystemClock
 from clients.robot.sources.topics import Topics
 from consensus.errors import BlockRobotError
@@ -76,7 +77,6 @@ class Watch:
 
 INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 INFO_WAIT_S = 2.0
-LISTED_MAX_COUNT = 12
 LOOK_EVERY_S = 2.0
 SENTENCES_MAX_COUNT = 256
 YIELD_EVERY_COUNT = 16
@@ -176,7 +176,7 @@ class LiveSource:
 
     def describe_images(self) -> str:
         advertised = _advertised(self._feeds[0]) or {}
-        images = sorted(topic for topic, kind in advertised.items() if kind in (IMAGE_TYPE, COMPRESSED_TYPE))
+        images = sorted(topic for topic, kind in advertised.items() if kind in IMAGE_TYPES)
         more = f" and {len(images) - LISTED_MAX_COUNT} more" if len(images) > LISTED_MAX_COUNT else ""
         shown = ", ".join(images[:LISTED_MAX_COUNT])
         return f"Images are on {shown}{more}." if images else "No topic of images is there."

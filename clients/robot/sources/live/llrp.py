@@ -71,8 +71,7 @@ OPTIONS = (
 
 def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
     """Return a feed of option or topics-file readers. Raises TOPICS_INVALID."""
-    file = options.get("topics_file")
-    known = load_topics(file).llrp if file else ()
+    known = load_topics(options.get("topics_file")).llrp
     tables = {reader.address: reader for reader in known}
     named = dict.fromkeys(options.get("llrp_readers") or ())
     readers = [tables.get(reader.address, reader) for reader in named] or list(known)

@@ -25,16 +25,12 @@ from urllib.parse import urlsplit
 
 import click
 
-from clients.robot.sources.live.live_feed import CLOSE_MAX_S, Feed, Listener, Message
+from clients.robot.sources.live.live_feed import CLOSE_MAX_S, MESSAGE_MAX_BYTES, NODE_NAME, Feed, Listener, Message
 from consensus.errors import BlockRobotError
 
 MASTER_DEFAULT_URI = "http://127.0.0.1:11311"
 DEBIAN_FOLDER = Path("/usr/lib/python3/dist-packages")
-NODE_NAME = "blockrobot"
 BUFFER_BYTES = 1 << 20
-MESSAGE_MAX_BYTES = 80 * 1024 * 1024
-"""Room for a depth image of 4096x4096 in metres, the largest that the robot takes."""
-
 OPEN_MAX_S = 10.0
 MASTER_ANSWER_MAX_S = 3.0
 ROLL_CALL_EVERY_S = 2.0

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from clients.robot.sources.live import ros2_types
-from clients.robot.sources.live.live_feed import CLOSE_MAX_S, Feed, Listener, Message
+from clients.robot.sources.live.live_feed import CLOSE_MAX_S, NODE_NAME, Feed, Listener, Message
+from clients.robot.sources.messages.decoding import IMAGE_TYPES
 from consensus.errors import BlockRobotError
 
 OWN_TOPIC = "/parameter_events"
@@ -48,7 +49,6 @@ class Discovery:
         return now_s - self._changed_s >= SETTLED_S or looked_s >= LOOK_MAX_S
 
 
-NODE_NAME = "blockrobot"
 LOOK_EVERY_S = 0.5
 """How often the graph is looked at: so late may a topic be subscribed that appears, or whose publisher has changed."""
 
@@ -60,7 +60,6 @@ IMAGE_QUEUE_MAX_COUNT = 16
 """Half a second of a camera. The robot's own queue drops and counts what is too much; this one would not say."""
 
 QUEUE_MAX_COUNT = 1024
-IMAGE_TYPES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"})
 
 OPTIONS: tuple[Callable[[Any], Any], ...] = ()
 

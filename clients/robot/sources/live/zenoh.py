@@ -16,7 +16,7 @@ from typing import Any
 
 import click
 
-from clients.robot.sources.live.live_feed import Feed, Listener, Message
+from clients.robot.sources.live.live_feed import MESSAGE_MAX_BYTES, Feed, Listener, Message
 from clients.robot.sources.live.zenoh_keys import (
     DOMAIN_MAX,
     HASHES_UNSAID,
@@ -46,9 +46,6 @@ RECENT_S = 5.0
 TOPICS_MAX_COUNT = 4_096
 HASH_SHOWN_CHARS = 19
 """Enough of a hash to tell two apart: `RIHS01_` and twelve digits."""
-
-MESSAGE_MAX_BYTES = 80 * 1024 * 1024
-"""A frame of the largest size in metres takes 64 MiB."""
 
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/[^\s/?#]+:[0-9]{1,5}(#[^\s]*)?")
 _TRIES = {"period_init_ms": 250, "period_max_ms": 4_000, "period_increase_factor": 2}
@@ -82,8 +79,7 @@ OPTIONS = (
 
 def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
     """Return the feed by options. Raises TOPICS_INVALID."""
-    file = options.get("topics_file")
-    definitions = load_topics(file).definitions if file else {}
+    definitions = load_topics(options.get("topics_file")).definitions
     scout = bool(options.get("zenoh_scout"))
     return [ZenohFeed(options.get("zenoh_connect") or (), options.get("ros_domain") or 0, definitions, scout=scout)]
 

@@ -16,7 +16,6 @@ from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.field_map import TagMap, header_ms, read_path
 from clients.robot.sources.messages.image_decoding import (
     COMPRESSED_TYPE,
-    IMAGE_TYPE,
     decode_colour,
     decode_depth,
     refuse,
@@ -25,6 +24,7 @@ from clients.robot.sources.messages.image_decoding import (
 from clients.robot.sources.messages.message_types import MessageTypes
 from clients.robot.sources.source import NS_PER_MS
 from clients.robot.sources.topics import AudioTopic, LabelTopic, Topics
+from clients.robot.synthetic.bag_messages import IMAGE_TYPE
 from consensus.errors import BlockRobotError
 
 LABEL_MAX_CHARS = 256

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
+from clients.robot.sources.messages.image_decoding import refuse
 from clients.robot.sources.source import NS_PER_MS
 from consensus.errors import BlockRobotError
 
@@ -56,7 +57,7 @@ def read_path(message: Any, path: str) -> Any:
     """Return the value at a path, a list for `[]`. Raises FRAME_INVALID (`field`, `json`)."""
     value = _walk(message, path.split("."))
     if value is _MISSING:
-        raise _unusable("field", f"The message has no field {path}.")
+        raise refuse("field", f"The message has no field {path}.")
     return value
 
 
@@ -85,7 +86,7 @@ def stamp_ms(stamp: Any, unit: str = "ns") -> int:
         return int(stamp.sec) * 1000 + int(stamp.nanosec) // NS_PER_MS
     number = _number(stamp)
     if not math.isfinite(number) or not 0 <= number * TIME_UNITS_NS[unit] < 1 << 63:
-        raise _unusable("time", "A time is no time.")
+        raise refuse("time", "A time is no time.")
     exact = int(stamp) if isinstance(stamp, int) else number
     return int(exact * TIME_UNITS_NS[unit] // NS_PER_MS)
 
@@ -161,10 +162,10 @@ class TagMap:
         columns = {path: read_path(message, path) for path in self.paths}
         lists = {len(values) for path, values in columns.items() if "[]" in path}
         if len(lists) > 1:
-            raise _unusable("field", "The lists of a message with several readings are not of one length.")
+            raise refuse("field", "The lists of a message with several readings are not of one length.")
         count = lists.pop() if lists else 1
         if count > READINGS_MAX_COUNT:
-            raise _unusable("size", f"A message of {count} readings is too large.")
+            raise refuse("size", f"A message of {count} readings is too large.")
         sightings, reasons = [], []
         for index in range(count):
             row = {path: values[index] if "[]" in path else values for path, values in columns.items()}
@@ -180,7 +181,7 @@ class TagMap:
         first = at_ms if first is None else first
         last = first if last is None else last
         if not 0 <= last - first <= SEEN_MAX_MS:
-            raise _unusable("time", "A reading ends before it begins, or lasts too long.")
+            raise refuse("time", "A reading ends before it begins, or lasts too long.")
         distance, sigma = self._distance(row)
         antenna = row[self.antenna] if self.antenna else 0
         return Sighting(
@@ -240,7 +241,7 @@ def _walk(value: Any, parts: Sequence[str]) -> Any:
 def _parse_json(text: Any) -> Any:
     """Raises FRAME_INVALID."""
     if not isinstance(text, str) or len(text) > JSON_MAX_CHARS:
-        raise _unusable("json", f"A field that should hold JSON is not text of at most {JSON_MAX_CHARS} characters.")
+        raise refuse("json", f"A field that should hold JSON is not text of at most {JSON_MAX_CHARS} characters.")
     return _parsed_json(text)
 
 
@@ -249,7 +250,7 @@ def _parsed_json(text: str) -> Any:
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, RecursionError, UnicodeError):
-        raise _unusable("json", "A field that should hold JSON does not.") from None
+        raise refuse("json", "A field that should hold JSON does not.") from None
 
 
 def _uid(value: Any) -> str:
@@ -261,24 +262,20 @@ def _uid(value: Any) -> str:
     elif isinstance(value, str | int | np.integer) and not isinstance(value, bool):
         text = str(value).strip()
     else:
-        raise _unusable("field", "A tag's UID is neither text nor bytes nor a number.")
+        raise refuse("field", "A tag's UID is neither text nor bytes nor a number.")
     if text.startswith(("{", "[")):
-        raise _unusable("json", "The tag's UID stands in JSON text: name its field, as in data{}.uid.")
+        raise refuse("json", "The tag's UID stands in JSON text: name its field, as in data{}.uid.")
     if not 0 < len(text) <= EPC_MAX_CHARS or not text.isprintable():
-        raise _unusable("tag", "A reading has no tag, or one that is too long.")
+        raise refuse("tag", "A reading has no tag, or one that is too long.")
     return text
 
 
 def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise _unusable("field", "A field that should hold a number does not.")
+        raise refuse("field", "A field that should hold a number does not.")
     return float(value)
 
 
 def _finite(value: Any) -> float:
     number = _number(value)
     return number if math.isfinite(number) else 0.0
-
-
-def _unusable(reason: str, detail: str) -> BlockRobotError:
-    return BlockRobotError("FRAME_INVALID", detail, reason=reason)

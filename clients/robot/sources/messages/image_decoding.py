@@ -21,7 +21,6 @@ from consensus.errors import BlockRobotError
 
 Colour = npt.NDArray[np.uint8]
 
-IMAGE_TYPE = "sensor_msgs/msg/Image"
 COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
 DEPTH_ENCODINGS = {"16UC1": 2, "mono16": 2, "32FC1": 4}
 COLOUR_ENCODINGS = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3")

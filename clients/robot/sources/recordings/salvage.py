@@ -80,20 +80,11 @@ def _guarded(scan: Scan) -> Scan:
         raise BrokenOffError("A record is damaged.") from error
 
 
-def _read(file: BinaryIO, size: int) -> bytes:
+def _read(file: BinaryIO, size: int, *, may_end: bool = False) -> bytes:
     if size > RECORD_MAX_BYTES:
         raise BrokenOffError("A record says that it is larger than any.")
     data = file.read(size)
-    if len(data) != size:
-        raise BrokenOffError("The last record is not whole.")
-    return data
-
-
-def _read_last(file: BinaryIO, size: int, opcode: bytes, chunk: bytes) -> bytes:
-    if size > RECORD_MAX_BYTES:
-        raise BrokenOffError("A record says that it is larger than any.")
-    data = file.read(size)
-    if len(data) != size and opcode != chunk:
+    if len(data) != size and not may_end:
         raise BrokenOffError("The last record is not whole.")
     return data
 
@@ -127,7 +118,7 @@ def _mcap_records(
     schemas = {} if schemas is None else schemas
     while opcode := file.read(1):
         (length,) = struct.unpack("<Q", _read(file, 8))
-        data = _read_last(file, length, opcode, b"\x06")
+        data = _read(file, length, may_end=opcode == b"\x06")
         record = BytesIO(data)
         if opcode == b"\x03":
             (number,) = struct.unpack("<H", _read(record, 2))
@@ -177,7 +168,7 @@ def _ros1_records(file: BinaryIO, *, inside: bool) -> Scan:
         header = _ros1_fields(_read(file, *struct.unpack("<I", lead)))
         (length,) = struct.unpack("<I", _read(file, 4))
         opcode = header["op"]
-        data = _read_last(file, length, opcode, b"\x05")
+        data = _read(file, length, may_end=opcode == b"\x05")
         if opcode == b"\x07":
             fields = _ros1_fields(data)
             definition = _definition(MessageDefinitionFormat.MSG, fields["message_definition"].decode())

@@ -7,11 +7,9 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from clients.robot.sources.messages.decoding import info_topic, read_focal_px
+from clients.robot.sources.messages.decoding import IMAGE_TYPES, info_topic, read_focal_px
 from clients.robot.sources.messages.field_map import json_paths
 from clients.robot.sources.messages.image_decoding import (
-    COMPRESSED_TYPE,
-    IMAGE_TYPE,
     could_be_colour,
     could_be_depth,
     encoding_of,
@@ -79,7 +77,7 @@ def describe(recording: Holding) -> str:
 
 def _listed(recording: Holding, figures: TopicFigures) -> Listed:
     name, kind = figures.name.lower(), figures.type
-    if kind in (IMAGE_TYPE, COMPRESSED_TYPE):
+    if kind in IMAGE_TYPES:
         first = recording.first(figures.name)
         guesses = []
         if first is not None:

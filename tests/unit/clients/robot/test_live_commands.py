@@ -13,13 +13,12 @@ from msgspec.structs import replace
 
 from clients.robot.backgrounds.background_banks import FRAMES_MIN_COUNT, approve_scene, record_scene
 from clients.robot.cli import main
-from clients.robot.cli.live_options import notice_teller
+from clients.robot.cli.live_options import BESIDE, CAMERAS, notice_teller
 from clients.robot.cli.run_report import broken_line, summary_lines, waiting_line
 from clients.robot.hiding.match_evidence import MatchEvidence, Obstacle
 from clients.robot.identity.robot_keys import create_identity
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.run.run_summary import CameraFigures, FrameCounts, RunProgress
-from clients.robot.sources.live.feed_catalogue import BESIDE, CAMERAS
 from tests.unit.clients.robot.run_summaries import summary_of
 
 NOBODY = "http://127.0.0.1:9"

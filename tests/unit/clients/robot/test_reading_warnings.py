@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.hiding.forecast import time_to_bind_s
-from clients.robot.sensing.reading_warnings import READ_EVERY_MS, warn_of_lens, warn_of_readings
+from clients.robot.sensing.reading_warnings import READ_EVERY_MS, time_to_bind_s, warn_of_lens, warn_of_readings
 from clients.robot.sensing.sensor_events import Facing
 from clients.robot.sources.topics import Topics, parse_topics
 
