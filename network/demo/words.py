@@ -17,6 +17,7 @@ REASONS = {
     "moved": "the robot had moved",
     "not-alone": "they were not alone",
     "not-matched": "nobody in the picture was known to be them",
+    "no-room": "there was no memory for it until it was known whose it was",
 }
 EVENTS = {
     "visit_opened": "the robot met them",

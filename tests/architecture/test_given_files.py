@@ -42,7 +42,7 @@ WRITES_BESIDE = {
     "clients/wallet/recovery/mnemonic_handover.py": "words, where a file that holds the same ones will do",
     # folders of figures, pages and sources, where nothing of anybody is
     "clients/robot/run/event_log.py": "tables of a log that an experiment wrote",
-    "clients/robot/recording/sensor_tracks.py": "into memory",
+    "clients/robot/recording/waiting_samples.py": "into memory",
     "network/demo/report.py": "a demo's folder",
     "network/experiments/comparison.py": "an experiment's folder, held by its mark",
     "network/experiments/out_folder.py": "an experiment's mark",

@@ -221,7 +221,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consent/consent_filter.py",
+        "clients/robot/recording/sensor_track.py",
         "a picture is kept without consent",
         "if isinstance(output, Kept) and refusal is None:",
         "if isinstance(output, Kept):",
@@ -229,7 +229,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consent/consent_filter.py",
+        "clients/robot/recording/sensor_track.py",
         "a clip is sealed though consent ended meanwhile",
         "            if refusal is None:\n                kept.append(frame)",
         "            if refusal is not Refusal.STALE:\n                kept.append(frame)",
@@ -237,7 +237,7 @@ REPLACED: tuple[Replaced, ...] = (
     ),
     Replaced(
         Kind.CONSENT,
-        "clients/robot/consent/consent_filter.py",
+        "clients/robot/recording/sensor_track.py",
         "who refuses is told of frames, which is a record of them",
         "        may_tell = refusal is None or refusal is Refusal.STALE",
         "        may_tell = True",

@@ -82,7 +82,7 @@ class ConsentFigures:
 
 
 class Consents:
-    """Registry view; `camera_offset_ms`: robot clock minus camera clock."""
+    """Registry view; `on_change` is called after each reading."""
 
     def __init__(
         self,
@@ -111,7 +111,6 @@ class Consents:
         self._failure: BlockRobotError | None = None
         self.figures = ConsentFigures()
         self.on_change: Callable[[], None] = lambda: None
-        self.camera_offset_ms: Callable[[], int] = lambda: 0
 
     def __len__(self) -> int:
         return len(self._view.people) if self._view is not None else 0

@@ -23,6 +23,7 @@ from clients.robot.hiding.tracking import Tracker
 from clients.robot.pairing.tag_pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
 from clients.robot.sensing.sensor_events import Frame, Sighting, check_depth
 from consensus.errors import BlockRobotError
+from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16
 
 BUFFER_DEFAULT_MS = 10_000
 FOCAL_DEFAULT_PX = 525.0
@@ -42,6 +43,16 @@ class Reason(StrEnum):
     MOVED = "moved"  # the robot, so that the empty scene is another one
     NOT_ALONE = "not-alone"  # for what cannot be cut down to one person
     NOT_MATCHED = "not-matched"  # the same, when nobody in the picture is known to be them
+    NO_ROOM = "no-room"  # there was no memory for it until it was known whose it is
+
+
+@dataclass(frozen=True, slots=True)
+class SampleForm:
+    """A whole sample's size in pixels (sound, labels: 1 x 1), and how what is kept of it is encoded."""
+
+    width: int = 1
+    height: int = 1
+    encoding: str = ENCODING_LABEL
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +65,7 @@ class Kept:
     cut: Cut
     alone: bool = False  # whether nobody else is in the picture, as far as the camera measures depth
     evidence: MatchEvidence | None = None  # only where distances disagree with the camera's all the same
+    form: SampleForm | None = None  # None: a depth frame of the camera
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +128,12 @@ class Hider:
 
     def use_focal_px(self, focal_px: float) -> None:
         self._focal_px = focal_px
+
+    @property
+    def form(self) -> SampleForm:
+        """A depth frame's."""
+        height, width = self._background.shape
+        return SampleForm(width, height, ENCODING_PNG16)
 
     @property
     def held_count(self) -> int:

@@ -1,4 +1,4 @@
-"""The robot's roster in memory: today's tag owners.
+"""The robot's roster in memory: today's tag owners; and counts of tags that are on none.
 
 Read whole from a sealed file; asking a node about one tag would reveal who is near. Consent is in
 `clients.robot.consent.consent_view`.
@@ -6,15 +6,22 @@ Read whole from a sealed file; asking a node about one tag would reveal who is n
 
 from __future__ import annotations
 
+import hashlib
+import secrets
 from pathlib import Path
 
 import structlog
 
 from clients.robot.identity.robot_keys import RobotIdentity
+from clients.robot.run.run_summary import UnknownTagCounts
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.members.roster import Roster, RosterRow, is_usable, open_roster, roster_tag
 
+UNKNOWN_TAGS_MAX_COUNT = 4_096
+"""So many are told apart; readings of further ones are counted, the tags are not."""
+
+_DIGEST_BYTES = 16
 _log = structlog.get_logger("rosters")
 
 
@@ -38,6 +45,29 @@ class RosterBook:
     def find(self, uid: str, at_ms: int) -> RosterRow | None:
         """Return a row, None if unregistered or the day is over."""
         return self._rows.get(roster_tag(self._key, uid)) if at_ms < self.not_after_ms else None
+
+
+class UnknownTags:
+    """One run's readings of tags that are on no roster, hashed under a key of the run."""
+
+    def __init__(self) -> None:
+        self._key = secrets.token_bytes(32)
+        self._tags: set[bytes] = set()
+        self._has_more = False
+        self.readings_count = 0
+
+    def note(self, uid: str) -> None:
+        self.readings_count += 1
+        tag = hashlib.blake2b(uid.encode(), key=self._key, digest_size=_DIGEST_BYTES).digest()
+        if tag in self._tags:
+            return
+        if len(self._tags) < UNKNOWN_TAGS_MAX_COUNT:
+            self._tags.add(tag)
+        else:
+            self._has_more = True
+
+    def summarise(self) -> UnknownTagCounts:
+        return UnknownTagCounts(readings=self.readings_count, tags=len(self._tags), more_tags=self._has_more)
 
 
 def load_roster(path: Path, identity: RobotIdentity, genesis: Genesis, now_ms: int) -> RosterBook:

@@ -33,7 +33,7 @@ class VisitBook:
     def __init__(self, chain_id: bytes, robot: bytes, purpose: str) -> None:
         self._chain_id = chain_id
         self._robot = robot
-        self._purpose = purpose
+        self.purpose = purpose
         self._open: dict[str, _Open] = {}
         self._closes_at_ms: dict[bytes, int] = {}  # by owner key, also of visits that are forgotten
 
@@ -47,7 +47,7 @@ class VisitBook:
             owner=keys.owner,
             ephemeral=keys.ephemeral,
             view_tag=keys.view_tag,
-            purpose=self._purpose,
+            purpose=self.purpose,
             bucket_ms=compute_time_bucket(now_ms),
             sealing=row.sealing,
         )

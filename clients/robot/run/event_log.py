@@ -47,6 +47,9 @@ ACTIVITIES = (
     MESSAGE_REFUSED,
     SENSE_WITHHELD,
 )
+DEPTH = "depth"
+"""The sensor whose samples are the log's frames."""
+
 RUN_NOTES = frozenset({CLOCK_ESTIMATED, MESSAGE_REFUSED})  # about the run, not about any frame or tag
 ALIASES_MAX_COUNT = 65_536
 _LINE_MAX_BYTES = 64 * 1024
@@ -114,6 +117,13 @@ class EventLog:
         if detail:
             line["detail"] = detail
         self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
+
+    def write_withheld(
+        self, time_ms: int, sensor: str, sequence: int, *, alias: str, reason: str, **numbers: str | int | float
+    ) -> None:
+        """Append that a depth frame, or another sensor's sample, is not kept."""
+        activity, kind = (IMAGE_WITHHELD, "frame") if sensor == DEPTH else (SENSE_WITHHELD, sensor)
+        self.write(time_ms, activity, f"{kind}-{sequence}", alias=alias, reason=reason, **numbers)
 
 
 def _end_whole(path: Path) -> None:

@@ -13,7 +13,6 @@ from msgspec import UNSET
 
 from clients.robot.backgrounds.background_banks import approved_frames, approved_scene, check_empty, published_frames
 from clients.robot.backgrounds.background_publishing import publish_frames
-from clients.robot.consent.consent_filter import note_dropped
 from clients.robot.consent.consent_view import Consents, compute_stale_after_ms
 from clients.robot.consent.registry_reader import NetworkMajority, RegistryReader
 from clients.robot.delivery.delivery import Delivery
@@ -22,11 +21,12 @@ from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import Hider
 from clients.robot.identity.robot_keys import load_identity
 from clients.robot.pairing.rosters import load_roster
+from clients.robot.recording.sensor_track import RunContext
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
 from clients.robot.run.event_log import MESSAGE_REFUSED, EventLog
-from clients.robot.run.pipeline import Camera, Pipeline, note_delivered
+from clients.robot.run.pipeline import Pipeline, note_delivered, note_dropped
 from clients.robot.run.robot_lock import lock_robot
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.run.run_summary import CameraFigures, RunIntake, RunProgress, RunSummary
@@ -43,7 +43,6 @@ from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
 from consensus.chain.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
 
-SENSOR_NAME = "depth"
 SPOOL_FOLDER = "spool"
 FRESH_WITHIN_MS = 30_000
 """How long a run waits for a recent block at most, beyond the chain's heartbeat."""
@@ -167,42 +166,42 @@ class _Run:
         empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
         check_empty(empty)
         bank = tuple(empty_bank(published_frames(empty)))
-        hider = Hider(learn_background(empty))
+        background = learn_background(empty)
+        hider = Hider(background)
         lens = CameraIntrinsics(source, hider.use_focal_px, live=isinstance(source, LiveSource))
         statistics = RunStatistics(window_ms=hider.pairing.window_ms)
         open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
         member = self._identity.identity.public_key
         await publish_frames(self._network, bank, self._folder, member, self._options.approver)
-        height, width = empty[0].shape
         with EventLog(self._options.events) as log:
+            run = RunContext(
+                consents=self._consents,
+                visits=VisitBook(self._chain_id, member, self._options.purpose),
+                open_visits=open_visits,
+                log=log,
+                clip_ms=self._options.clip_ms,
+                now_ms=self._network.now_ms,
+            )
             delivery = Delivery(
                 self._spool,
                 self._network,
                 on_delivered=lambda done: note_delivered(done, statistics, log),
                 may_record=self._consents.may_record,
-                on_dropped=lambda clip: note_dropped(
-                    clip, self._consents, statistics, open_visits, log, self._network.now_ms()
-                ),
+                on_dropped=lambda clip: note_dropped(clip, run, statistics),
                 at_once=self._options.at_once,
             )
             pipeline = Pipeline(
-                camera=Camera(sensor=SENSOR_NAME, width=width, height=height, empty_frames=bank),
+                run=run,
+                empty_frames=bank,
                 hider=hider,
                 roster=self._roster,
-                consents=self._consents,
-                visits=VisitBook(self._chain_id, self._identity.identity.public_key, self._options.purpose),
-                open_visits=open_visits,
                 spool=self._spool,
                 delivery=delivery,
                 statistics=statistics,
-                log=log,
-                purpose=self._options.purpose,
-                clip_ms=self._options.clip_ms,
-                now_ms=self._network.now_ms,
             )
             source.shift_to(self._network.now_ms() + _START_DELAY_MS)
             inputs = Inputs(
-                (height, width),
+                background.shape,
                 lambda refused, count: _note_refused(refused, count, log, self._network.now_ms()),
                 live=isinstance(source, LiveSource),
             )

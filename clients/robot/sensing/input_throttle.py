@@ -9,8 +9,8 @@ from bisect import bisect_left, insort
 from collections import Counter
 from dataclasses import dataclass, field
 
+from clients.robot.pairing.rosters import UnknownTags
 from clients.robot.pairing.tag_pairing import Pairing
-from clients.robot.pairing.unknown_tags import UnknownTags
 from clients.robot.run.run_summary import PipelineIntake
 from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Sighting

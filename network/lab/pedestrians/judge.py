@@ -12,7 +12,7 @@ import numpy as np
 
 from clients.robot.hiding.hider import Kept
 from clients.robot.pairing.occupancy import OccupancyMonitor
-from clients.robot.recording.sensor_tracks import cut_colour
+from clients.robot.recording.waiting_samples import cut_colour
 from clients.robot.sensing.sensor_events import Mask
 from consensus.errors import BlockRobotError
 from network.bench.conditions import build_result, measure_conditions

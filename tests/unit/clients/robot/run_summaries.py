@@ -7,8 +7,8 @@ from typing import Any
 from msgspec.structs import replace
 
 from clients.robot.consent.consent_view import ConsentFigures
+from clients.robot.pairing.rosters import UnknownTags
 from clients.robot.pairing.tag_pairing import Pairing
-from clients.robot.pairing.unknown_tags import UnknownTags
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.run.run_summary import CameraFigures, FrameCounts, RunIntake, RunSummary
 from clients.robot.sensing.input_throttle import InputThrottle

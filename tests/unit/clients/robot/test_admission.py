@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from clients.robot.pairing.rosters import UnknownTags
 from clients.robot.pairing.tag_pairing import Pairing
-from clients.robot.pairing.unknown_tags import UnknownTags
 from clients.robot.run.run_summary import PipelineIntake, UnknownTagCounts
 from clients.robot.sensing.input_throttle import (
     APART_MS,

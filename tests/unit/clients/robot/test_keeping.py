@@ -9,15 +9,17 @@ from typing import Any
 
 import pytest
 
-from clients.robot.consent.consent_filter import ConsentFilter, note_dropped
 from clients.robot.consent.consent_view import STALE_AFTER_MS
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import Kept, Reason, Withheld
-from clients.robot.recording.batching import Batcher, ReadyClip
+from clients.robot.recording.batching import ReadyClip
+from clients.robot.recording.sensor_track import RunContext, SensorTrack
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
 from clients.robot.run.event_log import EventLog, read_events
+from clients.robot.run.pipeline import note_dropped
 from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.sensing.sensor_clocks import ClockEstimator
 from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow
 from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.robot.counted import note
@@ -37,7 +39,7 @@ def row(handle: bytes) -> RosterRow:
 
 
 class Desk:
-    """A keeper with ann and ben in the picture; both consent to it."""
+    """A track with ann and ben in the picture; both consent to it."""
 
     def __init__(self, folder: Path) -> None:
         self.roster = Roster(ROSTER_VERSION, bytes(32), ROBOT.public_key, bytes(32), 0, 1 << 50, (row(ANN), row(BEN)))
@@ -48,31 +50,29 @@ class Desk:
         self.statistics = RunStatistics(window_ms=5_000)
         self.log_path = folder / "events.jsonl"
         self.log = EventLog(self.log_path)
-        self.batcher = Batcher(CLIP_MS)
         self.visits = VisitBook(bytes(32), ROBOT.public_key, "demo")
-        self.keeper = ConsentFilter(
-            self.consents,
-            self.batcher,
-            self.visits,
-            statistics=self.statistics,
+        self.run = RunContext(
+            consents=self.consents,
+            visits=self.visits,
+            open_visits=OpenVisits(folder / "open-visits", KEY),
             log=self.log,
-            purpose="demo",
-            sensor="depth",
+            clip_ms=CLIP_MS,
             now_ms=virtual_now_ms,
         )
-        self.consents.on_change = self.keeper.drop_refused
-        self.keeper.people = {"ann": row(ANN), "ben": row(BEN)}
+        self.people = {"ann": row(ANN), "ben": row(BEN)}
+        self.track = SensorTrack(self.run, "depth", self.people, self.statistics)
+        self.consents.on_change = self.track.drop_refused
 
     def kept(self, sequence: int, alias: str = "ann", taken_at_ms: int | None = None) -> list[ReadyClip]:
         at_ms = virtual_now_ms() if taken_at_ms is None else taken_at_ms
-        return self.keeper.take(Kept(sequence, at_ms, alias, Cut(0, 0, 1, 1, b"png")))
+        return self.track.take(Kept(sequence, at_ms, alias, Cut(0, 0, 1, 1, b"png")))
 
     def withheld(self, sequence: int, alias: str = "ann") -> list[ReadyClip]:
-        return self.keeper.take(Withheld(sequence, virtual_now_ms(), alias, Reason.CONTACT))
+        return self.track.take(Withheld(sequence, virtual_now_ms(), alias, Reason.CONTACT))
 
     def flush(self) -> dict[str, tuple[list[int], dict[str, int]]]:
         """What may be sealed now of all that waits: sequences and withheld counts by alias."""
-        admitted = [self.keeper.admit(ready) for ready in self.batcher.flush()]
+        admitted = [self.track.admit(ready) for ready in self.track.batcher.flush()]
         return {
             ready.alias: ([frame.sequence for frame in ready.frames], dict(ready.withheld))
             for ready in admitted
@@ -100,7 +100,7 @@ def at_the_desk(folder: Path, story: Callable[[Desk], Any]) -> None:
 
 def test_while_consent_holds_everything_is_kept_and_the_owner_told(tmp_path: Path) -> None:
     async def story(desk: Desk) -> None:
-        assert desk.keeper.is_tag_allowed(row(ANN), virtual_now_ms())
+        assert desk.track.is_tag_allowed(row(ANN), virtual_now_ms())
         desk.withheld(1)
         desk.kept(2)
         assert desk.flush() == {"ann": ([2], {"contact": 1})}
@@ -133,7 +133,7 @@ def test_what_waits_in_an_open_clip_is_dropped_as_soon_as_the_no_is_seen(tmp_pat
         desk.registry.say(ANN, "refused")
         await desk.consents.refresh()
         assert desk.statistics.withheld == {"no-consent": 2}
-        assert desk.batcher.drop("ann") == [], "nothing is left to wait for the clip's end"
+        assert desk.track.batcher.drop("ann") == [], "nothing is left to wait for the clip's end"
         assert desk.flush() == {"ben": ([1], {})}
 
     at_the_desk(tmp_path, story)
@@ -142,10 +142,10 @@ def test_what_waits_in_an_open_clip_is_dropped_as_soon_as_the_no_is_seen(tmp_pat
 def test_a_clip_that_is_ready_when_the_no_comes_is_not_sealed(tmp_path: Path) -> None:
     async def story(desk: Desk) -> None:
         desk.kept(1)
-        (ready,) = desk.batcher.flush()
+        (ready,) = desk.track.batcher.flush()
         desk.registry.say(ANN, "withdrawn")
         await desk.consents.refresh()
-        assert desk.keeper.admit(ready) is None
+        assert desk.track.admit(ready) is None
         assert desk.statistics.withheld == {"no-consent": 1}
 
     at_the_desk(tmp_path, story)
@@ -154,10 +154,10 @@ def test_a_clip_that_is_ready_when_the_no_comes_is_not_sealed(tmp_path: Path) ->
 def test_somebody_who_said_no_is_sent_no_word_of_what_was_withheld_either(tmp_path: Path) -> None:
     async def story(desk: Desk) -> None:
         desk.withheld(1)
-        (ready,) = desk.batcher.flush()
+        (ready,) = desk.track.batcher.flush()
         desk.registry.say(ANN, "withdrawn")
         await desk.consents.refresh()
-        assert desk.keeper.admit(ready) is None
+        assert desk.track.admit(ready) is None
         assert desk.flush() == {}
 
     at_the_desk(tmp_path, story)
@@ -198,20 +198,10 @@ def test_a_no_and_a_yes_between_two_readings_end_the_visit_too(tmp_path: Path) -
 
 
 def test_a_no_to_one_sensor_leaves_the_visit_of_another_alone(tmp_path: Path) -> None:
-    """A keeper that never kept anything of her ends nothing."""
+    """A track that never kept anything of her ends nothing."""
 
     async def story(desk: Desk) -> None:
-        rgb = ConsentFilter(
-            desk.consents,
-            Batcher(CLIP_MS),
-            desk.visits,
-            statistics=RunStatistics(window_ms=5_000),
-            log=desk.log,
-            purpose="demo",
-            sensor="rgb",
-            now_ms=virtual_now_ms,
-        )
-        rgb.people = desk.keeper.people
+        rgb = SensorTrack(desk.run, "rgb", desk.people, RunStatistics(window_ms=5_000))
         first = desk.visits.chain_for("ann", row(ANN), virtual_now_ms())
         for _ in range(3):
             rgb.drop_refused()
@@ -225,7 +215,7 @@ def test_while_the_view_is_stale_tags_count_as_unknown_and_what_waits_is_withhel
         desk.kept(1)
         desk.registry.failure = "NODE_UNREACHABLE"
         await asyncio.sleep(STALE_AFTER_MS / 1000 + 5)
-        assert not desk.keeper.is_tag_allowed(row(ANN), virtual_now_ms())
+        assert not desk.track.is_tag_allowed(row(ANN), virtual_now_ms())
         desk.kept(2)
         desk.withheld(3)
         assert desk.flush() == {}
@@ -233,7 +223,7 @@ def test_while_the_view_is_stale_tags_count_as_unknown_and_what_waits_is_withhel
         assert desk.consents.figures.sightings_refused == {"registry-stale": 1}
         desk.registry.failure = ""
         await desk.consents.refresh()
-        assert desk.keeper.is_tag_allowed(row(ANN), virtual_now_ms())
+        assert desk.track.is_tag_allowed(row(ANN), virtual_now_ms())
         desk.kept(4)
         assert desk.flush() == {"ann": ([4], {"contact": 1, "registry-stale": 2})}
 
@@ -248,7 +238,7 @@ def test_a_consent_that_has_not_begun_is_counted_apart_from_a_no(tmp_path: Path)
         desk.registry.say(ANN, height=desk.registry.height + 5)
         await desk.consents.refresh()
         for handle in (ANN, ANN, BEN):
-            assert not desk.keeper.is_tag_allowed(row(handle), virtual_now_ms())
+            assert not desk.track.is_tag_allowed(row(handle), virtual_now_ms())
         assert desk.consents.figures.sightings_refused == {"consent-coming": 2, "no-consent": 1}
 
     at_the_desk(tmp_path, story)
@@ -267,7 +257,7 @@ def test_the_end_of_a_period_parts_a_clip(tmp_path: Path) -> None:
         desk.kept(2, taken_at_ms=until + 100)
         assert desk.flush() == {"ann": ([1], {})}
         assert desk.statistics.withheld == {"outside-consent": 1}
-        assert not desk.keeper.is_tag_allowed(row(ANN), virtual_now_ms())
+        assert not desk.track.is_tag_allowed(row(ANN), virtual_now_ms())
 
     at_the_desk(tmp_path, story)
 
@@ -281,9 +271,10 @@ def test_a_camera_whose_clock_is_off_is_judged_by_the_robots_own(tmp_path: Path)
         desk.registry.say(ANN)
         await desk.consents.refresh()
         for offset_ms in (-3_600_000, 0, 3_600_000):
-            desk.consents.camera_offset_ms = lambda offset_ms=offset_ms: offset_ms  # type: ignore[misc]
-            assert desk.keeper.is_tag_allowed(row(ANN), given_ms + 1_000 - offset_ms)
-            assert not desk.keeper.is_tag_allowed(row(ANN), given_ms - 1_000 - offset_ms)
+            desk.run.clocks.camera = ClockEstimator()
+            desk.run.clocks.camera.observe(given_ms - offset_ms, given_ms)
+            assert desk.track.is_tag_allowed(row(ANN), given_ms + 1_000 - offset_ms)
+            assert not desk.track.is_tag_allowed(row(ANN), given_ms - 1_000 - offset_ms)
             desk.kept(1, taken_at_ms=given_ms - 1_000 - offset_ms)
             desk.kept(2, taken_at_ms=given_ms + 1_000 - offset_ms)
             assert desk.flush() == {"ann": ([2], {})}
@@ -293,12 +284,12 @@ def test_a_camera_whose_clock_is_off_is_judged_by_the_robots_own(tmp_path: Path)
 
 def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tmp_path: Path) -> None:
     async def story(desk: Desk) -> None:
-        visits = OpenVisits(tmp_path / "open-visits", KEY)
+        visits = desk.run.open_visits
         sealed = clip(7)
         note(visits, sealed.owner, 2)
         desk.statistics.clip_sealed(sealed.upload.record_id, [(5, 100), (6, 133)], "ann")
         for _ in range(3):  # a clip of an earlier run has no frames that this one knows
-            await note_dropped(sealed, desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
+            await note_dropped(sealed, desk.run, desk.statistics)
         assert desk.statistics.withheld == {"no-consent": 2}
         assert desk.logged() == [("frame-5", "ann", "no-consent"), ("frame-6", "ann", "no-consent")]
         assert desk.consents.summarise().clips_dropped == 3
@@ -306,7 +297,7 @@ def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tm
         sound = RunStatistics(window_ms=5_000)
         desk.statistics.senses["audio"] = sound
         sound.clip_sealed(clip(8).upload.record_id, [(3, 100)], "ann")
-        await note_dropped(clip(8), desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
+        await note_dropped(clip(8), desk.run, desk.statistics)
         assert (sound.withheld, desk.statistics.withheld) == ({"no-consent": 1}, {"no-consent": 2})
         told = [event for event in read_events(desk.log_path) if event["activity"] == "SENSE_WITHHELD"]
         assert [(event["case"], event["alias"]) for event in told] == [("audio-3", "ann")]

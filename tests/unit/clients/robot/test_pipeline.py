@@ -11,17 +11,17 @@ from pathlib import Path
 import pytest
 from nacl.public import PrivateKey as SealingPrivateKey
 
-from clients.robot.consent.consent_filter import note_dropped
 from clients.robot.consent.consent_view import Consents
 from clients.robot.delivery.delivery import Delivered, Delivery
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import FOCAL_DEFAULT_PX, Hider
 from clients.robot.pairing.rosters import RosterBook
+from clients.robot.recording.sensor_track import RunContext
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
 from clients.robot.run.event_log import EventLog, read_events
-from clients.robot.run.pipeline import Camera, Pipeline, note_delivered
+from clients.robot.run.pipeline import Pipeline, note_delivered, note_dropped
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.run.run_summary import PipelineIntake, UnknownTagCounts
 from clients.robot.sensing.input_checks import Inputs
@@ -107,30 +107,30 @@ class Robot:
                 self.delivered.append(done)
                 note_delivered(done, self.statistics, log)
 
+            run = RunContext(
+                consents=self.consents,
+                visits=VisitBook(self.chain, ROBOT.public_key, "demo"),
+                open_visits=self.open_visits,
+                log=log,
+                clip_ms=self.clip_ms,
+                now_ms=virtual_now_ms,
+            )
             delivery = Delivery(
                 self.spool,
                 self.network,
                 on_delivered=note,
                 may_record=self.consents.may_record,
-                on_dropped=lambda clip: note_dropped(
-                    clip, self.consents, self.statistics, self.open_visits, log, virtual_now_ms()
-                ),
+                on_dropped=lambda clip: note_dropped(clip, run, self.statistics),
                 at_once=True,
             )
             pipeline = Pipeline(
-                camera=Camera("depth", width, height, tuple(empty_bank(empty))),
+                run=run,
+                empty_frames=tuple(empty_bank(empty)),
                 hider=Hider(learn_background(empty), focal_px=self.source.focal_px or FOCAL_DEFAULT_PX),
                 roster=RosterBook(self.known),
-                consents=self.consents,
-                visits=VisitBook(self.chain, ROBOT.public_key, "demo"),
-                open_visits=self.open_visits,
                 spool=self.spool,
                 delivery=delivery,
                 statistics=self.statistics,
-                log=log,
-                purpose="demo",
-                clip_ms=self.clip_ms,
-                now_ms=virtual_now_ms,
             )
             self.source.shift_to(virtual_now_ms())
             watch = asyncio.create_task(self.consents.watch())

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from clients.robot.recording import sensor_tracks
+from clients.robot.recording import waiting_samples
 from clients.robot.sources.topics import parse_topics
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.synthetic.render import Renderer, readings
@@ -297,7 +297,7 @@ def test_what_there_was_no_memory_for_is_withheld_and_its_owner_told(
     tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nobody knows yet whose a picture is when memory runs out, so the owner hears of it once that is decided."""
-    monkeypatch.setattr(sensor_tracks, "WAITING_MAX_BYTES", 8_000)
+    monkeypatch.setattr(waiting_samples, "WAITING_MAX_BYTES", 8_000)
     robot = run(tmp_path, world, alone)
     figures = robot.statistics.count_senses()
     assert robot.statistics.count_frames().kept > 10
@@ -311,7 +311,7 @@ def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_give
     tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Letting go what has waited longest would keep nothing at all, were more to come always than memory holds."""
-    monkeypatch.setattr(sensor_tracks, "WAITING_MAX_BYTES", 30_000)
+    monkeypatch.setattr(waiting_samples, "WAITING_MAX_BYTES", 30_000)
     robot = run(tmp_path, world, alone, registered=False)
     figures = robot.statistics.count_senses()
     assert figures["rgb"].let_go > 0
@@ -323,7 +323,7 @@ def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_give
 def test_more_messages_of_a_sense_than_may_wait_are_withheld_as_well(
     tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sensor_tracks, "WAITING_MAX_COUNT", 10)
+    monkeypatch.setattr(waiting_samples, "WAITING_MAX_COUNT", 10)
     robot = run(tmp_path, world, alone)
     figures = robot.statistics.count_senses()
     assert figures["rgb"].let_go == figures["rgb"].withheld_reasons["no-room"] == 20

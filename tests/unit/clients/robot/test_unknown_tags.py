@@ -6,8 +6,8 @@ import pickle
 
 import pytest
 
-from clients.robot.pairing import unknown_tags
-from clients.robot.pairing.unknown_tags import UnknownTags
+from clients.robot.pairing import rosters
+from clients.robot.pairing.rosters import UnknownTags
 from clients.robot.run.run_summary import UnknownTagCounts
 
 
@@ -28,7 +28,7 @@ def test_what_is_remembered_is_no_uid_and_differs_from_run_to_run() -> None:
 
 
 def test_a_crowd_of_tags_costs_no_more_memory_than_the_first_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unknown_tags, "TAGS_MAX_COUNT", 3)
+    monkeypatch.setattr(rosters, "UNKNOWN_TAGS_MAX_COUNT", 3)
     unknown = UnknownTags()
     for number in range(10):
         unknown.note(f"E{number}")

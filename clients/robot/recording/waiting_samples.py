@@ -1,0 +1,228 @@
+"""Colour, estimates and sound, waiting until depth tells whose they are.
+
+Registered colour is cut by the owner's silhouette; the rest needs exactly one registered person present. The queue is
+bounded.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import wave
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from io import BytesIO
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.hiding.cut import Cut
+from clients.robot.hiding.hider import Kept, Reason, SampleForm, Withheld
+from clients.robot.pairing.occupancy import OccupancyMonitor
+from clients.robot.recording.batching import ReadyClip
+from clients.robot.recording.sensor_track import NO_PICTURE, RunContext, SensorTrack
+from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Label, SensorSample
+from consensus.errors import BlockRobotError
+from consensus.members.roster import RosterRow
+from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG_RGBA, ENCODING_WAV
+
+WAITING_MAX_COUNT = 4_096
+"""Of each sense: how many wait with what they hold."""
+
+WAITING_MAX_BYTES = 128 * 1024 * 1024
+"""Of all senses together."""
+
+EMPTY_MAX_COUNT = 65_536
+"""Of each sense: how many wait altogether, also those that hold nothing any more."""
+
+SENSORS: dict[type, str] = {ColourFrame: "rgb", Label: "emotion", AudioClip: "audio"}
+_JPEG_QUALITY = 90
+_PNG_LEVEL = 1
+
+
+@dataclass(slots=True)
+class _Waiting:
+    sensor: str
+    sequence: int
+    start_ms: int
+    end_ms: int
+    form: SampleForm
+    data: bytes
+    is_empty: bool = False
+
+
+class _Queue:
+    def __init__(self) -> None:
+        self.size_bytes = 0
+        self._held_count = 0
+        self._waiting: deque[_Waiting] = deque()
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    @property
+    def first(self) -> _Waiting:
+        return self._waiting[0]
+
+    @property
+    def is_too_long(self) -> bool:
+        return self._held_count > WAITING_MAX_COUNT
+
+    def add(self, waiting: _Waiting) -> None:
+        self._waiting.append(waiting)
+        self._count(waiting, 1)
+
+    def pop(self) -> None:
+        self._count(self._waiting.popleft(), -1)
+
+    def empty_last(self) -> None:
+        """Drop the newest sample's data; earlier ones are decided sooner."""
+        last = next(waiting for waiting in reversed(self._waiting) if not waiting.is_empty)
+        self._count(last, -1)
+        last.data, last.is_empty = b"", True
+
+    def _count(self, waiting: _Waiting, sign: int) -> None:
+        if not waiting.is_empty:
+            self._held_count += sign
+            self.size_bytes += sign * len(waiting.data)
+
+
+class WaitingSamples:
+    """A run's samples that are not depth, and the tracks that they go to."""
+
+    def __init__(self, run: RunContext, people: Mapping[str, RosterRow], statistics: RunStatistics) -> None:
+        self.alone = OccupancyMonitor(statistics.window_ms)
+        self._run = run
+        self._statistics = statistics.senses
+        self.tracks: dict[str, SensorTrack] = {}
+        for sensor in SENSORS.values():
+            self._statistics[sensor] = RunStatistics(window_ms=statistics.window_ms)
+            self.tracks[sensor] = SensorTrack(run, sensor, people, self._statistics[sensor])
+        self._waiting = {sensor: _Queue() for sensor in SENSORS.values()}
+        self._ready: list[tuple[SensorTrack, ReadyClip]] = []
+
+    async def take(self, sample: SensorSample) -> None:
+        sensor = SENSORS[type(sample)]
+        self._statistics[sensor].frame_arrived(sample.sequence, self._run.now_ms())
+        own = self._waiting[sensor]
+        own.add(await asyncio.to_thread(_pack, sample, self._run.clocks.camera_offset_ms))
+        if own.is_too_long:
+            self._let_go(sensor)
+        while sum(queue.size_bytes for queue in self._waiting.values()) > WAITING_MAX_BYTES:
+            self._let_go(max(self._waiting, key=lambda name: self._waiting[name].size_bytes))
+        if len(own) > EMPTY_MAX_COUNT:
+            self._conclude_first(own, final=True)
+
+    def _let_go(self, sensor: str) -> None:
+        self._statistics[sensor].let_go += 1
+        self._waiting[sensor].empty_last()
+
+    def settle(self, *, final: bool = False) -> list[tuple[SensorTrack, ReadyClip]]:
+        """Return clips, by track, of everything settled; `final`: end of input."""
+        for queue in self._waiting.values():
+            while queue and self._conclude_first(queue, final=final):
+                pass
+        for track in self.tracks.values():
+            self._ready += [(track, clip) for clip in track.close(final=final)]
+        ready, self._ready = self._ready, []
+        return ready
+
+    def _conclude_first(self, queue: _Queue, *, final: bool) -> bool:
+        if not self._conclude(queue.first, final=final):
+            return False
+        queue.pop()
+        return True
+
+    def _conclude(self, waiting: _Waiting, *, final: bool) -> bool:
+        """Give everybody present their part or a reason; False: not settled."""
+        if waiting.form.encoding == ENCODING_PNG_RGBA:
+            verdicts = self.alone.silhouettes(waiting.start_ms, final=final)
+        else:
+            verdicts = self._whole(waiting, final=final)
+        if verdicts is None:
+            return False
+        track = self.tracks[waiting.sensor]
+        self._statistics[waiting.sensor].covered += len(verdicts)
+        for verdict in verdicts:
+            output: Kept | Withheld = replace(verdict, sequence=waiting.sequence, captured_at_ms=waiting.start_ms)
+            if isinstance(output, Kept) and waiting.is_empty:
+                output = Withheld(output.sequence, output.captured_at_ms, output.alias, Reason.NO_ROOM)
+            elif isinstance(output, Kept):
+                output = _cut_out(output, waiting)
+            self._ready += [(track, clip) for clip in track.take(output)]
+        return True
+
+    def _whole(self, waiting: _Waiting, *, final: bool) -> list[Kept | Withheld] | None:
+        judged = self.alone.judge(waiting.start_ms, waiting.end_ms, final=final)
+        if judged is None:
+            return None
+        everything = Cut(0, 0, waiting.form.width, waiting.form.height, waiting.data)
+        return [
+            Kept(waiting.sequence, waiting.start_ms, alias, everything, alone=True)
+            if alias == judged.keeper
+            else Withheld(waiting.sequence, waiting.start_ms, alias, judged.reason)
+            for alias in judged.owners
+        ]
+
+
+def _pack(sample: SensorSample, camera_offset_ms: int) -> _Waiting:
+    """`camera_offset_ms`: host clock minus camera clock; colour has the camera's."""
+    sensor, at_ms = SENSORS[type(sample)], sample.at_ms
+    if isinstance(sample, ColourFrame):
+        height, width = sample.pixels.shape[:2]
+        form = SampleForm(width, height, ENCODING_PNG_RGBA if sample.registered else ENCODING_JPEG)
+        data = _encode(cv2.cvtColor(sample.pixels, cv2.COLOR_RGB2BGR), exact=sample.registered)
+        return _Waiting(sensor, sample.sequence, at_ms, at_ms, form, data)
+    at_ms -= camera_offset_ms
+    if isinstance(sample, Label):
+        told: dict[str, Any] = {"label": sample.text}
+        if sample.confidence is not None:
+            told["confidence"] = round(sample.confidence, 4)
+        data = json.dumps(told, ensure_ascii=False, sort_keys=True).encode()
+        return _Waiting(sensor, sample.sequence, at_ms, at_ms, NO_PICTURE, data)
+    ends_ms = sample.ends_ms - camera_offset_ms
+    return _Waiting(sensor, sample.sequence, at_ms, ends_ms, SampleForm(encoding=ENCODING_WAV), _wav(sample))
+
+
+def _wav(clip: AudioClip) -> bytes:
+    packed = BytesIO()
+    with wave.open(packed, "wb") as file:
+        file.setnchannels(clip.channels)
+        file.setsampwidth(2)
+        file.setframerate(clip.rate_hz)
+        file.writeframes(clip.samples)
+    return packed.getvalue()
+
+
+def _encode(pixels: Any, *, exact: bool) -> bytes:
+    how = (
+        (".png", [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL])
+        if exact
+        else (".jpg", [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    )
+    done, data = cv2.imencode(how[0], pixels, how[1])
+    if not done:
+        raise BlockRobotError("FRAME_INVALID", "A colour image could not be packed.")
+    return bytes(data.tobytes())
+
+
+def cut_colour(colour: npt.NDArray[np.uint8], cut: Cut) -> npt.NDArray[np.uint8]:
+    """Return a depth cut's box in BGR colour as BGRA, 0 outside the owner."""
+    depth = np.asarray(cv2.imdecode(np.frombuffer(cut.pixels_png, np.uint8), cv2.IMREAD_UNCHANGED))
+    own = np.zeros((cut.height, cut.width, 4), np.uint8)
+    mask = depth > 0
+    own[mask, :3] = colour[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width][mask]
+    own[mask, 3] = 255
+    return own
+
+
+def _cut_out(kept: Kept, waiting: _Waiting) -> Kept:
+    cut = kept.cut
+    if waiting.form.encoding == ENCODING_PNG_RGBA:
+        colour = np.asarray(cv2.imdecode(np.frombuffer(waiting.data, np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+        cut = Cut(cut.x, cut.y, cut.width, cut.height, _encode(cut_colour(colour, cut), exact=True))
+    return replace(kept, cut=cut, evidence=None, form=waiting.form)  # the evidence is depth's
