@@ -162,7 +162,7 @@ async def test_an_old_state_is_not_shown_as_that_of_a_newer_block_that_stands_be
     assert f"Up to which block: {then}, of " in proved
     assert f"visit 1 is told as of block {then}" in proved
     assert f"visit 2 is told as of block {ward.chain.height}" in proved
-    assert f"the member and her consents are told as of block {ward.chain.height}" in proved
+    assert f"the member and their consents are told as of block {ward.chain.height}" in proved
     assert f"what happened after block {then}" in open_questions
     assert verdict.as_of_height == then
 

@@ -65,7 +65,7 @@ async def test_a_receipt_that_nobody_gives_is_said_and_the_rest_is_there(ward: N
     assert (len(verdict.signed), codes(verdict)) == (4, ["CONSENT_RECEIPT_ELSEWHERE"])
     assert "signed by both sides" in verdict.manifest.problems[0].sentence
     assert len(verdict.consents.history) == 4
-    assert any("under which notice 1 of her words" in line for line in unproved(verdict))
+    assert any("under which notice 1 of the owner's words" in line for line in unproved(verdict))
 
 
 async def test_with_no_receipt_at_all_the_bundle_is_one_that_older_programs_read(
