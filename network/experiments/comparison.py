@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from clients.robot.run.event_log import write_csv, write_xes
 from consensus.errors import BlockRobotError
@@ -37,7 +36,7 @@ class Reading:
     graph: FlowGraph
     figures: RunFigures
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, object]:
         return {
             "log": self.name,
             "form": self.table.form,
@@ -86,12 +85,8 @@ def write_reading(reading: Reading, folder: Path) -> BlockRobotError | None:
     folder.mkdir(parents=True, exist_ok=True)
     write_table(activity_rows(reading.graph), folder / "activities.csv")
     write_table(pair_rows(reading.graph), folder / "pairs.csv")
-    rows = [
-        {"case": event.case, "activity": event.activity, "time_ms": event.time_ms, "alias": event.alias}
-        for event in reading.table.events
-    ]
-    write_csv(rows, folder / "events.csv")
-    write_xes(rows, folder / "events.xes")
+    write_csv(reading.table.events, folder / "events.csv")
+    write_xes(reading.table.events, folder / "events.xes")
     dot_file = folder / f"{MAP_FILE}.dot"
     write_dot(build_dot(reading.graph), dot_file)
     try:

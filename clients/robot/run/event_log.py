@@ -15,8 +15,11 @@ from collections.abc import Iterable
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import TextIO
 from xml.sax.saxutils import quoteattr
+
+import msgspec
+from msgspec import Struct
 
 from clients.sdk.new_files import open_to_append
 from consensus.bounded_text import read_json_text
@@ -85,6 +88,16 @@ class AliasBook:
         return self._aliases[tag]
 
 
+class Event(Struct, frozen=True):
+    """One event: wall clock in ms, and what it is about; `alias`: of a tag, where it is about one."""
+
+    time_ms: int
+    activity: str
+    case: str
+    alias: str = ""
+    detail: dict[str, str | int | float] = {}
+
+
 class EventLog:
     """Append-only JSON lines, unbuffered; opening cuts off an incomplete line."""
 
@@ -111,7 +124,7 @@ class EventLog:
         if self._file is None:
             raise ValueError("the event log is closed")
         self.counts[activity] += 1
-        line: dict[str, Any] = {"time_ms": time_ms, "activity": activity, "case": case}
+        line: dict[str, object] = {"time_ms": time_ms, "activity": activity, "case": case}
         if alias:
             line["alias"] = alias
         if detail:
@@ -148,25 +161,25 @@ def _may_begin(line: bytes) -> bool:
     return line.startswith(_BEGINNING) or _BEGINNING.startswith(line)
 
 
-def read_events(path: Path) -> list[dict[str, Any]]:
+def read_events(path: Path) -> list[Event]:
     """Return a log's events in file order, without an incomplete last line."""
     *whole, _ = path.read_text(encoding="utf-8").split("\n")
-    return [read_json_text(line) for line in whole if line]
+    return [msgspec.convert(read_json_text(line), Event) for line in whole if line]
 
 
-def write_csv(events: Iterable[dict[str, Any]], path: Path) -> None:
+def write_csv(events: Iterable[Event], path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["case", "activity", "time_ms", "alias"])
         for event in events:
-            writer.writerow([event["case"], event["activity"], event["time_ms"], event.get("alias", "")])
+            writer.writerow([event.case, event.activity, event.time_ms, event.alias])
 
 
-def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
+def write_xes(events: Iterable[Event], path: Path) -> None:
     """Write events as XES (IEEE 1849-2016): trace per case, UTC, aliases as resources."""
-    traces: dict[str, list[dict[str, Any]]] = {}
+    traces: dict[str, list[Event]] = {}
     for event in events:
-        traces.setdefault(event["case"], []).append(event)
+        traces.setdefault(event.case, []).append(event)
     with path.open("w", encoding="utf-8") as file:
         file.write(
             '<?xml version="1.0" encoding="UTF-8"?>\n<log xes.version="1.0" xmlns="http://www.xes-standard.org/">\n'
@@ -177,11 +190,11 @@ def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
         for case, rows in traces.items():
             file.write(f' <trace>\n  <string key="concept:name" value={quoteattr(case)}/>\n')
             for row in rows:
-                name = quoteattr(row["activity"])
+                name = quoteattr(row.activity)
                 file.write(f'  <event><string key="concept:name" value={name}/>')
-                if row.get("alias"):
-                    file.write(f'<string key="org:resource" value={quoteattr(row["alias"])}/>')
-                moment = datetime.datetime.fromtimestamp(row["time_ms"] / 1000, datetime.UTC)
+                if row.alias:
+                    file.write(f'<string key="org:resource" value={quoteattr(row.alias)}/>')
+                moment = datetime.datetime.fromtimestamp(row.time_ms / 1000, datetime.UTC)
                 file.write(
                     f'<date key="time:timestamp" value="{moment.isoformat(timespec="milliseconds")}"/></event>\n'
                 )

@@ -9,17 +9,13 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from clients.robot.run.event_log import Event
+
 _FRAME_CASE = re.compile(r"frame-(\d{1,18})")
 
 
-@dataclass(frozen=True, slots=True)
-class LoggedEvent:
+class LoggedEvent(Event, frozen=True):
     """One event. `time_ms`: since 1970, or since midnight for a log without dates."""
-
-    time_ms: int
-    activity: str
-    case: str
-    alias: str = ""
 
     @property
     def sequence(self) -> int | None:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from clients.robot.hiding.hider import Hider, Output
+from clients.robot.run.event_log import Event as LoggedEvent
 from clients.robot.run.event_log import read_events
 from clients.robot.sensing.sensor_events import Event, Frame, Sighting
 from consensus.errors import BlockRobotError
@@ -61,8 +62,8 @@ def run(tmp_path: Path, small_bag: Path) -> Callable[[Change], ChangedRobot]:
     return play
 
 
-def logged(robot: Robot, activity: str) -> list[dict[str, Any]]:
-    return [event for event in read_events(robot.log_path) if event["activity"] == activity]
+def logged(robot: Robot, activity: str) -> list[LoggedEvent]:
+    return [event for event in read_events(robot.log_path) if event.activity == activity]
 
 
 def shifted(event: Event, by_ms: int, *, received_too: bool = False) -> Event:
@@ -77,13 +78,13 @@ def shifted(event: Event, by_ms: int, *, received_too: bool = False) -> Event:
 
 def test_the_log_tells_what_is_known_of_both_clocks(run: Callable[[Change], ChangedRobot]) -> None:
     robot = run(lambda events: events)
-    assert {event["case"] for event in logged(robot, "CLOCK_ESTIMATED")} == {
+    assert {event.case for event in logged(robot, "CLOCK_ESTIMATED")} == {
         "clock-reader /rfid/sightings",
         "clock-camera",
     }
     for event in logged(robot, "CLOCK_ESTIMATED"):
-        assert event["detail"]["offset_ms"] == 0
-        assert event["detail"]["uncertainty_ms"] > 0
+        assert event.detail["offset_ms"] == 0
+        assert event.detail["uncertainty_ms"] > 0
     assert robot.statistics.covered == 6
 
 
@@ -93,8 +94,8 @@ def test_a_readers_wrong_clock_changes_nothing_but_the_estimate(
 ) -> None:
     robot = run(lambda events: [shifted(one, off_ms) if isinstance(one, Sighting) else one for one in events])
     assert robot.statistics.covered == 6
-    found = [event for event in logged(robot, "CLOCK_ESTIMATED") if event["case"] == "clock-reader /rfid/sightings"]
-    assert {event["detail"]["offset_ms"] for event in found} == {-off_ms}
+    found = [event for event in logged(robot, "CLOCK_ESTIMATED") if event.case == "clock-reader /rfid/sightings"]
+    assert {event.detail["offset_ms"] for event in found} == {-off_ms}
     assert logged(robot, "MESSAGE_REFUSED") == []
 
 
@@ -104,8 +105,8 @@ def test_one_frame_stamped_a_day_off_is_refused_and_logged_and_the_others_are_pa
 ) -> None:
     robot = run(lambda events: [shifted(one, off_ms) if is_frame(one, 2) else one for one in events])
     assert robot.statistics.covered == 5
-    assert {event["case"] for event in logged(robot, "IMAGE_PAIRED")} == {f"frame-{n}" for n in (0, 1, 3, 4, 5)}
-    assert [event["detail"] for event in logged(robot, "MESSAGE_REFUSED")] == [{"reason": "frame-time", "count": 1}]
+    assert {event.case for event in logged(robot, "IMAGE_PAIRED")} == {f"frame-{n}" for n in (0, 1, 3, 4, 5)}
+    assert [event.detail for event in logged(robot, "MESSAGE_REFUSED")] == [{"reason": "frame-time", "count": 1}]
 
 
 def is_frame(event: Event, sequence: int) -> bool:
@@ -123,7 +124,7 @@ def test_when_the_hosts_clock_is_set_during_a_run_every_frame_before_and_after_i
         return [*events[:half], *(shifted(one, off_ms, received_too=True) for one in events[half:])]
 
     robot = run(change)
-    decided = {event["case"] for event in read_events(robot.log_path) if event["activity"].startswith("IMAGE_")}
+    decided = {event.case for event in read_events(robot.log_path) if event.activity.startswith("IMAGE_")}
     assert decided == {f"frame-{number}" for number in range(6)}
     assert robot.statistics.covered == 6
     assert logged(robot, "MESSAGE_REFUSED") == []
@@ -155,7 +156,7 @@ def test_a_storm_of_strangers_tags_changes_no_owner_and_hardly_the_log(
 
     robot = run(change)
     assert robot.statistics.covered == 6
-    assert len({event["alias"] for event in logged(robot, "IMAGE_PAIRED")}) == 1
+    assert len({event.alias for event in logged(robot, "IMAGE_PAIRED")}) == 1
     assert len(logged(robot, "RFID_RETRIEVE")) <= 2 * 50 + 4
 
 
@@ -184,9 +185,9 @@ def test_in_a_live_stream_that_falls_silent_frames_are_decided_when_due_and_not_
     robot = LiveRobot(tmp_path, small_bag, roster())
     robot.change = lambda events: events
     run_virtual(robot.run())
-    decided = {event["case"]: event["time_ms"] for event in logged(robot, "IMAGE_PAIRED")}
+    decided = {event.case: event.time_ms for event in logged(robot, "IMAGE_PAIRED")}
     assert sorted(decided) == [f"frame-{number}" for number in range(6)]
-    taken = {event["case"]: event["time_ms"] for event in logged(robot, "IMAGE_RETRIEVE")}
+    taken = {event.case: event.time_ms for event in logged(robot, "IMAGE_RETRIEVE")}
     for case, decided_ms in decided.items():
         assert 6_000 < decided_ms - taken[case] < 9_000
     assert robot.statistics.count_frames().lost == 0

@@ -110,9 +110,7 @@ def test_consent_that_is_withdrawn_while_frames_wait_for_the_matcher_leaves_noth
     assert counts.covered > 0
     assert (counts.lost, counts.kept) == (0, 0)
     assert counts.withheld_reasons == {"no-consent": counts.covered}
-    reasons = {
-        event["detail"]["reason"] for event in read_events(robot.log_path) if "reason" in event.get("detail", {})
-    }
+    reasons = {event.detail["reason"] for event in read_events(robot.log_path) if "reason" in event.detail}
     assert "no-consent" in reasons
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,6 +16,7 @@ from clients.robot.run.event_log import (
     IMAGE_RETRIEVE,
     RFID_RETRIEVE,
     AliasBook,
+    Event,
     EventLog,
     read_events,
     write_csv,
@@ -62,7 +64,7 @@ def write_run(path: Path) -> str:
 def test_lines_say_what_happened_in_order(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "events.jsonl"
     alias = write_run(path)
-    assert read_events(path) == [
+    assert [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] == [
         {"time_ms": 1_000, "activity": "IMAGE_RETRIEVE", "case": "frame-1"},
         {"time_ms": 1_010, "activity": "RFID_RETRIEVE", "case": alias, "alias": alias},
         {"time_ms": 1_020, "activity": "IMAGE_PAIRED", "case": "frame-1", "alias": alias},
@@ -110,7 +112,7 @@ def test_csv_has_one_row_an_event(tmp_path: Path) -> None:
 def test_xes_has_one_trace_a_case_with_its_events_in_order(tmp_path: Path) -> None:
     write_run(tmp_path / "events.jsonl")
     events = read_events(tmp_path / "events.jsonl")
-    write_xes([*events, {"case": "<&\"'>", "activity": IMAGE_RETRIEVE, "time_ms": 5}], tmp_path / "events.xes")
+    write_xes([*events, Event(5, IMAGE_RETRIEVE, "<&\"'>")], tmp_path / "events.xes")
     space = {"x": "http://www.xes-standard.org/"}
     log = ElementTree.parse(tmp_path / "events.xes").getroot()
     traces = {
@@ -126,7 +128,7 @@ def test_xes_has_one_trace_a_case_with_its_events_in_order(tmp_path: Path) -> No
 
 def test_xes_states_times_in_the_standards_own_attribute(tmp_path: Path) -> None:
     """Process mining tools read `time:timestamp`, a date; an attribute of our own they would ignore."""
-    write_xes([{"case": "frame-1", "activity": IMAGE_RETRIEVE, "time_ms": 1_700_000_000_123}], tmp_path / "events.xes")
+    write_xes([Event(1_700_000_000_123, IMAGE_RETRIEVE, "frame-1")], tmp_path / "events.xes")
     space = {"x": "http://www.xes-standard.org/"}
     date = ElementTree.parse(tmp_path / "events.xes").getroot().find("x:trace/x:event/x:date", space)
     assert date is not None
@@ -144,7 +146,7 @@ def test_the_log_of_a_robot_that_was_killed_is_read_and_goes_on(tmp_path: Path, 
     assert read_events(path) == whole
     with EventLog(path) as log:
         log.write(3_000, IMAGE_RETRIEVE, "frame-3")
-    assert read_events(path) == [*whole, {"time_ms": 3_000, "activity": IMAGE_RETRIEVE, "case": "frame-3"}]
+    assert read_events(path) == [*whole, Event(3_000, IMAGE_RETRIEVE, "frame-3")]
     assert len(path.read_text(encoding="utf-8").splitlines()) == len(whole) + 1
 
 

@@ -81,9 +81,9 @@ class Desk:
 
     def logged(self) -> list[tuple[str, str, str]]:
         return [
-            (event["case"], event["alias"], event["detail"]["reason"])
+            (event.case, event.alias, event.detail["reason"])
             for event in read_events(self.log_path)
-            if event["activity"] == "IMAGE_WITHHELD"
+            if event.activity == "IMAGE_WITHHELD"
         ]
 
 
@@ -299,7 +299,7 @@ def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tm
         sound.clip_sealed(clip(8).upload.record_id, [(3, 100)], "ann")
         await note_dropped(clip(8), desk.run, desk.statistics)
         assert (sound.withheld, desk.statistics.withheld) == ({"no-consent": 1}, {"no-consent": 2})
-        told = [event for event in read_events(desk.log_path) if event["activity"] == "SENSE_WITHHELD"]
-        assert [(event["case"], event["alias"]) for event in told] == [("audio-3", "ann")]
+        told = [event for event in read_events(desk.log_path) if event.activity == "SENSE_WITHHELD"]
+        assert [(event.case, event.alias) for event in told] == [("audio-3", "ann")]
 
     at_the_desk(tmp_path, story)

@@ -197,7 +197,7 @@ def test_no_line_of_the_log_holds_a_uid_a_handle_or_an_owner_key(ran: Robot) -> 
 
 
 def test_the_log_tells_the_papers_story(ran: Robot) -> None:
-    activities = [event["activity"] for event in read_events(ran.log_path)]
+    activities = [event.activity for event in read_events(ran.log_path)]
     assert activities.count("IMAGE_RETRIEVE") == ran.statistics.published
     assert activities.count("IMAGE_PAIRED") == ran.statistics.covered
     assert activities.count("BLOCKCHAIN_TRANSACTION") == ran.statistics.kept_final
@@ -208,8 +208,8 @@ def test_the_log_tells_the_papers_story(ran: Robot) -> None:
 def test_every_frame_that_is_kept_goes_the_whole_way_in_the_log_under_one_alias(ran: Robot) -> None:
     ways: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for event in read_events(ran.log_path):
-        if event["case"].startswith("frame-"):
-            ways.setdefault((event["case"], event.get("alias", "")), []).append((event["time_ms"], event["activity"]))
+        if event.case.startswith("frame-"):
+            ways.setdefault((event.case, event.alias), []).append((event.time_ms, event.activity))
     kept = [way for way in ways.values() if way[-1][1] == "BLOCKCHAIN_TRANSACTION"]
     assert len(kept) == ran.statistics.kept_final
     for way in kept:
@@ -224,7 +224,7 @@ def test_a_tag_that_is_on_no_roster_is_recorded_by_nobody(tmp_path: Path, small_
     run_virtual(robot.run())
     assert robot.network.calls == []
     assert robot.statistics.covered == 0
-    assert {event["activity"] for event in read_events(robot.log_path)} >= {"IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID"}
+    assert {event.activity for event in read_events(robot.log_path)} >= {"IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID"}
     readings = sum(isinstance(event, Sighting) for event in robot.source.events())
     assert robot.intake.unknown_tags == UnknownTagCounts(readings=readings, tags=1, more_tags=False)
 
