@@ -11,6 +11,7 @@ from functools import lru_cache
 from importlib import resources
 from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -81,26 +82,41 @@ class Trees:
         return self.first + float(self.value[rows, node].sum())
 
 
+class Table(msgspec.Struct, kw_only=True):
+    """The model's file: the same trees as lists, and the cues that they were made for."""
+
+    cues: list[str]
+    depth: int
+    first: float
+    feature: list[list[int]]
+    threshold: list[list[float]]
+    left: list[list[int]]
+    right: list[list[int]]
+    value: list[list[float]]
+    suspect: float = 0.0
+    certain: float = 0.0
+
+
 @lru_cache(maxsize=1)
 def shipped_model() -> Trees:
     text = (resources.files("clients.robot.hiding") / MODEL_FILE).read_text(encoding="utf-8")
-    return trees_of(read_json_text(text))
+    return trees_of(msgspec.convert(read_json_text(text), Table))
 
 
-def trees_of(table: dict[str, Any]) -> Trees:
+def trees_of(table: Table) -> Trees:
     """Raises ValueError for other cues."""
-    if table["cues"] != list(CUES):
+    if table.cues != list(CUES):
         raise ValueError("The companion model was made for other cues.")
     return Trees(
-        feature=np.array(table["feature"], dtype=np.int64),
-        threshold=np.array(table["threshold"], dtype=np.float64),
-        left=np.array(table["left"], dtype=np.int64),
-        right=np.array(table["right"], dtype=np.int64),
-        value=np.array(table["value"], dtype=np.float64),
-        first=float(table["first"]),
-        depth=int(table["depth"]),
-        suspect=float(table["suspect"]),
-        certain=float(table["certain"]),
+        feature=np.array(table.feature, dtype=np.int64),
+        threshold=np.array(table.threshold, dtype=np.float64),
+        left=np.array(table.left, dtype=np.int64),
+        right=np.array(table.right, dtype=np.int64),
+        value=np.array(table.value, dtype=np.float64),
+        first=table.first,
+        depth=table.depth,
+        suspect=table.suspect,
+        certain=table.certain,
     )
 
 

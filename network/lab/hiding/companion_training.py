@@ -9,19 +9,19 @@ judged scene is trained on.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace as with_fields
 
-from clients.robot.hiding.companion import CUES, trees_of
+from clients.robot.hiding.companion import CUES, Table, trees_of
 from clients.robot.synthetic.scenes import Stratum, draw_scene
 from network.bench.workers import worker_pool
 from network.lab.hiding.companions import ALONE_SHARE, SECOND_PERSON_SHARE, SEED_STRIDE, observe
@@ -89,7 +89,7 @@ def collect(first: int, scenes: int, workers: int) -> tuple[npt.NDArray[np.int64
     )
 
 
-def train(labels: npt.NDArray[np.bool_], cues: Floats) -> dict[str, Any]:
+def train(labels: npt.NDArray[np.bool_], cues: Floats) -> Table:
     from sklearn.ensemble import GradientBoostingClassifier  # noqa: PLC0415 - the optional extra, only when used
 
     model = GradientBoostingClassifier(
@@ -103,11 +103,9 @@ def train(labels: npt.NDArray[np.bool_], cues: Floats) -> dict[str, Any]:
     ).fit(cues.astype(np.float32), labels)
     trees = [estimator.tree_ for estimator in model.estimators_[:, 0]]
     width = max(tree.node_count for tree in trees)
-    table: dict[str, Any] = {"cues": list(CUES), "depth": TREE_DEPTH}
     prior = float(np.mean(labels))
-    table["first"] = round(float(np.log(prior / (1 - prior))), DIGITS)
-    for name in ("feature", "threshold", "left", "right", "value"):
-        table[name] = []
+    first = round(float(np.log(prior / (1 - prior))), DIGITS)
+    table = Table(cues=list(CUES), depth=TREE_DEPTH, first=first, feature=[], threshold=[], left=[], right=[], value=[])
     for tree in trees:
         leaf = tree.children_left < 0
         own = np.arange(tree.node_count)
@@ -119,21 +117,19 @@ def train(labels: npt.NDArray[np.bool_], cues: Floats) -> dict[str, Any]:
             "value": (LEARNING_RATE * tree.value[:, 0, 0] * leaf).round(DIGITS),
         }
         for name, row in rows.items():
-            table[name].append([*row.tolist(), *[0] * (width - tree.node_count)])
+            getattr(table, name).append([*row.tolist(), *[0] * (width - tree.node_count)])
     return table
 
 
-def with_thresholds(
-    table: dict[str, Any], strata: npt.NDArray[np.int64], labels: npt.NDArray[np.bool_], cues: Floats
-) -> dict[str, Any]:
-    trees = trees_of({**table, "suspect": 0.0, "certain": 0.0})
+def with_thresholds(table: Table, strata: npt.NDArray[np.int64], labels: npt.NDArray[np.bool_], cues: Floats) -> Table:
+    trees = trees_of(table)
     odds = np.array([trees.log_odds(row) for row in cues])
     suspect = max(
         _reached_by(odds[~labels], strata[~labels], ("single",), SUSPECT_FALSE_SHARE),
         *(_reached_by(odds[~labels], strata[~labels], (name,), AID_FALSE_SHARE) for name in AID_STRATA),
     )
     certain = max(np.quantile(odds[~labels], 1 - CERTAIN_FALSE_SHARE), suspect)
-    return {**table, "suspect": round(float(suspect), 3), "certain": round(float(certain), 3)}
+    return with_fields(table, suspect=round(float(suspect), 3), certain=round(float(certain), 3))
 
 
 def _reached_by(odds: Floats, strata: npt.NDArray[np.int64], names: Sequence[str], share: float) -> float:
@@ -160,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             names = {f"a{i}": learnt[i] for i in range(3)} | {f"b{i}": held[i] for i in range(3)}
             np.savez_compressed(options.samples, **names)
     table = with_thresholds(train(learnt[1], learnt[2]), held[0], held[1], held[2])
-    options.out.write_text(json.dumps(table, separators=(",", ":")) + "\n", encoding="utf-8")
+    options.out.write_bytes(msgspec.json.encode(table) + b"\n")
     sys.stdout.write(
         f"{len(learnt[1])} silhouettes, {int(np.sum(learnt[1]))} with companions; {len(held[1])} others.\n"
     )

@@ -7,10 +7,11 @@ import math
 from importlib import resources
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
-from clients.robot.hiding.companion import CUES, measure, shipped_model, trees_of
+from clients.robot.hiding.companion import CUES, Table, measure, shipped_model, trees_of
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.sensing.sensor_events import Depth, Mask
@@ -91,7 +92,7 @@ def test_any_shape_has_finite_cues(shape: tuple[int, int]) -> None:
 
 
 def test_trees_add_up_the_leaves_that_the_cues_lead_to() -> None:
-    trees = trees_of(STUMP)
+    trees = trees_of(msgspec.convert(STUMP, Table))
     cues = np.zeros(len(CUES))
     assert trees.log_odds(cues) == pytest.approx(-0.5 - 1.0 - 0.5)
     cues[CUES.index("area_m2")] = 0.9
@@ -102,7 +103,7 @@ def test_trees_add_up_the_leaves_that_the_cues_lead_to() -> None:
 
 def test_a_model_of_other_cues_is_refused() -> None:
     with pytest.raises(ValueError, match="other cues"):
-        trees_of({**STUMP, "cues": ["area_m2"]})
+        trees_of(msgspec.convert({**STUMP, "cues": ["area_m2"]}, Table))
 
 
 def test_the_shipped_model_is_whole_and_finds_the_obvious() -> None:
@@ -117,7 +118,7 @@ def test_the_shipped_model_is_whole_and_finds_the_obvious() -> None:
 
 @pytest.fixture
 def watch() -> CompanionWatch:
-    return CompanionWatch(trees_of(STUMP))
+    return CompanionWatch(trees_of(msgspec.convert(STUMP, Table)))
 
 
 def seen(odds: float, x_m: float = 0.0, trouble: str | None = None) -> Silhouette:
