@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+
+from msgspec import UNSET, UnsetType
+from msgspec.structs import replace
 
 from consensus.chain.block import Block, Header, Receipts, compute_receipts_root, compute_transactions_root
 from consensus.chain.transaction import decode_transaction
@@ -13,6 +15,7 @@ from consensus.primitives.encoding import decode, decode_value
 from consensus.primitives.hashing import sha256
 from contracts.state.view import Overlay, StateView
 from network.ledger_diff.block_replay import Base, Replay, Writer, execute_on, find_writers
+from network.ledger_diff.difference_answers import ComparedHeader, DifferingKey, KeyWriter, NodeDiffAnswer
 from network.ledger_diff.ledger_comparison import (
     Comparison,
     KeyDifference,
@@ -205,17 +208,17 @@ def _describe_value(value: bytes | None) -> str | None:
     return text if len(text) <= VALUE_SHOWN_MAX_CHARS else text[:VALUE_SHOWN_MAX_CHARS] + "..."
 
 
-def _describe_writer(writer: Writer | None) -> dict[str, Any] | None:
+def _describe_writer(writer: Writer | None) -> KeyWriter | None:
     if writer is None:
         return None
     body = None if writer.transaction is None else writer.transaction.body
-    return {
-        "height": writer.height,
-        "block_id": writer.block_id.hex(),
-        "txid": None if writer.transaction is None else writer.transaction.txid.hex(),
-        "call": None if body is None else f"{body.contract}.{body.entry}",
-        "sender": None if body is None else body.sender.hex(),
-    }
+    return KeyWriter(
+        height=writer.height,
+        block_id=writer.block_id.hex(),
+        txid=None if writer.transaction is None else writer.transaction.txid.hex(),
+        call=None if body is None else f"{body.contract}.{body.entry}",
+        sender=None if body is None else body.sender.hex(),
+    )
 
 
 def _right(found: Difference, item: KeyDifference) -> str | None:
@@ -227,19 +230,19 @@ def _right(found: Difference, item: KeyDifference) -> str | None:
     return "A" if told == [True, False] else "B" if told == [False, True] else None
 
 
-def _describe_header(data: bytes | None) -> dict[str, Any] | None:
+def _describe_header(data: bytes | None) -> ComparedHeader | None:
     if data is None:
         return None
     header = decode(data, Header)
-    return {
-        "block_id": sha256(data).hex(),
-        "parent_id": header.parent_id.hex(),
-        "epoch": header.epoch,
-        "round": header.round,
-        "producer": header.producer,
-        "state_root": header.state_root.hex(),
-        "transactions_root": header.transactions_root.hex(),
-    }
+    return ComparedHeader(
+        block_id=sha256(data).hex(),
+        parent_id=header.parent_id.hex(),
+        epoch=header.epoch,
+        round=header.round,
+        producer=header.producer,
+        state_root=header.state_root.hex(),
+        transactions_root=header.transactions_root.hex(),
+    )
 
 
 def _fits_header(ledger: LedgerSnapshot, height: int) -> bool:
@@ -254,44 +257,44 @@ def _fits_header(ledger: LedgerSnapshot, height: int) -> bool:
     return header.receipts_root == told and compute_transactions_root(txids) == header.transactions_root
 
 
-def describe_difference(found: Difference, names: tuple[str, str], ledgers: Ledgers) -> dict[str, Any]:
+def _describe_key(found: Difference, item: KeyDifference) -> DifferingKey:
+    writers = found.writers.get(item.key, (None, None))
+    return DifferingKey(
+        **describe_key(item.key),
+        values=dict(zip("AB", map(_describe_value, item.values), strict=True)),
+        right=_right(found, item),
+        written_by=dict(zip("AB", map(_describe_writer, writers), strict=True)),
+    )
+
+
+def describe_difference(found: Difference, names: tuple[str, str], ledgers: Ledgers) -> NodeDiffAnswer:
     comparison = found.comparison
-    sides = dict(zip("AB", names, strict=True))
-    described: dict[str, Any] = {
-        "same": comparison.is_same and not found.notes,
-        "kind": comparison.kind,
-        "nodes": sides,
-        "heights": dict(zip("AB", found.heights, strict=True)),
-        "earliest_heights": dict(zip("AB", found.earliest, strict=True)),
-        "headers_compared_from": comparison.headers_from,
-        "bodies_compared_from": comparison.bodies_from,
-        "notes": found.notes,
-    }
+    same = NodeDiffAnswer(
+        same=comparison.is_same and not found.notes,
+        kind=comparison.kind,
+        nodes=dict(zip("AB", names, strict=True)),
+        heights=dict(zip("AB", found.heights, strict=True)),
+        earliest_heights=dict(zip("AB", found.earliest, strict=True)),
+        headers_compared_from=comparison.headers_from,
+        bodies_compared_from=comparison.bodies_from,
+        notes=found.notes,
+    )
     if comparison.is_same:
-        return described
-    keys = [
-        {
-            **describe_key(item.key),
-            "values": dict(zip("AB", map(_describe_value, item.values), strict=True)),
-            "right": _right(found, item),
-            "written_by": dict(
-                zip("AB", map(_describe_writer, found.writers.get(item.key, (None, None))), strict=True)
-            ),
-        }
-        for item in comparison.keys
-    ]
+        return same
     height = comparison.height
     if comparison.kind == "state" and comparison.keys:
         height = _height_of(found.writers.get(comparison.keys[0].key, (None, None))[0]) or height
-    described |= {
-        "first_block": height,
-        "first_block_is_at_most": comparison.kind == "header" and 0 < comparison.headers_from == comparison.height,
-        "headers": dict(zip("AB", map(_describe_header, comparison.headers), strict=True)),
-        "keys": keys,
-        "keys_are_all": not comparison.is_cut,
-        "damaged_pages": comparison.damaged_pages,
-    }
+    right: str | UnsetType | None = UNSET
     if comparison.kind in {"body", "receipts"}:
         fits = [_fits_header(ledger, height) for ledger in ledgers]
-        described["right"] = "A" if fits == [True, False] else "B" if fits == [False, True] else None
-    return described
+        right = "A" if fits == [True, False] else "B" if fits == [False, True] else None
+    return replace(
+        same,
+        first_block=height,
+        first_block_is_at_most=comparison.kind == "header" and 0 < comparison.headers_from == comparison.height,
+        headers=dict(zip("AB", map(_describe_header, comparison.headers), strict=True)),
+        keys=[_describe_key(found, item) for item in comparison.keys],
+        keys_are_all=not comparison.is_cut,
+        damaged_pages=comparison.damaged_pages,
+        right=right,
+    )

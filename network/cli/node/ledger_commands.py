@@ -9,14 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
-import msgspec
 
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_answer, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option
-from network.cli.node.node_answers import DifferingKey, NodeDiffAnswer, NodePruneAnswer
+from network.cli.node.node_answers import NodePruneAnswer
 from network.cli.node.node_commands import find_node
 from network.ledger_diff.block_replay import Base, base_of_genesis, base_of_snapshot
+from network.ledger_diff.difference_answers import DifferingKey, NodeDiffAnswer
 from network.ledger_diff.ledger_comparison import newest_height
 from network.ledger_diff.ledger_difference import LedgerDiff, describe_difference
 from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig, load_genesis
@@ -145,8 +145,7 @@ def _compare(
         open_sandboxed_machine(configs[0], genesis, one) as machine,
     ):
         diff = LedgerDiff((first, second), machine, open_base, progress, full=full)
-        found = describe_difference(diff.run(), (names[0], names[1]), (first, second))
-    return msgspec.convert(found, NodeDiffAnswer)
+        return describe_difference(diff.run(), (names[0], names[1]), (first, second))
 
 
 def _print_report(report: NodeDiffAnswer) -> None:

@@ -32,7 +32,8 @@ def report(chain: WrittenChain, first: LedgerSnapshot, second: LedgerSnapshot, *
         return Base(MemoryState(), 0, chain.genesis.block_id)
 
     found = LedgerDiff(ledgers, WritingMachine(), genesis, full=full).run()
-    return describe_difference(found, ("node-1", "node-2"), ledgers)
+    told: dict[str, Any] = msgspec.to_builtins(describe_difference(found, ("node-1", "node-2"), ledgers))
+    return told
 
 
 def written(blocks: int = 10) -> WrittenChain:
