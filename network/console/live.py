@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import structlog
 
 from consensus.errors import BlockRobotError
@@ -20,6 +21,18 @@ from network.console.looking import Looking, NodeSight
 from network.console.moments import FrameBuilder, Moment
 from network.console.recorder import Recorder
 from network.console.rounds import ROUNDS_KEPT_COUNT, RoundBook
+from network.console.told import (
+    Choice,
+    Choices,
+    NetworkFacts,
+    NodeFacts,
+    Now,
+    Past,
+    PlanTold,
+    Recording,
+    StepError,
+    StepTold,
+)
 from network.faults.actions import LINK_PROFILES, Restart
 from network.faults.control import FaultControl
 from network.faults.plan import FaultPlan, parse_plan
@@ -164,58 +177,58 @@ class LiveConsole:
 
     # What the page is told
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> NetworkFacts:
         cluster = self.cluster
         organisations = {node.name: node.organisation for node in cluster.genesis.nodes}
         nodes = [
-            {
-                "name": name,
-                "organisation": organisations.get(name) or config.organisation,
-                "producer": name in self._rounds.producers,
-                "custodian": config.custodian_key_path is not None,
-                "breakable": config.faults_enabled,
-            }
+            NodeFacts(
+                name,
+                organisation=organisations.get(name) or config.organisation,
+                producer=name in self._rounds.producers,
+                custodian=config.custodian_key_path is not None,
+                breakable=config.faults_enabled,
+            )
             for name, config in cluster.configs.items()
         ]
-        return {"name": cluster.genesis.network, "quorum": self._rounds.quorum, "nodes": nodes}
+        return NetworkFacts(cluster.genesis.network, self._rounds.quorum, nodes)
 
-    def choices(self) -> dict[str, Any]:
-        return {
-            "behaviours": [{"name": name, "meaning": _meaning(kind)} for name, kind in BEHAVIOURS.items()],
-            "profiles": [{"name": name, "meaning": profile.meaning} for name, profile in LINK_PROFILES.items()],
-            "disks": list(DISKS),
-            "folder": str(self.cluster.folder),
-        }
+    def choices(self) -> Choices:
+        return Choices(
+            behaviours=[Choice(name, _meaning(kind)) for name, kind in BEHAVIOURS.items()],
+            profiles=[Choice(name, profile.meaning) for name, profile in LINK_PROFILES.items()],
+            disks=list(DISKS),
+            folder=str(self.cluster.folder),
+        )
 
-    def now(self, after_event: int) -> dict[str, Any]:
-        """Return the newest moment, its nodes, last rounds and events after `after_event`."""
+    def now(self, after_event: int) -> Now:
+        """Return what is now, with events after `after_event`."""
         moment = self.moment
-        return {
-            "sequence": self.sequence,
-            "network": (moment and self.recorder.network_at(moment["at_ms"])) or self.facts(),
-            "moment": moment,
-            "rounds": self._rounds.last(ROUNDS_SHOWN_COUNT),
-            "events": self.recorder.events_after(after_event),
-            "plan": None if self._plan is None else self._plan.describe(),
-            "recording": self.recording(),
-        }
+        return Now(
+            sequence=self.sequence,
+            network=(self.recorder.network_at(moment["at_ms"]) if moment else None) or self.facts(),
+            moment=moment,
+            rounds=self._rounds.last(ROUNDS_SHOWN_COUNT),
+            events=self.recorder.events_after(after_event),
+            plan=None if self._plan is None else self._plan.describe(),
+            recording=self.recording(),
+        )
 
-    def past(self, at_ms: int) -> dict[str, Any]:
+    def past(self, at_ms: int) -> Past:
         moment = self.recorder.moment_at(at_ms)
-        network = moment and self.recorder.network_at(moment["at_ms"])
+        network = self.recorder.network_at(moment["at_ms"]) if moment else None
         until_ms = max(at_ms, moment["at_ms"]) if moment else at_ms
-        rounds = [each for each in self._rounds.last(ROUNDS_KEPT_COUNT) if each["at_ms"] <= until_ms]
-        return {"moment": moment, "network": network, "rounds": rounds[-ROUNDS_SHOWN_COUNT:]}
+        rounds = [each for each in self._rounds.last(ROUNDS_KEPT_COUNT) if each.at_ms <= until_ms]
+        return Past(moment, network, rounds[-ROUNDS_SHOWN_COUNT:])
 
-    def recording(self) -> dict[str, Any]:
+    def recording(self) -> Recording:
         recorder = self.recorder
-        return {
-            "since_ms": self.started_ms,
-            "names": recorder.names() or list(self.cluster.names),
-            "moments": recorder.moments_count,
-            "size_bytes": recorder.size_bytes,
-            "dropped": recorder.dropped(self._rounds.dropped_count),
-        }
+        return Recording(
+            since_ms=self.started_ms,
+            names=recorder.names() or list(self.cluster.names),
+            moments=recorder.moments_count,
+            size_bytes=recorder.size_bytes,
+            dropped=recorder.dropped(self._rounds.dropped_count),
+        )
 
     def export(self) -> str:
         facts = {
@@ -226,7 +239,7 @@ class LiveConsole:
             "events": self.recorder.events_after(0),
             "rounds": self._rounds.last(ROUNDS_KEPT_COUNT),
         }
-        return write_export(facts, self.recorder.moments_json(), read_page_files())
+        return write_export(msgspec.to_builtins(facts), self.recorder.moments_json(), read_page_files())
 
     # Breaking
 
@@ -257,7 +270,7 @@ class LiveConsole:
         """Parse a plan without running it. Raises FAULT_PLAN_INVALID."""
         return parse_plan(text, self.cluster.names)
 
-    def start_plan(self, text: str) -> dict[str, Any]:
+    def start_plan(self, text: str) -> PlanTold:
         """Start a plan. Raises FAULT_PLAN_INVALID, FAULT_PLAN_RUNNING, CLUSTER_NOT_RUNNING."""
         if self._plan is not None and self._plan.is_running:
             raise BlockRobotError("FAULT_PLAN_RUNNING")
@@ -309,19 +322,18 @@ class _RunningPlan:
         self._done.append(done)
         self._console.note_step(done)
 
-    def describe(self) -> dict[str, Any]:
-        steps = describe_plan(self._plan)["steps"]
-        for step, done in zip(steps, self._done, strict=False):
-            step["done_at_ms"] = done.at_ms
+    def describe(self) -> PlanTold:
+        told = describe_plan(self._plan)
+        for step, done in zip(told.steps, self._done, strict=False):
+            step.done_at_ms = done.at_ms
             if done.error is not None:
-                step["error"] = {"code": done.error.code, "detail": done.error.detail}
-        state = "running" if self.is_running else "stopped" if self._is_stopped else "done"
-        return {"seed": self._plan.seed, "state": state, "steps": steps}
+                step.error = StepError(done.error.code, done.error.detail)
+        told.state = "running" if self.is_running else "stopped" if self._is_stopped else "done"
+        return told
 
 
-def describe_plan(plan: FaultPlan) -> dict[str, Any]:
-    steps = [{"at_ms": step.at_ms, "line": step.line, "do": step.action.describe()} for step in plan.steps]
-    return {"seed": plan.seed, "steps": steps}
+def describe_plan(plan: FaultPlan) -> PlanTold:
+    return PlanTold(plan.seed, [StepTold(step.at_ms, step.line, step.action.describe()) for step in plan.steps])
 
 
 def _meaning(behaviour: type) -> str:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import bisect
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
 
 import msgspec
 
 from consensus.bounded_text import read_json_text
 from network.console.chronicle import ROUTINE_KINDS, Event
 from network.console.moments import Moment
+from network.console.told import Dropped, KnownNetwork, NetworkFacts
 
 MOMENTS_MAX_BYTES = 12 * 1024 * 1024
 EVENTS_MAX_COUNT = 4_000
@@ -40,7 +40,7 @@ class Recorder:
         self._looked_ms = 0
         self._events: deque[Event] = deque(maxlen=events_max_count)
         self._routine: deque[Event] = deque(maxlen=routine_max_count)
-        self._networks: deque[tuple[int, dict[str, Any]]] = deque(maxlen=NETWORKS_MAX_COUNT)
+        self._networks: deque[KnownNetwork] = deque(maxlen=NETWORKS_MAX_COUNT)
         self._number = 0
         self.moments_dropped_count = 0
         self.events_dropped_count = 0
@@ -57,22 +57,22 @@ class Recorder:
     def last_event_number(self) -> int:
         return self._number
 
-    def note_network(self, at_ms: int, network: dict[str, Any]) -> None:
-        if not self._networks or self._networks[-1][1] != network:
-            self._networks.append((at_ms, network))
+    def note_network(self, at_ms: int, network: NetworkFacts) -> None:
+        if not self._networks or self._networks[-1].network != network:
+            self._networks.append(KnownNetwork(at_ms, network))
 
-    def network_at(self, at_ms: int) -> dict[str, Any] | None:
+    def network_at(self, at_ms: int) -> NetworkFacts | None:
         """Return the identities at this time, else the first known; None if none."""
         if not self._networks:
             return None
-        place = bisect.bisect_right(self._networks, at_ms, key=lambda known: known[0]) - 1
-        return self._networks[max(0, place)][1]
+        place = bisect.bisect_right(self._networks, at_ms, key=lambda known: known.at_ms) - 1
+        return self._networks[max(0, place)].network
 
-    def networks(self) -> list[dict[str, Any]]:
-        return [{"at_ms": at_ms, "network": network} for at_ms, network in self._networks]
+    def networks(self) -> list[KnownNetwork]:
+        return list(self._networks)
 
     def names(self) -> list[str]:
-        return list(dict.fromkeys(node["name"] for _, network in self._networks for node in network["nodes"]))
+        return list(dict.fromkeys(node.name for known in self._networks for node in known.network.nodes))
 
     def add(self, moment: Moment, events: Sequence[Event]) -> None:
         for event in events:
@@ -116,7 +116,7 @@ class Recorder:
         found = [event for place in (self._events, self._routine) for event in place if event["number"] > number]
         return sorted(found, key=lambda event: int(event["number"]))
 
-    def dropped(self, rounds_count: int = 0) -> dict[str, Any]:
+    def dropped(self, rounds_count: int = 0) -> Dropped:
         """Return counts of what was dropped, and a sentence (empty: nothing dropped)."""
         counts = {
             "moments": self.moments_dropped_count,
@@ -125,7 +125,7 @@ class Recorder:
         }
         said = [f"{count} {what}" for what, count in counts.items() if count]
         words = f"To stay within its limit the recording dropped {', '.join(said)} of long ago." if said else ""
-        return {**counts, "words": words}
+        return Dropped(**counts, words=words)
 
     def moments_json(self) -> bytes:
         """Return all moments as a JSON array, oldest first, ending with the last poll."""

@@ -7,11 +7,26 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from msgspec import Struct
+
 from network.console.looking import NodeSight
 
 ROUNDS_KEPT_COUNT = 2_000
 EPOCHS_KEPT_COUNT = 64
 _WORDS = {"proposed": "proposed", "voted": "voted", "gave-up": "gave_up"}
+
+
+class RoundRow(Struct, frozen=True):
+    """A round as it is told."""
+
+    epoch: int
+    round: int
+    at_ms: int
+    leader: str | None
+    proposed: list[str]
+    voted: list[str]
+    gave_up: list[str]
+    outcome: str
 
 
 @dataclass(slots=True)
@@ -32,17 +47,9 @@ class Round:
             return "won"
         return "lost" if len(self.gave_up) >= self.quorum else "open"
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "epoch": self.epoch,
-            "round": self.number,
-            "at_ms": self.at_ms,
-            "leader": self.leader,
-            "proposed": sorted(self.proposed),
-            "voted": sorted(self.voted),
-            "gave_up": sorted(self.gave_up),
-            "outcome": self.outcome(),
-        }
+    def row(self) -> RoundRow:
+        proposed, voted, gave_up = sorted(self.proposed), sorted(self.voted), sorted(self.gave_up)
+        return RoundRow(self.epoch, self.number, self.at_ms, self.leader, proposed, voted, gave_up, self.outcome())
 
 
 class RoundBook:
@@ -98,6 +105,6 @@ class RoundBook:
             del self._rounds[oldest]
             self.dropped_count += 1
 
-    def last(self, count: int) -> list[dict[str, Any]]:
+    def last(self, count: int) -> list[RoundRow]:
         places = sorted(self._rounds)[-count:]
-        return [self._rounds[place].to_json() for place in places]
+        return [self._rounds[place].row() for place in places]

@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
 
+import msgspec
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
@@ -20,23 +20,23 @@ PLAN_MAX_CHARS = 256 * 1024
 
 def console_routes(console: LiveConsole) -> list[LocalRoute]:
     async def choices(_request: web.Request) -> web.Response:
-        return web.json_response(console.choices())
+        return _tell(console.choices())
 
     async def now(request: web.Request) -> web.Response:
         await console.wait_beyond(_number(request, "after"), NEWS_WAIT_S)
-        return web.json_response(console.now(_number(request, "events")))
+        return _tell(console.now(_number(request, "events")))
 
     async def past(request: web.Request) -> web.Response:
-        return web.json_response(console.past(_number(request, "at_ms")))
+        return _tell(console.past(_number(request, "at_ms")))
 
     async def fault(request: web.Request) -> web.Response:
         return web.json_response({"done": await console.do(await read_object(request))})
 
     async def check_plan(request: web.Request) -> web.Response:
-        return web.json_response(describe_plan(console.read_plan(await _plan_text(request))))
+        return _tell(describe_plan(console.read_plan(await _plan_text(request))))
 
     async def start_plan(request: web.Request) -> web.Response:
-        return web.json_response(console.start_plan(await _plan_text(request)), status=202)
+        return _tell(console.start_plan(await _plan_text(request)), status=202)
 
     async def stop_plan(_request: web.Request) -> web.Response:
         console.stop_plan()
@@ -60,6 +60,10 @@ def console_routes(console: LiveConsole) -> list[LocalRoute]:
     ]
 
 
+def _tell(told: msgspec.Struct, status: int = 200) -> web.Response:
+    return web.json_response(body=msgspec.json.encode(told), status=status)
+
+
 def _number(request: web.Request, name: str) -> int:
     text = request.query.get(name, "0")
     if not text.isascii() or not text.isdigit() or len(text) > 15:
@@ -68,8 +72,7 @@ def _number(request: web.Request, name: str) -> int:
 
 
 async def _plan_text(request: web.Request) -> str:
-    body: dict[str, Any] = await read_object(request)
-    text = body.get("text")
+    text = (await read_object(request)).get("text")
     if not isinstance(text, str) or len(text) > PLAN_MAX_CHARS:
         raise BlockRobotError("REQUEST_INVALID", f"A plan is a text of up to {PLAN_MAX_CHARS} characters.")
     return text

@@ -48,7 +48,7 @@ class _Console:
         """Tell whether nobody has started, asked or planned anything."""
         asked = [event for event in self.live.recorder.events_after(0) if event["kind"] == "asked"]
         is_running = any(self.live.cluster.is_running(name) for name in self.live.cluster.names)
-        return not asked and not is_running and self.live.now(0)["plan"] is None
+        return not asked and not is_running and self.live.now(0).plan is None
 
 
 @pytest.fixture

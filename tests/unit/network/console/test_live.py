@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import to_builtins
 
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
@@ -36,7 +37,7 @@ async def console(made: Path, tmp_path: Path) -> LiveConsole:
 
 
 async def test_the_page_is_told_who_is_who_and_what_there_is_to_choose(console: LiveConsole) -> None:
-    facts, choices = console.facts(), console.choices()
+    facts, choices = to_builtins(console.facts()), to_builtins(console.choices())
     assert facts["quorum"] == 3
     assert facts["nodes"][0] == {
         "name": "node-1",
@@ -52,13 +53,13 @@ async def test_the_page_is_told_who_is_who_and_what_there_is_to_choose(console: 
 
 async def test_who_waits_for_news_hears_of_a_moment_at_once(console: LiveConsole) -> None:
     await console.wait_beyond(0, 0.0)
-    assert console.now(0)["moment"] is None
+    assert to_builtins(console.now(0))["moment"] is None
     console._take(sights())
     await console.wait_beyond(0, 60.0)
-    answer = console.now(0)
+    answer = to_builtins(console.now(0))
     assert (answer["sequence"], answer["moment"]["final"]) == (1, 10)
     assert [event["number"] for event in answer["events"]] == [1]
-    assert console.now(1)["events"] == []
+    assert to_builtins(console.now(1))["events"] == []
     assert answer["recording"]["moments"] == 1
 
 
@@ -76,15 +77,15 @@ async def test_one_plan_is_carried_out_at_a_time_and_can_be_stopped(
         console.start_plan(LONG_PLAN)
     assert caught.value.code == "CLUSTER_NOT_RUNNING"
     monkeypatch.setattr(Cluster, "is_running", lambda _self, _name: True)
-    assert console.start_plan(LONG_PLAN)["state"] == "running"
+    assert to_builtins(console.start_plan(LONG_PLAN))["state"] == "running"
     with pytest.raises(BlockRobotError) as caught:
         console.start_plan(LONG_PLAN)
     assert caught.value.code == "FAULT_PLAN_RUNNING"
     await console.close()
-    plan = console.now(0)["plan"]
+    plan = to_builtins(console.now(0))["plan"]
     assert (plan["state"], plan["seed"], plan["steps"][0]["do"]) == ("stopped", 4, "pause node-1")
     assert "done_at_ms" not in plan["steps"][0]
-    assert console.start_plan(LONG_PLAN)["state"] == "running"
+    assert to_builtins(console.start_plan(LONG_PLAN))["state"] == "running"
     await console.close()
 
 
@@ -106,7 +107,7 @@ async def test_nodes_that_come_or_go_in_the_folder_are_noticed(console: LiveCons
     assert console._is_another()
     console._begin_anew()
     assert not console._is_another()
-    assert [node["name"] for node in console.facts()["nodes"]] == ["node-1", "node-2", "node-3"]
+    assert [node["name"] for node in to_builtins(console.facts())["nodes"]] == ["node-1", "node-2", "node-3"]
     assert console.recorder.events_after(0)[-1]["text"] == "The nodes are others now: node-1, node-2, node-3."
 
 
@@ -119,13 +120,13 @@ async def test_what_was_recorded_of_a_node_that_has_gone_since_is_shown_with_it_
     console._take(sights(node_4=said))
     shutil.rmtree(console.cluster.folder / "nodes" / "node-4")
     assert console._begin_anew()
-    assert len(console.now(0)["network"]["nodes"]) == 4, "the newest moment is still one of four"
+    assert len(to_builtins(console.now(0))["network"]["nodes"]) == 4, "the newest moment is still one of four"
     assert console.recorder.events_after(0)[-1]["nodes"] == ["node-4"]
     console._take(sights()[:3])
-    past, now = console.past(1_500), console.now(0)
+    past, now = to_builtins(console.past(1_500)), to_builtins(console.now(0))
     assert [len(each["network"]["nodes"]) for each in (past, now)] == [4, 3]
     assert [round_["round"] for round_ in past["rounds"]] == [round_["round"] for round_ in now["rounds"]] == [7]
-    assert console.past(0) == past, "before the first look stands what it saw"
+    assert to_builtins(console.past(0)) == past, "before the first look stands what it saw"
     assert now["recording"]["names"] == ["node-1", "node-2", "node-3", "node-4"]
     assert sum("The recording begins" in event["text"] for event in now["events"]) == 1
 
@@ -133,7 +134,7 @@ async def test_what_was_recorded_of_a_node_that_has_gone_since_is_shown_with_it_
 async def test_who_produces_and_what_a_quorum_is_goes_by_the_epoch_that_nodes_tell_of(console: LiveConsole) -> None:
     seats = {"status": {"epoch": 3, "quorum": 2, "producers": ["node-2", "node-3"]}}
     console._take(sights(node_2=seats))
-    facts = console.facts()
+    facts = to_builtins(console.facts())
     assert facts["quorum"] == 2
     assert [node["name"] for node in facts["nodes"] if node["producer"]] == ["node-2", "node-3"]
 
@@ -150,7 +151,7 @@ async def test_a_new_network_in_the_folder_ends_the_plan_and_is_not_shown_with_t
     assert console._is_another()
     assert console._begin_anew()
     await console.close()
-    answer = console.now(0)
+    answer = to_builtins(console.now(0))
     assert answer["plan"]["state"] == "stopped"
     assert answer["moment"] is None
     assert answer["events"][-1]["text"] == "Another network stands in the folder now: node-1, node-2, node-3."
@@ -168,7 +169,7 @@ async def test_a_folder_that_cannot_be_read_is_looked_at_as_it_was_known(
 
     await _watch(console, look, monkeypatch)
     assert len(looks) == LOOKS_COUNT
-    assert len(console.facts()["nodes"]) == 4
+    assert len(to_builtins(console.facts())["nodes"]) == 4
 
 
 async def test_a_node_that_says_nonsense_ends_no_recording_and_is_told_of_once(
@@ -245,4 +246,4 @@ async def test_a_folder_that_is_being_removed_is_left_as_it_was_known(console: L
     shutil.rmtree(console.cluster.folder)
     assert not console._is_another()
     console._begin_anew()
-    assert len(console.facts()["nodes"]) == 4
+    assert len(to_builtins(console.facts())["nodes"]) == 4

@@ -8,6 +8,7 @@ from typing import Any
 
 from network.console.chronicle import make_event
 from network.console.recorder import NETWORKS_MAX_COUNT, Recorder
+from network.console.told import NetworkFacts, NodeFacts
 
 
 def _moment(number: int) -> dict[str, Any]:
@@ -68,14 +69,14 @@ def test_memory_is_bounded_and_the_whole_run_stays_the_older_the_coarser() -> No
 
 def test_what_was_dropped_is_said() -> None:
     recorder = Recorder(moments_max_bytes=1_000, events_max_count=2)
-    assert recorder.dropped()["words"] == ""
+    assert recorder.dropped().words == ""
     for number in range(100):
         recorder.add(_moment(number), [make_event(number, "node", "news")])
     dropped = recorder.dropped(rounds_count=7)
-    assert (dropped["events"], dropped["rounds"]) == (98, 7)
-    assert dropped["moments"] == recorder.moments_dropped_count > 0
-    assert dropped["words"].startswith("To stay within its limit the recording dropped ")
-    assert "98 events, 7 rounds" in dropped["words"]
+    assert (dropped.events, dropped.rounds) == (98, 7)
+    assert dropped.moments == recorder.moments_dropped_count > 0
+    assert dropped.words.startswith("To stay within its limit the recording dropped ")
+    assert "98 events, 7 rounds" in dropped.words
 
 
 def test_events_are_numbered_and_told_from_a_number_on() -> None:
@@ -106,8 +107,8 @@ def test_the_newest_moments_stay_even_if_one_alone_is_over_the_limit() -> None:
     assert recorder.moments_count <= 3
 
 
-def _network(*names: str) -> dict[str, Any]:
-    return {"name": "ward", "quorum": 3, "nodes": [{"name": name} for name in names]}
+def _network(*names: str) -> NetworkFacts:
+    return NetworkFacts("ward", 3, [NodeFacts(name, "ward", True, True, True) for name in names])
 
 
 def test_each_time_has_the_nodes_of_its_time_also_those_that_have_gone() -> None:
@@ -115,7 +116,7 @@ def test_each_time_has_the_nodes_of_its_time_also_those_that_have_gone() -> None
     assert recorder.network_at(0) is None
     for at_ms, names in ((1_000, "ab"), (2_000, "ab"), (3_000, "abc"), (4_000, "bc")):
         recorder.note_network(at_ms, _network(*names))
-    assert [known["at_ms"] for known in recorder.networks()] == [1_000, 3_000, 4_000]
+    assert [known.at_ms for known in recorder.networks()] == [1_000, 3_000, 4_000]
     for at_ms, names in ((0, "ab"), (2_999, "ab"), (3_000, "abc"), (9_000, "bc")):
         assert recorder.network_at(at_ms) == _network(*names)
     assert recorder.names() == ["a", "b", "c"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
+
 from network.console.chronicle import GAVE_UP_AWAITED_MS, REPEATED_AFTER_MS, Event, Timeline, leader_of
 from network.console.moments import FrameBuilder
 from network.console.rounds import RoundBook
@@ -39,7 +41,7 @@ def test_words_of_all_nodes_make_one_round() -> None:
     book = RoundBook(QUORUM)
     book.take(sights(node_1={"status": {"rounds": [said(5, "proposed", "voted")]}}), WALL_MS)
     book.take(sights(**_all_say(said(5, "voted"), names=("node_2", "node_3"))), WALL_MS + 500)
-    assert book.last(10) == [
+    assert msgspec.to_builtins(book.last(10)) == [
         {
             "epoch": 0,
             "round": 5,
@@ -57,7 +59,7 @@ def test_a_round_that_a_quorum_gave_up_is_lost_and_one_of_which_little_is_known_
     book = RoundBook(QUORUM)
     book.take(sights(**_all_say(said(5, "gave-up"), said(6, "voted")), node_2=stopped()), WALL_MS)
     book.take(sights(node_2={"status": {"rounds": [said(7, "voted")]}}), WALL_MS)
-    assert [(row["round"], row["outcome"]) for row in book.last(10)] == [(5, "lost"), (6, "won"), (7, "open")]
+    assert [(row.round, row.outcome) for row in book.last(10)] == [(5, "lost"), (6, "won"), (7, "open")]
 
 
 def test_what_a_quorum_is_goes_by_each_rounds_own_epoch() -> None:
@@ -67,7 +69,7 @@ def test_what_a_quorum_is_goes_by_each_rounds_own_epoch() -> None:
     now_of_one = {"epoch": 1, "quorum": 2, "producers": ["node-1", "node-2"], "rounds": [said(1, "voted", epoch=1)]}
     book.take(sights(node_1={"status": now_of_one}, node_2={"status": now_of_one}), WALL_MS)
     book.take(sights(node_3={"status": {"rounds": [said(41, "gave-up")]}}), WALL_MS)
-    assert [(row["epoch"], row["round"], row["outcome"]) for row in book.last(10)] == [
+    assert [(row.epoch, row.round, row.outcome) for row in book.last(10)] == [
         (0, 40, "won"),
         (0, 41, "open"),
         (1, 1, "won"),
@@ -81,13 +83,13 @@ def test_only_what_is_new_is_handed_on_and_old_rounds_are_dropped_and_never_come
     assert [entry.number for entry in book.take(sights(**_all_say(*rounds)), WALL_MS)] == [1, 2, 3]
     assert book.dropped_count == 1
     assert book.take(sights(**_all_say(*rounds)), WALL_MS) == []
-    assert [row["round"] for row in book.last(10)] == [2, 3]
+    assert [row.round for row in book.last(10)] == [2, 3]
 
 
 def test_rounds_of_epochs_stand_in_order() -> None:
     book = RoundBook(QUORUM)
     book.take(sights(**_all_say(said(1, "voted", epoch=1), said(40, "voted"))), WALL_MS)
-    assert [(row["epoch"], row["round"]) for row in book.last(10)] == [(0, 40), (1, 1)]
+    assert [(row.epoch, row.round) for row in book.last(10)] == [(0, 40), (1, 1)]
 
 
 def test_the_first_look_says_how_it_stands_and_the_same_again_is_no_news() -> None:
