@@ -6,9 +6,16 @@ import asyncio
 import secrets
 import time
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
+from msgspec import UNSET
+
+from clients.registrar.registrar_answers import CardIssueAnswer, RosterMakeAnswer
+from clients.robot.cli.robot_answers import RobotNewAnswer, RobotRegisterAnswer
 from clients.sdk.new_files import write_private
+from clients.sdk.terminal.json_answers import Answer
+from clients.wallet.present.consent_answers import FetchedReceipt, RegisterAnswer
+from clients.wallet.present.wallet_answers import NewWalletAnswer
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.demo.processes import run_command, wallet_arguments
@@ -19,6 +26,8 @@ from network.provisioning.network_layout import create_network
 PEERS_MAX_S = 10.0
 NODES_COUNT = 4
 ORGANISATIONS_COUNT = 2
+
+A = TypeVar("A", bound=Answer)
 
 
 class Stage:
@@ -32,7 +41,7 @@ class Stage:
         self._store = store
         self._base_port = base_port
         self._cluster: Cluster | None = None
-        self.receipts: dict[str, dict[str, Any] | None] = {}
+        self.receipts: dict[str, FetchedReceipt | None] = {}
         """The consent receipt of each person who was enrolled, as their wallet told it."""
 
     @property
@@ -97,14 +106,14 @@ class Stage:
     def robot_arguments(self, name: str = "robot") -> list[str]:
         return ["robot", "--name", name, "--robot-dir", str(self.robots), "--genesis", str(self.genesis_file)]
 
-    async def wallet(self, profile: str, *arguments: str) -> dict[str, Any]:
+    async def wallet(self, profile: str, kind: type[A], *arguments: str) -> A:
         environment = {"BLOCKROBOT_PASSPHRASE_FILE": str(self.wallets / f"{profile}.passphrase")}
         command = [*wallet_arguments(self.wallets, profile, self.genesis_file), *arguments]
-        return await run_command(command, environment=environment)
+        return await run_command(command, kind, environment=environment)
 
     async def refusal(self, profile: str, *arguments: str) -> str:
         try:
-            await self.wallet(profile, *arguments)
+            await self.wallet(profile, Answer, *arguments)
         except BlockRobotError as error:
             return error.code
         return ""
@@ -114,11 +123,12 @@ class Stage:
         write_private(uid_file, uid)
         try:
             answer = await run_command(
-                ["card", "issue", *self.desk_arguments(), "--role", role, "--uid-file", str(uid_file)]
+                ["card", "issue", *self.desk_arguments(), "--role", role, "--uid-file", str(uid_file)],
+                CardIssueAnswer,
             )
         finally:
             uid_file.unlink(missing_ok=True)  # also where no card was issued: a tag's UID never stays on disk
-        return str(answer["code"])
+        return answer.code
 
     async def enrol_person(self, alias: str, uid: str) -> bool:
         """Register a person with card, wallet and consent; return whether keys match."""
@@ -126,24 +136,24 @@ class Stage:
         write_private(self.wallets / f"{alias}.passphrase", secrets.token_urlsafe(16))
         code = await self.issue_card("subject", alias, uid)
         words = self.wallets / f"{alias}.words"
-        made = await self.wallet(alias, "new", "--fast-passphrase", "--words-file", str(words))
-        registered = await self.wallet(alias, "register", code, "--purpose", self.purpose, "--yes")
-        self.receipts[alias] = registered.get("receipt")
-        return bool(made["member"] == registered["member"])
+        made = await self.wallet(alias, NewWalletAnswer, "new", "--fast-passphrase", "--words-file", str(words))
+        registered = await self.wallet(alias, RegisterAnswer, "register", code, "--purpose", self.purpose, "--yes")
+        self.receipts[alias] = None if registered.receipt is UNSET else registered.receipt
+        return made.member == registered.member
 
     async def enrol_robot(self, name: str = "robot") -> str:
         self.wallets.mkdir(parents=True, exist_ok=True, mode=0o700)
-        made = await run_command([*self.robot_arguments(name), "new"])
+        made = await run_command([*self.robot_arguments(name), "new"], RobotNewAnswer)
         code = await self.issue_card("robot", name, secrets.token_hex(12).upper())
-        registered = await run_command([*self.robot_arguments(name), "register", code])
-        if made["member"] != registered["member"]:
+        registered = await run_command([*self.robot_arguments(name), "register", code], RobotRegisterAnswer)
+        if made.member != registered.member:
             raise BlockRobotError("INTERNAL", "The chain recovered another key than the robot's own.")
-        return str(registered["member"])
+        return registered.member
 
     async def make_roster(self, robot: str, out: Path | None = None) -> int:
         where = str(out or self.roster_file)
-        answer = await run_command(["roster", "make", *self.desk_arguments(), "--robot", robot, "--out", where])
-        return int(answer["rows"])
+        arguments = ["roster", "make", *self.desk_arguments(), "--robot", robot, "--out", where]
+        return (await run_command(arguments, RosterMakeAnswer)).rows
 
     async def stop(self) -> None:
         if self._cluster is not None:

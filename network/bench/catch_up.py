@@ -7,12 +7,14 @@ import shutil
 import time
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
+
+import msgspec
+from msgspec import Struct
 
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
-from network.bench.conditions import build_result, measure_conditions
+from network.bench.conditions import Result, measure_conditions
 from network.bench.fresh_network import FreshNetwork, LoadRobot
 from node.config import NodeConfig
 from node.consensus.journal import Journal
@@ -65,25 +67,29 @@ class _Load:
                 self.errors[refusal.code] = self.errors.get(refusal.code, 0) + 1
 
 
-async def _statuses(network: FreshNetwork) -> dict[str, dict[str, Any]]:
+class _NodeState(Struct, frozen=True):
+    """What is asked of a node's status."""
+
+    ready: bool
+    finalized_height: int
+    state_root: str
+
+
+async def _states(network: FreshNetwork) -> dict[str, _NodeState]:
     reports = await network.cluster.status()
-    return {report.name: report.status for report in reports if report.status is not None}
+    return {report.name: msgspec.convert(report.status, _NodeState) for report in reports if report.status is not None}
 
 
-def _head(statuses: dict[str, dict[str, Any]], without: str) -> int:
-    return max((int(row["finalized_height"]) for name, row in statuses.items() if name != without), default=0)
+def _head(states: dict[str, _NodeState], without: str) -> int:
+    return max((row.finalized_height for name, row in states.items() if name != without), default=0)
 
 
 async def _wait_caught_up(network: FreshNetwork, victim: str) -> bool:
     deadline_s = time.perf_counter() + CATCH_UP_TIMEOUT_S
     while time.perf_counter() < deadline_s:
-        statuses = await _statuses(network)
-        own = statuses.get(victim)
-        if (
-            own is not None
-            and own["ready"]
-            and own["finalized_height"] >= _head(statuses, victim) - _TOLERATED_LAG_BLOCKS
-        ):
+        states = await _states(network)
+        own = states.get(victim)
+        if own is not None and own.ready and own.finalized_height >= _head(states, victim) - _TOLERATED_LAG_BLOCKS:
             return True
         await asyncio.sleep(_POLL_S)
     return False
@@ -92,11 +98,9 @@ async def _wait_caught_up(network: FreshNetwork, victim: str) -> bool:
 async def _settle(network: FreshNetwork) -> bool:
     deadline_s = time.perf_counter() + SETTLE_TIMEOUT_S
     while time.perf_counter() < deadline_s:
-        statuses = await _statuses(network)
-        if len({row["finalized_height"] for row in statuses.values()}) == 1 and len(statuses) == len(
-            network.genesis.nodes
-        ):
-            return len({row["state_root"] for row in statuses.values()}) == 1
+        states = await _states(network)
+        if len({row.finalized_height for row in states.values()}) == 1 and len(states) == len(network.genesis.nodes):
+            return len({row.state_root for row in states.values()}) == 1
         await asyncio.sleep(_POLL_S)
     return False
 
@@ -116,12 +120,27 @@ def _forget_chain(config: NodeConfig) -> None:
     Journal.create(config.journal_path).close()
 
 
-async def run_sync_benchmark(options: SyncOptions) -> dict[str, Any]:
-    """Let one node miss `seconds` of the chain and return how fast it catches up.
+class SyncFigures(Struct, frozen=True, kw_only=True):
+    """How fast a node caught up.
 
     `blocks_per_s` and `tps` while catching up; `catchup_ratio` against a chain at 100 calls/s; `restart_s` from process
-    start to caught up. `ok` is False after any error or unequal states.
+    start to caught up.
     """
+
+    blocks_per_s: float
+    tps: float
+    catchup_ratio: float
+    restart_s: float
+    catch_up_s: float
+    blocks: int
+    calls: int
+    errors: int
+    error_codes: dict[str, int]
+    same_state: bool
+
+
+async def run_sync_benchmark(options: SyncOptions) -> Result[SyncFigures]:
+    """Let one node miss `seconds` of the chain; `ok` is False after any error or unequal states."""
     conditions = measure_conditions(
         nodes=options.nodes,
         clients=ROBOTS_COUNT,
@@ -135,7 +154,7 @@ async def run_sync_benchmark(options: SyncOptions) -> dict[str, Any]:
         enrolled = await network.enrol_robots(ROBOTS_COUNT)
         living = [robot for number, robot in enumerate(enrolled) if number % options.nodes != options.nodes - 1]
         load = _Load(living, options.rate)
-        missed_from = 0 if options.new else (await _statuses(network))[victim]["finalized_height"]
+        missed_from = 0 if options.new else (await _states(network))[victim].finalized_height
         await asyncio.to_thread(network.cluster.kill, victim)
         working = asyncio.create_task(load.run())
         await asyncio.sleep(options.seconds)
@@ -147,7 +166,7 @@ async def run_sync_benchmark(options: SyncOptions) -> dict[str, Any]:
         network.cluster.start(victim)
         caught_up = await _wait_caught_up(network, victim)
         restart_s, caught_at = time.perf_counter() - started_s, datetime.now().astimezone()
-        blocks = (await _statuses(network))[victim]["finalized_height"] - missed_from
+        blocks = (await _states(network))[victim].finalized_height - missed_from
         working.cancel()
         await asyncio.gather(working, return_exceptions=True)
         is_same = await _settle(network)
@@ -155,17 +174,17 @@ async def run_sync_benchmark(options: SyncOptions) -> dict[str, Any]:
     linked_at = read_first_link(log, since)
     catch_up_s = max(0.001, (caught_at - (linked_at or since)).total_seconds())
     calls_per_s = missed_calls / catch_up_s
-    figures: dict[str, Any] = {
-        "blocks_per_s": round(blocks / catch_up_s, 1),
-        "tps": round(calls_per_s, 1),
-        "catchup_ratio": round(calls_per_s / REFERENCE_TPS, 1),
-        "restart_s": round(restart_s, 2),
-        "catch_up_s": round(catch_up_s, 2),
-        "blocks": blocks,
-        "calls": missed_calls,
-        "errors": sum(load.errors.values()),
-        "error_codes": dict(sorted(load.errors.items())),
-        "same_state": is_same,
-    }
+    figures = SyncFigures(
+        blocks_per_s=round(blocks / catch_up_s, 1),
+        tps=round(calls_per_s, 1),
+        catchup_ratio=round(calls_per_s / REFERENCE_TPS, 1),
+        restart_s=round(restart_s, 2),
+        catch_up_s=round(catch_up_s, 2),
+        blocks=blocks,
+        calls=missed_calls,
+        errors=sum(load.errors.values()),
+        error_codes=dict(sorted(load.errors.items())),
+        same_state=is_same,
+    )
     ok = caught_up and is_same and blocks > 0 and not load.errors
-    return build_result("sync", ok=ok, figures=figures, conditions=conditions)
+    return Result(name="sync", ok=ok, figures=figures, conditions=conditions)

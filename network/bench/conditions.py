@@ -7,21 +7,38 @@ import os
 import platform
 import statistics
 from collections.abc import Sequence
-from typing import Any
+from typing import Generic, TypeVar
+
+from msgspec import Struct
+
+F = TypeVar("F")
+Condition = str | float | list[int] | dict[str, str] | None
 
 
-def measure_conditions(*, nodes: int, seed: int | None = None, **more: Any) -> dict[str, Any]:
+class Result(Struct, Generic[F], kw_only=True):
+    """What a measurement answers. What it was measured under differs from one to the other."""
+
+    name: str
+    ok: bool
+    figures: F
+    conditions: dict[str, Condition]
+
+
+def measure_conditions(*, nodes: int, seed: int | None = None, **more: Condition) -> dict[str, Condition]:
     """Return nodes, usable cores, 1-minute load at start, interpreter, seed and `more`."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "nodes": nodes,
-        "cores": cores,
+        "cores": count_cores(),
         "load": round(os.getloadavg()[0], 2),
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
         "seed": seed,
         **more,
     }
+
+
+def count_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def percentile(values: Sequence[float], share: float) -> float:
@@ -37,7 +54,3 @@ def latency_figures(values_ms: Sequence[float], shares: Sequence[int] = (50, 95,
     figures = {f"p{share}_ms": round(percentile(values_ms, share / 100), 2) for share in shares}
     figures["mean_ms"] = round(statistics.fmean(values_ms), 2) if values_ms else 0.0
     return figures
-
-
-def build_result(name: str, *, ok: bool, figures: dict[str, Any], conditions: dict[str, Any]) -> dict[str, Any]:
-    return {"name": name, "ok": ok, "figures": figures, "conditions": conditions}

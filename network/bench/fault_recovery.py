@@ -6,9 +6,10 @@ import asyncio
 import statistics
 import time
 from dataclasses import dataclass, field
-from typing import Any
 
-from network.bench.conditions import build_result, measure_conditions
+from msgspec import UNSET, Struct, UnsetType
+
+from network.bench.conditions import Result, measure_conditions
 from network.bench.finality_probe import FinalityProbe, longest_gap_s
 from network.bench.fresh_network import FreshNetwork, LoadRobot
 from network.demo.leader_kill import find_leader
@@ -99,13 +100,28 @@ async def _cut_and_heal(network: FreshNetwork, robots: dict[str, LoadRobot], see
         seen.add(probe, await probe.settle())
 
 
-async def run_faults_benchmark(*, repeats: int, nodes: int) -> dict[str, Any]:
-    """Break a network `repeats` times in each way.
+class FaultFigures(Struct, frozen=True, kw_only=True):
+    """Medians and maxima.
 
     `leader_kill_gap_s`: longest gap in the four seconds after SIGKILL of the leader; `restart_ready_s`: restart to
-    caught up; `heal_gap_s`: partition end to first final call; each with maximum. Counts acknowledged and lost calls;
-    `ok` is False after any loss, failure or timeout.
+    caught up; `heal_gap_s`: partition end to first final call. What never came about in time is absent.
     """
+
+    leader_kill_gap_s: float | UnsetType = UNSET
+    leader_kill_gap_max_s: float | UnsetType = UNSET
+    heal_gap_s: float | UnsetType = UNSET
+    heal_gap_max_s: float | UnsetType = UNSET
+    restart_ready_s: float | UnsetType = UNSET
+    restart_ready_max_s: float | UnsetType = UNSET
+    acknowledged_count: int
+    lost_count: int
+    not_in_time_count: int
+    errors: int
+    error_codes: dict[str, int]
+
+
+async def run_faults_benchmark(*, repeats: int, nodes: int) -> Result[FaultFigures]:
+    """Break a network `repeats` times in each way; `ok` is False after any loss, failure or timeout."""
     conditions = measure_conditions(nodes=nodes, clients=1, repeats=repeats, call="records.record")
     seen = _Seen()
     async with FreshNetwork(nodes, faults=True) as network:
@@ -114,15 +130,15 @@ async def run_faults_benchmark(*, repeats: int, nodes: int) -> dict[str, Any]:
         for _ in range(repeats):
             await _kill_leader(network, robots, seen)
             await _cut_and_heal(network, robots, seen)
-    figures: dict[str, Any] = {
+    figures = FaultFigures(
         **_spread("leader_kill_gap", seen.kill_gaps_s),
         **_spread("heal_gap", seen.heals_s),
         **_spread("restart_ready", seen.restarts_s),
-        "acknowledged_count": seen.acknowledged_count,
-        "lost_count": seen.lost_count,
-        "not_in_time_count": seen.not_in_time_count,
-        "errors": sum(seen.errors.values()),
-        "error_codes": dict(sorted(seen.errors.items())),
-    }
+        acknowledged_count=seen.acknowledged_count,
+        lost_count=seen.lost_count,
+        not_in_time_count=seen.not_in_time_count,
+        errors=sum(seen.errors.values()),
+        error_codes=dict(sorted(seen.errors.items())),
+    )
     is_ok = not (seen.lost_count or seen.not_in_time_count or seen.errors)
-    return build_result("faults", ok=is_ok, figures=figures, conditions=conditions)
+    return Result(name="faults", ok=is_ok, figures=figures, conditions=conditions)

@@ -4,18 +4,30 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Any
+
+from msgspec import Struct
 
 from consensus.errors import BlockRobotError
-from network.bench.conditions import build_result, latency_figures, measure_conditions
+from network.bench.conditions import Result, latency_figures, measure_conditions
 from network.bench.fresh_network import FreshNetwork
 
 PAUSE_MS = 50
 WARM_UP_COUNT = 3
 
 
-async def run_latency_benchmark(*, count: int, nodes: int) -> dict[str, Any]:
-    """Return `p50_ms`, `p95_ms`, `p99_ms`, `mean_ms`, `count`, from signing to verified finality."""
+class LatencyFigures(Struct, frozen=True, kw_only=True):
+    """How long calls took, from signing to verified finality."""
+
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+    mean_ms: float
+    count: int
+    errors: int
+    error_codes: dict[str, int]
+
+
+async def run_latency_benchmark(*, count: int, nodes: int) -> Result[LatencyFigures]:
     conditions = measure_conditions(nodes=nodes, clients=1, pause_ms=PAUSE_MS, call="records.record")
     values_ms: list[float] = []
     errors: dict[str, int] = {}
@@ -31,10 +43,7 @@ async def run_latency_benchmark(*, count: int, nodes: int) -> dict[str, Any]:
                 continue
             if number >= WARM_UP_COUNT:
                 values_ms.append((time.perf_counter() - started_s) * 1000)
-    figures: dict[str, Any] = {
-        **latency_figures(values_ms),
-        "count": len(values_ms),
-        "errors": sum(errors.values()),
-        "error_codes": errors,
-    }
-    return build_result("latency", ok=bool(values_ms) and not errors, figures=figures, conditions=conditions)
+    figures = LatencyFigures(
+        **latency_figures(values_ms), count=len(values_ms), errors=sum(errors.values()), error_codes=errors
+    )
+    return Result(name="latency", ok=bool(values_ms) and not errors, figures=figures, conditions=conditions)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import dataclass, field
-from typing import Any
+
+from msgspec import Struct
 
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from network.bench.conditions import build_result, latency_figures, measure_conditions
+from network.bench.conditions import Result, latency_figures, measure_conditions
 from network.bench.event_follower import FinalityFollower
 from network.bench.fresh_network import FreshNetwork, LoadRobot
 
@@ -82,11 +83,22 @@ class _Client:
             self._tally.last_final_s = max(self._tally.last_final_s, final_s)
 
 
-async def run_tx_benchmark(options: LoadOptions) -> dict[str, Any]:
-    """Return `tps`, `p50_ms`, `p95_ms`, `p99_ms`, `mean_ms`, `errors`.
+class TxFigures(Struct, frozen=True, kw_only=True):
+    """`tps` spans first submission to last finality."""
 
-    `tps` spans first submission to last finality. `ok` is False if a call failed.
-    """
+    tps: float
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+    mean_ms: float
+    count: int
+    errors: int
+    error_codes: dict[str, int]
+    signed_late_count: int
+
+
+async def run_tx_benchmark(options: LoadOptions) -> Result[TxFigures]:
+    """Return the figures; `ok` is False if a call failed."""
     conditions = measure_conditions(
         nodes=options.nodes,
         clients=options.clients,
@@ -103,12 +115,12 @@ async def run_tx_benchmark(options: LoadOptions) -> dict[str, Any]:
             await asyncio.gather(*(client.run(started_s + options.seconds) for client in clients))
     elapsed_s = tally.last_final_s - started_s
     count = len(tally.latencies_ms)
-    figures: dict[str, Any] = {
-        "tps": round(count / elapsed_s, 1) if count else 0.0,
+    figures = TxFigures(
+        tps=round(count / elapsed_s, 1) if count else 0.0,
         **latency_figures(tally.latencies_ms),
-        "count": count,
-        "errors": sum(tally.errors.values()),
-        "error_codes": dict(sorted(tally.errors.items())),
-        "signed_late_count": tally.signed_late_count,
-    }
-    return build_result("tx", ok=count > 0 and not tally.errors, figures=figures, conditions=conditions)
+        count=count,
+        errors=sum(tally.errors.values()),
+        error_codes=dict(sorted(tally.errors.items())),
+        signed_late_count=tally.signed_late_count,
+    )
+    return Result(name="tx", ok=count > 0 and not tally.errors, figures=figures, conditions=conditions)

@@ -7,13 +7,26 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Generic, TypeVar
+
+import msgspec
+from msgspec import Struct
 
 from consensus.bounded_text import read_json_text
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.visible_text import split_lines
 
 COMMAND_TIMEOUT_S = 600.0
+
+A = TypeVar("A")
+
+
+class Progress(Struct, frozen=True):
+    """What a robot's process tells on its way."""
+
+    frames_read: int = 0
+    frames_recorded: int = 0
+    waiting: int = 0
 
 
 def _command(arguments: list[str], module: str = "network.cli.main") -> list[str]:
@@ -24,8 +37,8 @@ def _environment(extra: dict[str, str]) -> dict[str, str]:
     return {**os.environ, **extra}
 
 
-def parse_answer(output: bytes, errors: bytes, arguments: list[str]) -> dict[str, Any]:
-    """Return a child's JSON answer. Raises the child's refusal, or INTERNAL if unreadable."""
+def parse_answer(output: bytes, errors: bytes, arguments: list[str], kind: type[A]) -> A:
+    """Return a child's answer. Raises the child's refusal, or INTERNAL if unreadable."""
     try:
         answer = read_json_text(output)
     except ValueError:
@@ -38,11 +51,11 @@ def parse_answer(output: bytes, errors: bytes, arguments: list[str]) -> dict[str
     if problem:
         code = problem["code"] if problem["code"] in CATALOGUE else "INTERNAL"
         raise BlockRobotError(code, problem["detail"])
-    return answer
+    return msgspec.convert(answer, kind)
 
 
-async def run_command(arguments: list[str], *, environment: dict[str, str] | None = None) -> dict[str, Any]:
-    """Run `blockrobot ARGUMENTS --json`; return its JSON object. Raises the command's refusal."""
+async def run_command(arguments: list[str], kind: type[A], *, environment: dict[str, str] | None = None) -> A:
+    """Run `blockrobot ARGUMENTS --json`; return its answer. Raises the command's refusal."""
     process = await asyncio.create_subprocess_exec(
         *_command([*arguments, "--json"]),
         stdin=asyncio.subprocess.DEVNULL,
@@ -58,27 +71,29 @@ async def run_command(arguments: list[str], *, environment: dict[str, str] | Non
         if process.returncode is None:
             process.kill()
             await process.wait()
-    return parse_answer(output, errors, arguments)
+    return parse_answer(output, errors, arguments, kind)
 
 
-class LongCommand:
+class LongCommand(Generic[A]):
     """A long-running command that reports progress as JSON lines on standard error."""
 
     def __init__(
         self,
         arguments: list[str],
-        on_progress: Callable[[dict[str, Any]], None],
+        kind: type[A],
+        on_progress: Callable[[Progress], None],
         on_start: Callable[[int], None] | None = None,
         *,
         module: str = "network.cli.main",
     ) -> None:
         self._module = module
         self._arguments = arguments
+        self._kind = kind
         self._on_progress = on_progress
         self._on_start = on_start
 
-    async def run(self, timeout_s: float) -> dict[str, Any]:
-        """Run to the end and return the JSON answer. Raises the command's refusal."""
+    async def run(self, timeout_s: float) -> A:
+        """Run to the end and return the answer. Raises the command's refusal."""
         process = await asyncio.create_subprocess_exec(
             *_command([*self._arguments, "--json"], self._module),
             stdin=asyncio.subprocess.DEVNULL,
@@ -103,7 +118,7 @@ class LongCommand:
                 process.kill()
                 await process.wait()
             follow.cancel()
-        return parse_answer(output, b"\n".join(errors), self._arguments)
+        return parse_answer(output, b"\n".join(errors), self._arguments, self._kind)
 
     async def _follow(self, process: asyncio.subprocess.Process, errors: list[bytes]) -> None:
         assert process.stderr is not None
@@ -113,7 +128,7 @@ class LongCommand:
             except ValueError:
                 report = None
             if isinstance(report, dict) and "progress" in report:
-                self._on_progress(report["progress"])
+                self._on_progress(msgspec.convert(report["progress"], Progress))
             else:
                 errors.append(line)
 

@@ -9,16 +9,30 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from clients.bundle.bundle_answers import VerifyBundleAnswer
+from clients.robot.run.run_summary import RunSummary
 from clients.robot.synthetic.scenario import Scenario, published_run_1
 from clients.robot.synthetic.scenario_bag import make_bag
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from clients.wallet.present.record_answers import (
+    AuditAnswer,
+    AuditEvent,
+    ErasuresAnswer,
+    ExportAnswer,
+    ProbeAnswer,
+    RecordRow,
+    RecordsAnswer,
+    VerifyAnswer,
+    ViewAnswer,
+)
+from clients.wallet.present.sharing_answers import EraseAnswer
 from consensus.errors import BlockRobotError
 from network.cluster import read_metric
 from network.custody.hunt import gather, hunt
 from network.custody.traces import Trace
 from network.demo.checks import CheckList
 from network.demo.leader_kill import LeaderKill, kill_and_restart_leader
-from network.demo.processes import LongCommand, run_command
+from network.demo.processes import LongCommand, Progress, run_command
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
 from network.demo.words import name_person, say_events, say_reasons, say_refusal
@@ -48,11 +62,11 @@ class DemoState:
     """State shared by the steps."""
 
     robot_member: str = ""
-    summary: dict[str, Any] = field(default_factory=dict)
+    summary: RunSummary | None = None
     kill: LeaderKill | None = None
-    records: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    records: dict[str, list[RecordRow]] = field(default_factory=dict)
     pictures: dict[str, list[Path]] = field(default_factory=dict)
-    audit: list[dict[str, Any]] = field(default_factory=list)
+    audit: list[AuditEvent] = field(default_factory=list)
     blocks: int = 0
     transactions: int = 0
 
@@ -118,7 +132,7 @@ class Demo:
 
     def _check_told(self) -> None:
         notice, signed = self._notice_version, [self.stage.receipts.get(patient) for patient in PATIENTS]
-        told = [each for each in signed if each is not None and each["notice_version"] == notice]
+        told = [each for each in signed if each is not None and each.notice_version == notice]
         self.checks.add(
             "patients were told before they consented, and hold receipts",
             ok=notice == 1 and len(told) == len(PATIENTS),
@@ -145,21 +159,21 @@ class Demo:
         expected_kept = self._expected_covered() // 2
         kill: asyncio.Task[LeaderKill] | None = None
 
-        def progress(figures: dict[str, Any]) -> None:
+        def progress(figures: Progress) -> None:
             nonlocal kill
-            read, recorded, waiting = figures["frames_read"], figures["frames_recorded"], figures["waiting"]
             self._tell(
-                f"recording: {read} frames seen, {recorded} recorded (counted for each owner), {waiting} clips on their way"
+                f"recording: {figures.frames_read} frames seen, {figures.frames_recorded} recorded (counted for each "
+                f"owner), {figures.waiting} clips on their way"
             )
-            if kill is None and recorded >= expected_kept:
+            if kill is None and figures.frames_recorded >= expected_kept:
                 self._tell("killing the leading node")
                 kill = asyncio.create_task(kill_and_restart_leader(self.stage.cluster))
 
         arguments = [*self.stage.robot_arguments(), "replay", str(self._bag), "--purpose", PURPOSE]
         arguments += ["--approve-as", self.stage.organisation]
         arguments += ["--events", str(self.options.out / "events.jsonl")]
-        self.state.summary = await LongCommand(arguments, progress).run(RECORDING_TIMEOUT_S)
-        self._check_frames()
+        self.state.summary = await LongCommand(arguments, RunSummary, progress).run(RECORDING_TIMEOUT_S)
+        self._check_frames(self.state.summary)
         if kill is None:
             self.checks.add("the leading node is killed and comes back", ok=False, detail="half was never recorded")
             return
@@ -174,9 +188,8 @@ class Demo:
     def _expected_covered(self) -> int:
         return sum(len(covered_frames(self.scenario, alias)) for alias in self.scenario.tagged_aliases)
 
-    def _check_frames(self) -> None:
-        frames = self.state.summary["frames"]
-        rows = self.state.summary["roster_rows"]
+    def _check_frames(self, summary: RunSummary) -> None:
+        frames, rows = summary.frames, summary.roster_rows
         self.checks.add(
             "the robot proves its roster against the chain",
             ok=rows == len(PATIENTS),
@@ -184,42 +197,42 @@ class Demo:
         )
         self.checks.add(
             "every frame of the camera arrived",
-            ok=frames["published"] == self.scenario.frame_count,
-            detail=f"{frames['published']} of {self.scenario.frame_count}",
+            ok=frames.published == self.scenario.frame_count,
+            detail=f"{frames.published} of {self.scenario.frame_count}",
         )
         expected = self._expected_covered()
         self.checks.add(
             "the right frames were paired",
-            ok=frames["covered"] == expected,
-            detail=f"{frames['covered']} frames and owners, {expected} by the scenario's own readings",
+            ok=frames.covered == expected,
+            detail=f"{frames.covered} frames and owners, {expected} by the scenario's own readings",
         )
         self.checks.add(
             "no frame that should be kept is lost",
-            ok=frames["lost"] == 0 and frames["covered"] == frames["kept"] + frames["withheld"],
-            detail=f"covered {frames['covered']} = kept {frames['kept']} + withheld {frames['withheld']}",
+            ok=frames.lost == 0 and frames.covered == frames.kept + frames.withheld,
+            detail=f"covered {frames.covered} = kept {frames.kept} + withheld {frames.withheld}",
         )
-        share = frames["withheld"] / max(1, frames["covered"])
+        share = frames.withheld / max(1, frames.covered)
         self.checks.add(
             "at most 30 % were withheld, each with its reason",
-            ok=share <= WITHHELD_MAX_SHARE and sum(frames["withheld_reasons"].values()) == frames["withheld"],
-            detail=f"{100 * share:.1f} %: {say_reasons(frames['withheld_reasons'])}",
+            ok=share <= WITHHELD_MAX_SHARE and sum(frames.withheld_reasons.values()) == frames.withheld,
+            detail=f"{100 * share:.1f} %: {say_reasons(frames.withheld_reasons)}",
         )
 
     async def look(self) -> None:
         for patient in PATIENTS:
-            listed = await self.stage.wallet(patient, "records")
-            self.state.records[patient] = [row for visit in listed["visits"] for row in visit["records"]]
-            missing = sum(visit["missing_records"] for visit in listed["visits"])
-            closed = all(visit["closed"] for visit in listed["visits"])
-            frames = sum(row["frames"] for row in self.state.records[patient])
+            listed = await self.stage.wallet(patient, RecordsAnswer, "records")
+            self.state.records[patient] = [row for visit in listed.visits for row in visit.records]
+            missing = sum(visit.missing_records for visit in listed.visits)
+            closed = all(visit.closed for visit in listed.visits)
+            frames = sum(row.frames for row in self.state.records[patient])
             self.checks.add(
                 f"{name_person(patient)} finds all their records",
                 ok=bool(self.state.records[patient]) and missing == 0 and closed,
                 detail=f"{len(self.state.records[patient])} records, {frames} pictures, none missing",
             )
             out = self.options.out / "pictures" / patient
-            seen = await self.stage.wallet(patient, "view", "--out", str(out), "--purpose", "own-access")
-            statuses = [frame["status"] for record in seen["records"] for frame in record["frames"]]
+            seen = await self.stage.wallet(patient, ViewAnswer, "view", "--out", str(out), "--purpose", "own-access")
+            statuses = [frame.status for record in seen.records for frame in record.frames]
             self.state.pictures[patient] = sorted(out.glob("*/*[0-9].png"))
             self.checks.add(
                 f"{name_person(patient)} opens and verifies them",
@@ -237,86 +250,87 @@ class Demo:
         await self._check_strangers()
 
     async def _check_strangers(self) -> None:
-        own = {row["record_id"] for row in self.state.records["patient-b"]}
-        foreign = [row["record_id"] for row in self.state.records["patient-a"]]
+        own = {row.record_id for row in self.state.records["patient-b"]}
+        foreign = [row.record_id for row in self.state.records["patient-a"]]
         refused = await self.stage.refusal("patient-b", "view", foreign[0], "--out", str(self.options.out / "none"))
         self.checks.add(
             "patient B's wallet cannot tell which records are A's, nor fetch them",
             ok=not own & set(foreign) and refused == "RECORD_NOT_FOUND",
             detail=f"no record of A's opens to B's view key; asking for one is answered {say_refusal(refused)}",
         )
-        probe = await self.stage.wallet("patient-b", "probe", foreign[0])
+        probe = await self.stage.wallet("patient-b", ProbeAnswer, "probe", foreign[0])
         self.checks.add(
             "custodians refuse A's records to B",
-            ok=set(probe["refusals"].values()) <= {"NOT_PERMITTED", "ACCESS_NOT_GRANTED"} and bool(probe["refusals"]),
-            detail="; ".join(f"{name}: {say_refusal(code)}" for name, code in probe["refusals"].items()),
+            ok=set(probe.refusals.values()) <= {"NOT_PERMITTED", "ACCESS_NOT_GRANTED"} and bool(probe.refusals),
+            detail="; ".join(f"{name}: {say_refusal(code)}" for name, code in probe.refusals.items()),
         )
 
     async def tamper(self) -> None:
-        record = max(self.state.records["patient-a"], key=lambda row: int(row["frames"]))
-        index = int(record["frames"]) // 2
+        record = max(self.state.records["patient-a"], key=lambda row: row.frames)
+        index = record.frames // 2
         for node in self.stage.cluster.genesis.custodians:
             await asyncio.to_thread(
-                flip_stored_byte, self.stage.cluster.config(node.name), bytes.fromhex(record["record_id"]), index
+                flip_stored_byte, self.stage.cluster.config(node.name), bytes.fromhex(record.record_id), index
             )
-        answer = await self.stage.wallet("patient-a", "verify", record["record_id"])
-        (verdict,) = answer["records"]
-        statuses = {frame["number"] - 1: frame["status"] for frame in verdict["frames"]}
+        answer = await self.stage.wallet("patient-a", VerifyAnswer, "verify", record.record_id)
+        (verdict,) = answer.records
+        statuses = {frame.number - 1: frame.status for frame in verdict.frames}
         rest = {status for place, status in statuses.items() if place != index}
         self.checks.add(
             "a changed byte is found, named, and put on the chain",
-            ok=verdict["verdict"] == "corrupted" and statuses[index] == "corrupted" and rest == {"ok"},
-            detail=f"picture {index + 1} of record {record['record_id'][:8]} is corrupted; "
+            ok=verdict.verdict == "corrupted" and statuses[index] == "corrupted" and rest == {"ok"},
+            detail=f"picture {index + 1} of record {record.record_id[:8]} is corrupted; "
             f"the other {len(statuses) - 1} open",
         )
 
     async def erase(self) -> None:
         records = self.state.records["patient-a"]
         traces = await asyncio.to_thread(self._trace, records)
-        chosen = next(row for row in records if int(row["frames"]) >= 4)
-        first = await self.stage.wallet("patient-a", "erase", chosen["record_id"], "--frames", "1,2", "--yes", "--wait")
+        chosen = next(row for row in records if row.frames >= 4)
+        first = await self.stage.wallet(
+            "patient-a", EraseAnswer, "erase", chosen.record_id, "--frames", "1,2", "--yes", "--wait"
+        )
         out = self.options.out / "pictures" / "after-two"
-        seen = await self.stage.wallet("patient-a", "view", chosen["record_id"], "--out", str(out))
-        statuses = [frame["status"] for frame in seen["records"][0]["frames"]]
+        seen = await self.stage.wallet("patient-a", ViewAnswer, "view", chosen.record_id, "--out", str(out))
+        statuses = [frame.status for frame in seen.records[0].frames]
         self.checks.add(
             "two pictures are erased, the rest stay",
             ok=_confirmed(first) and statuses[:2] == ["erased", "erased"] and "erased" not in statuses[2:],
             detail=f"both custodians destroyed keys and bytes; {what_is_left(statuses)}",
         )
-        everything = await self.stage.wallet("patient-a", "erase", "--all", "--yes", "--wait")
-        listed = await self.stage.wallet("patient-a", "records")
-        left = sum(len(visit["records"]) for visit in listed["visits"])
-        erased = sum(len(visit["erased_records"]) for visit in listed["visits"])
+        everything = await self.stage.wallet("patient-a", EraseAnswer, "erase", "--all", "--yes", "--wait")
+        listed = await self.stage.wallet("patient-a", RecordsAnswer, "records")
+        left = sum(len(visit.records) for visit in listed.visits)
+        erased = sum(len(visit.erased_records) for visit in listed.visits)
         self.checks.add(
             "everything of A's is erased",
             ok=_confirmed(everything) and left == 0 and erased == len(records),
-            detail=f"{erased} records, {sum(len(row['confirmed']) for row in everything['erasures'])} receipts on chain",
+            detail=f"{erased} records, {sum(len(row.confirmed) for row in everything.erasures)} receipts on chain",
         )
-        told = (await self.stage.wallet("patient-a", "erasures"))["erasures"]
-        words = [word for erasure in told for word in erasure["custodians"]]
+        told = (await self.stage.wallet("patient-a", ErasuresAnswer, "erasures")).erasures
+        words = [word for erasure in told for word in erasure.custodians]
         self.checks.add(
             "A's wallet says who has confirmed what",
-            ok=len(words) == 2 * len(told) > 0
-            and all(word["confirmed_at_ms"] and not word["overdue"] for word in words),
-            detail=f"{len(told)} erasures, each confirmed by {', '.join(sorted({word['name'] for word in words}))}",
+            ok=len(words) == 2 * len(told) > 0 and all(word.confirmed_at_ms and not word.overdue for word in words),
+            detail=f"{len(told)} erasures, each confirmed by {', '.join(sorted({word.name for word in words}))}",
         )
-        refused = await self.stage.refusal("patient-a", "view", chosen["record_id"], "--out", str(out))
+        refused = await self.stage.refusal("patient-a", "view", chosen.record_id, "--out", str(out))
         self.checks.add(
             "nothing of it can be had any more",
             ok=refused in {"RECORD_NOT_FOUND", "CLIP_ERASED"},
             detail=f"asking for it again is answered {say_refusal(refused)}",
         )
         await self._hunt(traces)
-        listed_b = await self.stage.wallet("patient-b", "records")
-        kept_b = sum(len(visit["records"]) for visit in listed_b["visits"])
+        listed_b = await self.stage.wallet("patient-b", RecordsAnswer, "records")
+        kept_b = sum(len(visit.records) for visit in listed_b.visits)
         self.checks.add(
             "patient B's records are untouched",
             ok=kept_b == len(self.state.records["patient-b"]),
             detail=f"{kept_b} records",
         )
 
-    def _trace(self, records: list[dict[str, Any]]) -> list[Trace]:
-        return gather(self.stage.cluster, [bytes.fromhex(row["record_id"]) for row in records])
+    def _trace(self, records: list[RecordRow]) -> list[Trace]:
+        return gather(self.stage.cluster, [bytes.fromhex(row.record_id) for row in records])
 
     async def _hunt(self, traces: list[Trace]) -> None:
         started, cluster = time.monotonic(), self.stage.cluster
@@ -335,25 +349,25 @@ class Demo:
     async def take_along(self) -> None:
         rows = self.state.records["patient-b"][:EXPORTED_COUNT]
         bundle = self.options.out / "patient-b.zip"
-        chosen = [argument for row in rows for argument in ("--records", str(row["record_id"]))]
-        exported = await self.stage.wallet("patient-b", "export", str(bundle), *chosen, "--yes")
-        told = await run_command(["verify", str(bundle), "--genesis", str(self.stage.genesis_file)])
+        chosen = [argument for row in rows for argument in ("--records", row.record_id)]
+        exported = await self.stage.wallet("patient-b", ExportAnswer, "export", str(bundle), *chosen, "--yes")
+        told = await run_command(["verify", str(bundle), "--genesis", str(self.stage.genesis_file)], VerifyBundleAnswer)
         self.checks.add(
             "patient B takes records along, and a stranger can check them offline",
-            ok=told["is_anchored"]
-            and (exported["problems"], told["records"], told["metadata_proved"]) == ([], len(rows), len(rows))
-            and told["pictures"] == sum(int(row["frames"]) for row in rows),
-            detail=f"{told['records']} records, {told['pictures']} pictures, {exported['bytes'] / 1e6:.1f} MB, "
-            f"proved up to block {told['proved_until_height']} from the genesis file alone",
+            ok=told.is_anchored
+            and (exported.problems, told.records, told.metadata_proved) == ([], len(rows), len(rows))
+            and told.pictures == sum(row.frames for row in rows),
+            detail=f"{told.records} records, {told.pictures} pictures, {exported.bytes / 1e6:.1f} MB, "
+            f"proved up to block {told.proved_until_height} from the genesis file alone",
         )
 
     async def read_trail(self) -> None:
-        trail = await self.stage.wallet("patient-a", "audit")
-        self.state.audit = trail["entries"]
-        kinds = [entry["kind"] for entry in self.state.audit]
+        trail = await self.stage.wallet("patient-a", AuditAnswer, "audit")
+        self.state.audit = trail.entries
+        kinds = [entry.kind for entry in self.state.audit]
         wanted = ["visit_opened", "recorded", "access_requested", "verdict", "erasure_requested", "erasure_receipted"]
         firsts = [kinds.index(kind) if kind in kinds else -1 for kind in wanted]
-        heights = [entry["height"] for entry in self.state.audit]
+        heights = [entry.height for entry in self.state.audit]
         self.checks.add(
             "A's audit trail tells all of it, in order",
             ok=-1 not in firsts and firsts == sorted(firsts) and heights == sorted(heights),
@@ -389,8 +403,7 @@ def what_is_left(statuses: list[str]) -> str:
     return f"{left}, {spoilt} is the one whose byte was changed before" if spoilt == 1 else left
 
 
-def _confirmed(answer: dict[str, Any]) -> bool:
-    return bool(answer["erasures"]) and all(
-        row["status"] == "complete" and sorted(row["confirmed"]) == sorted(row["custodians"])
-        for row in answer["erasures"]
+def _confirmed(answer: EraseAnswer) -> bool:
+    return bool(answer.erasures) and all(
+        row.status == "complete" and sorted(row.confirmed) == sorted(row.custodians) for row in answer.erasures
     )

@@ -7,10 +7,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
-from typing import Any
 
 from clients.robot.synthetic.scenario import Scenario
 from clients.sdk.pictures.picture_names import read_robot_frame
+from clients.wallet.present.record_answers import (
+    AuditAnswer,
+    ProbeAnswer,
+    RecordRow,
+    RecordsAnswer,
+    VerifyAnswer,
+    ViewAnswer,
+)
 from network.demo.checks import CheckList
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
@@ -24,13 +31,13 @@ REFUSALS = frozenset({"NOT_PERMITTED", "ACCESS_NOT_GRANTED"})
 class Belongings:
     """What a person's wallet found: records as listed, and pictures written."""
 
-    records: list[dict[str, Any]] = field(default_factory=list)
+    records: list[RecordRow] = field(default_factory=list)
     pictures: list[Path] = field(default_factory=list)
     depths: list[Path] = field(default_factory=list)
 
     @property
     def record_ids(self) -> list[str]:
-        return [str(row["record_id"]) for row in self.records]
+        return [row.record_id for row in self.records]
 
 
 class PostStage:
@@ -60,25 +67,25 @@ class PostStage:
 
     async def _open(self, alias: str) -> Belongings:
         self._tell(f"post-stage: {name_person(alias)} looks at their records")
-        listed = await self._stage.wallet(alias, "records")
-        records = [row for visit in listed["visits"] for row in visit["records"]]
+        listed = await self._stage.wallet(alias, RecordsAnswer, "records")
+        records = [row for visit in listed.visits for row in visit.records]
         if not self._is_in_scene(alias):
             self._checks.add(
                 f"{name_person(alias)}, whom the robot never met, has nothing",
-                ok=not listed["visits"],
+                ok=not listed.visits,
                 detail=f"{len(records)} records",
             )
             return Belongings()
-        missing = sum(visit["missing_records"] for visit in listed["visits"])
-        closed = all(visit["closed"] for visit in listed["visits"])
+        missing = sum(visit.missing_records for visit in listed.visits)
+        closed = all(visit.closed for visit in listed.visits)
         self._checks.add(
             f"{name_person(alias)} finds all their records",
             ok=bool(records) and missing == 0 and closed,
             detail=f"{len(records)} records, {missing} missing",
         )
         out = self._pictures / alias
-        seen = await self._stage.wallet(alias, "view", "--out", str(out))
-        statuses = [frame["status"] for record in seen["records"] for frame in record["frames"]]
+        seen = await self._stage.wallet(alias, ViewAnswer, "view", "--out", str(out))
+        statuses = [frame.status for record in seen.records for frame in record.frames]
         self._checks.add(
             f"{name_person(alias)} opens and verifies them",
             ok="ok" in statuses and set(statuses) <= {"ok", "notice"},
@@ -118,8 +125,8 @@ class PostStage:
         first = found[owner].record_ids[0]
         out = self._pictures / "none"
         refused = await self._stage.refusal(stranger, "view", first, "--out", str(out))
-        probe = await self._stage.wallet(stranger, "probe", first)
-        codes = set(probe["refusals"].values())
+        probe = await self._stage.wallet(stranger, ProbeAnswer, "probe", first)
+        codes = set(probe.refusals.values())
         shared = set(found[owner].record_ids) & set(found[stranger].record_ids)
         self._checks.add(
             f"{name_person(stranger)} gets no frame of {name_person(owner)}",
@@ -129,8 +136,8 @@ class PostStage:
 
     async def corrupt_and_verify(self, found: dict[str, Belongings]) -> None:
         alias = next(alias for alias, belongings in found.items() if belongings.records)
-        record = max(found[alias].records, key=lambda row: int(row["frames"]))
-        record_id, index = str(record["record_id"]), int(record["frames"]) // 2
+        record = max(found[alias].records, key=lambda row: row.frames)
+        record_id, index = record.record_id, record.frames // 2
         self._tell("post-stage: changing a stored byte")
         cluster = self._stage.cluster
         for node in cluster.genesis.custodians:
@@ -149,8 +156,8 @@ class PostStage:
             ok=rest <= {"ok", "notice"},
             detail=f"{len(verdicts) - 1} frames: {', '.join(sorted(rest))}",
         )
-        trail = await self._stage.wallet(alias, "audit")
-        told = [row for row in trail["entries"] if row["kind"] == "verdict" and record_id in row["records"]]
+        trail = await self._stage.wallet(alias, AuditAnswer, "audit")
+        told = [row for row in trail.entries if row.kind == "verdict" and record_id in row.records]
         self._checks.add("the verdict is on the chain", ok=len(told) == 1, detail=f"{len(told)} about this record")
 
     async def verify_untouched(self, found: dict[str, Belongings]) -> None:
@@ -168,9 +175,7 @@ class PostStage:
 
     async def _verify(self, alias: str, *record_ids: str) -> dict[tuple[str, int], str]:
         self._tell(f"post-stage: {name_person(alias)} verifies their records")
-        answer = await self._stage.wallet(alias, "verify", *record_ids)
+        answer = await self._stage.wallet(alias, VerifyAnswer, "verify", *record_ids)
         return {
-            (str(record["record_id"]), int(frame["number"]) - 1): str(frame["status"])
-            for record in answer["records"]
-            for frame in record["frames"]
+            (record.record_id, frame.number - 1): frame.status for record in answer.records for frame in record.frames
         }

@@ -9,18 +9,19 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+import msgspec
 
 from clients.robot.synthetic.scenario import Scenario
 from consensus.errors import BlockRobotError
-from network.bench.conditions import build_result, measure_conditions
+from network.bench.conditions import Result, measure_conditions
 from network.demo.checks import Check, CheckList
 from network.experiments.comparison import MAP_FILE, write_reading
 from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
 from network.experiments.out_folder import REPORT_FILE, SUMMARY_FILE, make_experiment_folder, taken
 from network.experiments.pages.experiment_page import build_index, build_page
-from network.experiments.run_one import ExperimentRun, Outcome
+from network.experiments.run_one import ExperimentRun, Outcome, OutcomeFigures
 from network.testbed import NODES_COUNT
 
 
@@ -37,8 +38,8 @@ class RunOptions:
 
 async def run_experiments(
     chosen: Sequence[tuple[Experiment, Scenario]], options: RunOptions
-) -> tuple[dict[str, Any], list[Outcome]]:
-    """Run experiments; return the result (`name`, `ok`, `figures`, `conditions`) and outcomes.
+) -> tuple[Result[dict[str, OutcomeFigures | float]], list[Outcome]]:
+    """Run experiments; return the result, which has figures of each and the `seconds` of all, and outcomes.
 
     Raises FOLDER_NOT_EMPTY. Stops everything it started, also on Ctrl-C, SIGTERM, SIGHUP, or by the guard if killed.
     """
@@ -49,13 +50,15 @@ async def run_experiments(
         started = time.monotonic()
         for experiment, scenario in chosen:
             outcomes.append(await _run_one(experiment, scenario, options, guard))
-        figures: dict[str, Any] = {outcome.experiment.name: outcome.figures() for outcome in outcomes}
-        figures["seconds"] = round(time.monotonic() - started, 1)
+        seconds = round(time.monotonic() - started, 1)
+        figures = {outcome.experiment.name: outcome.figures() for outcome in outcomes}
         conditions["drawn_by"] = _drawn_by(outcomes, options.out)
         ok = bool(outcomes) and all(outcome.ok for outcome in outcomes)
-        result = build_result("experiments", ok=ok, figures=figures, conditions=conditions)
-        _write(options.out / SUMMARY_FILE, json.dumps(result, indent=2) + "\n")
-        _write(options.out / REPORT_FILE, build_index(outcomes, result))
+        result = Result[dict[str, OutcomeFigures | float]](
+            name="experiments", ok=ok, figures={**figures, "seconds": seconds}, conditions=conditions
+        )
+        _write(options.out / SUMMARY_FILE, json.dumps(msgspec.to_builtins(result), indent=2) + "\n")
+        _write(options.out / REPORT_FILE, build_index(outcomes, seconds, conditions))
     return result, outcomes
 
 
@@ -97,7 +100,7 @@ def _leave(outcome: Outcome, folder: Path) -> None:
         refusal = write_reading(outcome.reading, folder)
         if refusal is None:
             drawn = (folder / f"{MAP_FILE}.svg").read_text(encoding="utf-8")
-    _write(folder / SUMMARY_FILE, json.dumps(outcome.figures(), indent=2) + "\n")
+    _write(folder / SUMMARY_FILE, json.dumps(msgspec.to_builtins(outcome.figures()), indent=2) + "\n")
     _write(folder / REPORT_FILE, build_page(outcome, refusal, drawn))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from clients.robot.run.event_log import (
     BLOCKCHAIN_TRANSACTION,
@@ -63,7 +62,7 @@ class RunFigures:
     def recorded_share(self) -> float:
         return self.frames_recorded / self.frames_received if self.frames_received else 0.0
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, object]:
         return {
             **asdict(self),
             "lost_share": round(self.lost_share, 4),

@@ -8,16 +8,18 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+
+from msgspec import Struct
 
 from clients.robot.run.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
+from clients.robot.run.run_summary import FrameCounts, RunLatencies, RunSummary
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenario_bag import make_bag
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
 from consensus.errors import BlockRobotError
-from network.bench.conditions import measure_conditions
+from network.bench.conditions import Condition, measure_conditions
 from network.demo.checks import CheckList
-from network.demo.processes import LongCommand
+from network.demo.processes import LongCommand, Progress
 from network.demo.scene_truth import covered_frames
 from network.experiments.comparison import Reading, work_out
 from network.experiments.definitions import Experiment
@@ -78,6 +80,20 @@ WITHHELD_MAX_SHARE = {1: 0.30, 2: 0.30, 3: 0.60, 4: 0.30}
 Tell = Callable[[str], None]
 
 
+class OutcomeFigures(Struct, frozen=True, kw_only=True):
+    """What an experiment answers; null is what it did not come to."""
+
+    ok: bool
+    checks_held: int
+    checks_failed: list[str]
+    frames: FrameCounts | None
+    latency_ms: RunLatencies | None
+    records: int
+    log: Mapping[str, object]
+    stages_s: dict[str, float]
+    conditions: dict[str, Condition]
+
+
 @dataclass(slots=True)
 class Outcome:
     """Result of an experiment."""
@@ -85,28 +101,28 @@ class Outcome:
     experiment: Experiment
     scenario: Scenario
     checks: CheckList
-    robot: dict[str, Any] = field(default_factory=dict)
+    robot: RunSummary | None = None
     reading: Reading | None = None
     belongings: dict[str, Belongings] = field(default_factory=dict)
     stages_s: dict[str, float] = field(default_factory=dict)
-    conditions: dict[str, Any] = field(default_factory=dict)
+    conditions: dict[str, Condition] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
         return self.checks.ok and self.reading is not None
 
-    def figures(self) -> dict[str, Any]:
-        return {
-            "ok": self.ok,
-            "checks_held": sum(check.ok for check in self.checks.checks),
-            "checks_failed": [check.name for check in self.checks.checks if not check.ok],
-            "frames": self.robot.get("frames", {}),
-            "latency_ms": self.robot.get("latency_ms", {}),
-            "records": self.robot.get("records", 0),
-            "log": self.reading.figures.as_json() if self.reading else {},
-            "stages_s": self.stages_s,
-            "conditions": self.conditions,
-        }
+    def figures(self) -> OutcomeFigures:
+        return OutcomeFigures(
+            ok=self.ok,
+            checks_held=sum(check.ok for check in self.checks.checks),
+            checks_failed=[check.name for check in self.checks.checks if not check.ok],
+            frames=self.robot.frames if self.robot else None,
+            latency_ms=self.robot.latency_ms if self.robot else None,
+            records=self.robot.records if self.robot else 0,
+            log=self.reading.figures.as_json() if self.reading else {},
+            stages_s=self.stages_s,
+            conditions=self.conditions,
+        )
 
 
 class ExperimentRun:
@@ -201,23 +217,20 @@ class ExperimentRun:
     async def _record(self) -> None:
         self.outcome.conditions = measure_conditions(nodes=NODES_COUNT, seed=self.outcome.scenario.seed)
 
-        def progress(figures: dict[str, Any]) -> None:
-            self._tell(
-                f"run: {figures['frames_read']} frames seen, {figures['frames_recorded']} recorded (for each owner)"
-            )
+        def progress(figures: Progress) -> None:
+            self._tell(f"run: {figures.frames_read} frames seen, {figures.frames_recorded} recorded (for each owner)")
 
         scenario, log = self.outcome.scenario, self._folder / "events.jsonl"
         arguments = [*self.stage.robot_arguments(), "replay", str(self._bag), "--purpose", PURPOSE]
         arguments += ["--approve-as", self.stage.organisation]
-        command = LongCommand([*arguments, "--events", str(log)], progress, self._guard.watch_process)
-        self.outcome.robot = await command.run(scenario.duration_s + AFTER_RECORDING_MAX_S)
+        command = LongCommand([*arguments, "--events", str(log)], RunSummary, progress, self._guard.watch_process)
+        self.outcome.robot = summary = await command.run(scenario.duration_s + AFTER_RECORDING_MAX_S)
         self.outcome.reading = work_out("ours", await asyncio.to_thread(read_log, log))
-        self._check_frames(self.outcome.reading)
+        self._check_frames(self.outcome.reading, summary.frames)
         self._check_log(self.outcome.reading)
 
-    def _check_frames(self, reading: Reading) -> None:
-        frames, experiment = self.outcome.robot["frames"], self.outcome.experiment
-        scenario = self.outcome.scenario
+    def _check_frames(self, reading: Reading, frames: FrameCounts) -> None:
+        experiment, scenario = self.outcome.experiment, self.outcome.scenario
         arrived = {event.sequence for event in reading.table.of_activity(IMAGE_RETRIEVE)}
         self._checks.add(
             "every frame of the camera arrived",
@@ -240,13 +253,13 @@ class ExperimentRun:
             detail=f"covered {covered} = kept {kept} + withheld {withheld}, of each tag; {lost} lost",
         )
         share, limit = withheld / max(1, covered), WITHHELD_MAX_SHARE[experiment.number]
-        reasons = ", ".join(f"{reason} {count}" for reason, count in frames["withheld_reasons"].items()) or "none"
+        reasons = ", ".join(f"{reason} {count}" for reason, count in frames.withheld_reasons.items()) or "none"
         self._checks.add(
             f"at most {100 * limit:.0f} % were withheld, each with its reason",
-            ok=share <= limit and sum(frames["withheld_reasons"].values()) == withheld,
+            ok=share <= limit and sum(frames.withheld_reasons.values()) == withheld,
             detail=f"{100 * share:.1f} %: {reasons}",
         )
-        said = tuple(frames[name] for name in ("published", "covered", "kept", "withheld", "lost"))
+        said = (frames.published, frames.covered, frames.kept, frames.withheld, frames.lost)
         self._checks.add(
             "what the robot says of its frames is what its log shows",
             ok=said == (len(arrived), covered, kept, withheld, lost),

@@ -23,22 +23,20 @@ STRETCH = range(215, 375)
 def test_on_a_stretch_of_the_film_each_bearer_gets_herself_and_nobody_sees_anybody_else(tmp_path: Path) -> None:
     picture = tmp_path / "shown.png"
     result = judge_pedestrians(seed=3, tags=8, frames=STRETCH, picture=picture)
-    figures = result["figures"]
-    assert result["ok"], figures
-    assert figures["film_frames"] == len(STRETCH)
-    assert figures["people_shown"] >= 2
-    assert figures["pictures_kept"] >= 60
-    assert (figures["others_visible"], figures["pictures_of_another"]) == (0, 0)
-    assert figures["pictures_looked_at"] >= 4
-    assert figures["others_visible_without_hiding"] >= 4 * figures["pictures_looked_at"]
-    assert figures["silhouettes_taken_for_several_people"] > 0.3 * figures["silhouettes"], (
-        "most who walk here are in company"
-    )
-    assert figures["pictures_kept_without_depth"] == 0, "colour alone is kept for nobody"
-    assert figures["frames_with_the_bearer_alone"] == 0, "nobody ever had the place for herself: no whole frame is kept"
+    figures = result.figures
+    assert result.ok, figures
+    assert figures.film_frames == len(STRETCH)
+    assert figures.people_shown >= 2
+    assert figures.pictures_kept >= 60
+    assert (figures.others_visible, figures.pictures_of_another) == (0, 0)
+    assert figures.pictures_looked_at >= 4
+    assert figures.others_visible_without_hiding >= 4 * figures.pictures_looked_at
+    assert figures.silhouettes_taken_for_several_people > 0.3 * figures.silhouettes, "most who walk here are in company"
+    assert figures.pictures_kept_without_depth == 0, "colour alone is kept for nobody"
+    assert figures.frames_with_the_bearer_alone == 0, "nobody ever had the place for herself: no whole frame is kept"
     shown = cv2.imread(str(picture))
     assert shown is not None
-    assert shown.shape[0] == 2 * 288 * figures["people_shown"]
+    assert shown.shape[0] == 2 * 288 * figures.people_shown
 
 
 @pytest.mark.system_packages

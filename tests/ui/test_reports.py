@@ -121,7 +121,7 @@ async def test_the_page_over_all_experiments_leads_to_each(page: Page, tmp_path:
     made = experiment_outcome(tmp_path)
     (tmp_path / made.experiment.name).mkdir()
     (tmp_path / made.experiment.name / "report.html").write_text(build_page(made, None), encoding="utf-8")
-    index = build_index([made], {"figures": {"seconds": 5}, "conditions": {"nodes": 4}})
+    index = build_index([made], 5.0, {"nodes": 4})
     (tmp_path / "report.html").write_text(index, encoding="utf-8")
     await look_all_ways(page, tmp_path / "report.html", "report-experiments")
     await page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
+import msgspec
+from msgspec import Struct
 from pymongo import MongoClient
 
 from consensus.errors import BlockRobotError
@@ -22,9 +24,9 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload
 from consensus.records.owner_keys import open_visit_keys, scan_announcement
-from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.custody.custody_clips import ClipRobot, SealedClip, seal_clip
-from network.bench.custody.custody_held import measure_held
+from network.bench.custody.custody_held import HeldRow, measure_held
 from network.bench.fresh_network import FreshNetwork
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
@@ -76,7 +78,7 @@ async def _open_custody(uri: str, folder: Path) -> AsyncIterator[_Custody]:
                 yield _Custody(store, keys, own)
     finally:
         if own != uri:
-            with MongoClient[dict[str, Any]](own) as client:
+            with MongoClient[Any](own) as client:
                 client.drop_database(name)
 
 
@@ -96,7 +98,43 @@ def _make_clip(options: CustodyOptions) -> SealedClip:
     return seal_clip(options.frames, options.frame_bytes, valid_until_ms=valid_until_ms)
 
 
-async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) -> dict[str, Any]:
+class FollowingFigures(Struct, frozen=True, kw_only=True):
+    """What following the chain costs a custodian.
+
+    `hook_records_per_s`: staged clips confirmed in blocks of fifty; `catchup_s`: following and fetching `behind` clips;
+    `store_overhead`: disk bytes, erase keys included, per ciphertext byte, null where the store does not tell.
+    """
+
+    hook_records_per_s: float
+    catchup_s: float
+    store_overhead: float | None
+    ciphertext_bytes: int
+    clips_lost: int
+
+
+class CustodyFigures(FollowingFigures, frozen=True, kw_only=True):
+    """What custody costs.
+
+    `erase_p50_ms`/`erase_p95_ms`: request to all receipts final; `scan_records_per_s` per core; `hospital_day_scan_s`:
+    a day without proofs and network.
+    """
+
+    erase_p50_ms: float
+    erase_p95_ms: float
+    scan_records_per_s: float
+    hospital_day_scan_s: float
+    errors: int
+    error_codes: dict[str, int]
+
+
+class HeldFigures(Struct, frozen=True, kw_only=True):
+    """What erasing costs by the number of kept clips."""
+
+    held: list[HeldRow]
+    cpu_ratio: float
+
+
+async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) -> FollowingFigures:
     async with _open_custody(options.store, folder / "a") as awake, _open_custody(options.store, folder / "b") as away:
         size_bytes, hook_s = 0, 0.0
         blocks: list[FinalizedEvents] = []
@@ -114,13 +152,13 @@ async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) 
         caught_up_s = await _measure_catching_up(blocks, awake, away, options.behind, tell)
         held = [(await custody.store.counts()).confirmed for custody in (awake, away)]
         stored_bytes = await _stored_bytes(folder / "a", awake)
-    return {
-        "hook_records_per_s": round(options.behind / hook_s, 1),
-        "catchup_s": round(caught_up_s, 2),
-        "store_overhead": None if stored_bytes is None else round(stored_bytes / size_bytes, 3),
-        "ciphertext_bytes": size_bytes,
-        "clips_lost": 2 * options.behind - sum(held),
-    }
+    return FollowingFigures(
+        hook_records_per_s=round(options.behind / hook_s, 1),
+        catchup_s=round(caught_up_s, 2),
+        store_overhead=None if stored_bytes is None else round(stored_bytes / size_bytes, 3),
+        ciphertext_bytes=size_bytes,
+        clips_lost=2 * options.behind - sum(held),
+    )
 
 
 async def _measure_catching_up(
@@ -141,7 +179,7 @@ async def _stored_bytes(folder: Path, custody: _Custody) -> int | None:
     keys = sum(path.stat().st_size for path in (folder / "erase-keys").iterdir())
     size_bytes = (await custody.store.counts()).size_bytes
     if size_bytes is None and custody.uri.startswith(MONGO_SCHEMES):
-        with MongoClient[dict[str, Any]](custody.uri) as client:
+        with MongoClient[Any](custody.uri) as client:
             told = client.get_default_database().command("dbStats")
         size_bytes = int(told["storageSize"]) + int(told["indexSize"])
     return None if size_bytes is None else size_bytes + keys
@@ -181,27 +219,23 @@ async def _measure_erasing(options: CustodyOptions, tell: Tell) -> tuple[list[fl
     return took_ms, errors
 
 
-async def _run_held(options: CustodyOptions, tell: Tell) -> dict[str, Any]:
+async def _run_held(options: CustodyOptions, tell: Tell) -> Result[HeldFigures]:
     conditions = measure_conditions(nodes=0, store="sqlite", erasures=options.erasures, held=list(options.held))
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
     try:
         rows = [await measure_held(held, options.erasures, folder / str(held), tell) for held in options.held]
     finally:
         await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
-    costs = [row["erase_block_cpu_p50_ms"] for row in rows]
-    figures = {"held": rows, "cpu_ratio": round(max(costs) / min(costs), 2)}
-    ok = not any(row["bytes_left"] for row in rows)
-    return build_result("custody", ok=ok, figures=figures, conditions=conditions)
+    costs = [row.erase_block_cpu_p50_ms for row in rows]
+    figures = HeldFigures(held=rows, cpu_ratio=round(max(costs) / min(costs), 2))
+    ok = not any(row.bytes_left for row in rows)
+    return Result(name="custody", ok=ok, figures=figures, conditions=conditions)
 
 
-async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _text: None) -> dict[str, Any]:
-    """Measure custody over one store.
-
-    `erase_p50_ms`/`erase_p95_ms`: request to all receipts final; `hook_records_per_s`: staged clips confirmed in blocks
-    of fifty; `catchup_s`: following and fetching `behind` clips; `scan_records_per_s` per core; `hospital_day_scan_s`:
-    a day without proofs and network; `store_overhead`: disk bytes, erase keys included, per ciphertext byte. `ok` is
-    False after any error or missing clip.
-    """
+async def run_custody_benchmark(
+    options: CustodyOptions, tell: Tell = lambda _text: None
+) -> Result[CustodyFigures] | Result[HeldFigures]:
+    """Measure custody over one store; `ok` is False after any error or missing clip."""
     if options.held:
         return await _run_held(options, tell)
     conditions = measure_conditions(
@@ -216,19 +250,19 @@ async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _te
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
     try:
         took_ms, errors = await _measure_erasing(options, tell)
-        figures = await _measure_following(options, folder, tell)
+        following = await _measure_following(options, folder, tell)
     finally:
         await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
     tell("scanning")
     scanned_per_s = await asyncio.to_thread(_measure_scanning)
-    figures = {
-        "erase_p50_ms": round(percentile(took_ms, 0.50), 1),
-        "erase_p95_ms": round(percentile(took_ms, 0.95), 1),
-        **figures,
-        "scan_records_per_s": round(scanned_per_s, 1),
-        "hospital_day_scan_s": round(HOSPITAL_DAY_VISITS_COUNT / scanned_per_s, 2),
-        "errors": sum(errors.values()),
-        "error_codes": dict(sorted(errors.items())),
-    }
-    ok = not errors and bool(took_ms) and figures["clips_lost"] == 0
-    return build_result("custody", ok=ok, figures=figures, conditions=conditions)
+    figures = CustodyFigures(
+        **msgspec.structs.asdict(following),
+        erase_p50_ms=round(percentile(took_ms, 0.50), 1),
+        erase_p95_ms=round(percentile(took_ms, 0.95), 1),
+        scan_records_per_s=round(scanned_per_s, 1),
+        hospital_day_scan_s=round(HOSPITAL_DAY_VISITS_COUNT / scanned_per_s, 2),
+        errors=sum(errors.values()),
+        error_codes=dict(sorted(errors.items())),
+    )
+    ok = not errors and bool(took_ms) and figures.clips_lost == 0
+    return Result(name="custody", ok=ok, figures=figures, conditions=conditions)

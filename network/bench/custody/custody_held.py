@@ -9,7 +9,8 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+
+from msgspec import Struct
 
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.hashing import sha256
@@ -90,7 +91,17 @@ async def _erasures(custodian: Custodian, count: int) -> AsyncIterator[tuple[flo
         yield await blocks.follow(FinalizedEvent(erasure_id, "erasure", "requested", data))
 
 
-async def measure_held(held: int, erasures: int, folder: Path, tell: Tell) -> dict[str, Any]:
+class HeldRow(Struct, frozen=True, kw_only=True):
+    """What erasing cost beside so many kept clips."""
+
+    held: int
+    erase_block_cpu_p50_ms: float
+    erase_block_p50_ms: float
+    erase_block_p95_ms: float
+    bytes_left: int
+
+
+async def measure_held(held: int, erasures: int, folder: Path, tell: Tell) -> HeldRow:
     """Measure erasing blocks (one five-frame clip each) beside `held` clips."""
     with EraseKeys(folder / "erase-keys") as keys:
         await asyncio.to_thread(fill, folder / "custody", keys, held, tell)
@@ -101,10 +112,10 @@ async def measure_held(held: int, erasures: int, folder: Path, tell: Tell) -> di
             left = await store.leftovers()
             counts = await store.counts()
     cpu_ms, wall_ms = ([pair[place] for pair in took] for place in (0, 1))
-    return {
-        "held": counts.confirmed,
-        "erase_block_cpu_p50_ms": round(percentile(cpu_ms, 0.50), 2),
-        "erase_block_p50_ms": round(percentile(wall_ms, 0.50), 2),
-        "erase_block_p95_ms": round(percentile(wall_ms, 0.95), 2),
-        "bytes_left": (left.log_bytes or 0) + (left.dirty_bytes or 0),
-    }
+    return HeldRow(
+        held=counts.confirmed,
+        erase_block_cpu_p50_ms=round(percentile(cpu_ms, 0.50), 2),
+        erase_block_p50_ms=round(percentile(wall_ms, 0.50), 2),
+        erase_block_p95_ms=round(percentile(wall_ms, 0.95), 2),
+        bytes_left=(left.log_bytes or 0) + (left.dirty_bytes or 0),
+    )

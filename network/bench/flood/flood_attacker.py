@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
 import secrets
 import ssl
@@ -15,15 +14,16 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import aiohttp
+import msgspec
+from msgspec import Struct
 
 from consensus.bounded_text import read_json_text
 from consensus.chain.session_message import sign_session
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
-from network.bench.flood.flood_kinds import FRAMES, HANDSHAKES, HttpFlood, Target, pool_of
+from network.bench.flood.flood_kinds import FRAMES, HANDSHAKES, HttpFlood, Identity, Target, pool_of
 from network.bench.flood.flood_routes import Landmarks, http_flood
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, encode_frame
 
@@ -36,6 +36,36 @@ DRIP_INTERVAL_S = 1.0
 DRIPS_MAX_COUNT = 10
 STREAM_READ_BYTES = 400_000
 """So much of a stream is read before it is opened again."""
+
+
+class Orders(Struct, frozen=True, kw_only=True):
+    """What to send, for how long, to whom, with which keys."""
+
+    parent: int
+    kind: str
+    identity: Identity
+    seconds: float
+    chain_id: str
+    member: str
+    key: str
+    epoch: int
+    round: int
+    head_id: str
+    name: str
+    keys: str
+    own_port: int
+    api_ports: dict[str, int]
+    landmarks: Landmarks
+    p2p_ports: list[int]
+
+
+class Sent(Struct, frozen=True, kw_only=True):
+    """What the attacker sent, and how often it was refused."""
+
+    sent_bytes: int = 0
+    messages: int = 0
+    connections: int = 0
+    refused: int = 0
 
 
 class _Rate:
@@ -55,37 +85,37 @@ class _Rate:
 
 
 class _Attack:
-    def __init__(self, orders: dict[str, Any]) -> None:
+    def __init__(self, orders: Orders) -> None:
         self.orders = orders
         self.rate = _Rate()
         self.refused_count = 0
         self.connections_count = 0
         self.target = Target(
-            chain_id=bytes.fromhex(orders["chain_id"]),
-            member=bytes.fromhex(orders["member"]),
-            epoch=int(orders["epoch"]),
-            round=int(orders["round"]),
-            head_id=bytes.fromhex(orders["head_id"]),
-            name=orders["name"],
-            key=PrivateKey(bytes.fromhex(orders["key"])),
+            chain_id=bytes.fromhex(orders.chain_id),
+            member=bytes.fromhex(orders.member),
+            epoch=orders.epoch,
+            round=orders.round,
+            head_id=bytes.fromhex(orders.head_id),
+            name=orders.name,
+            key=PrivateKey(bytes.fromhex(orders.key)),
         )
-        self._until_s = time.monotonic() + float(orders["seconds"])
+        self._until_s = time.monotonic() + orders.seconds
 
     @property
     def _goes_on(self) -> bool:
-        return time.monotonic() < self._until_s and os.getppid() == self.orders["parent"]
+        return time.monotonic() < self._until_s and os.getppid() == self.orders.parent
 
     async def run(self) -> None:
-        kind = self.orders["kind"]
+        kind = self.orders.kind
         if kind in FRAMES:
             work = [self._listen_as_node(kind)]
         elif kind == HANDSHAKES:
-            work = [self._shake_hands(int(port)) for port in self.orders["p2p_ports"] for _ in range(4)]
+            work = [self._shake_hands(port) for port in self.orders.p2p_ports for _ in range(4)]
         else:
-            flood = http_flood(kind, Landmarks(**self.orders["landmarks"]))
+            flood = http_flood(kind, self.orders.landmarks)
             work = [
-                self._request(flood, int(port), name)
-                for name, port in self.orders["api_ports"].items()
+                self._request(flood, port, name)
+                for name, port in self.orders.api_ports.items()
                 for _ in range(CONNECTIONS_OF_NODE_COUNT)
             ]
         await asyncio.gather(*work)
@@ -93,7 +123,7 @@ class _Attack:
     # As a node
 
     async def _listen_as_node(self, kind: str) -> None:
-        folder = Path(self.orders["keys"])
+        folder = Path(self.orders.keys)
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_3
         context.load_cert_chain(folder / "tls.crt.pem", folder / "tls.key.pem")
@@ -109,8 +139,8 @@ class _Attack:
             swallowing.cancel()
             writer.close()
 
-        async with await asyncio.start_server(flood, HOST, int(self.orders["own_port"]), ssl=context):
-            await asyncio.sleep(float(self.orders["seconds"]))
+        async with await asyncio.start_server(flood, HOST, self.orders.own_port, ssl=context):
+            await asyncio.sleep(self.orders.seconds)
 
     async def _send_all(self, messages: Iterator[bytes], writer: asyncio.StreamWriter) -> None:
         while self._goes_on and not writer.is_closing():
@@ -138,7 +168,7 @@ class _Attack:
     # As a client
 
     async def _request(self, flood: HttpFlood, port: int, node: str) -> None:
-        token = await self._open_session(port, node) if self.orders["identity"] in {"member", "robot"} else None
+        token = await self._open_session(port, node) if self.orders.identity in {"member", "robot"} else None
         bodies = pool_of(flood.body, self.target, 8)
         while self._goes_on:
             with contextlib.suppress(OSError, asyncio.IncompleteReadError, ValueError, TimeoutError):
@@ -211,15 +241,15 @@ async def _swallow(reader: asyncio.StreamReader) -> None:
 
 
 def main() -> None:
-    attack = _Attack(read_json_text(sys.stdin.read()))
+    attack = _Attack(msgspec.convert(read_json_text(sys.stdin.read()), Orders))
     asyncio.run(attack.run())
-    figures = {
-        "sent_bytes": attack.rate.sent_bytes,
-        "messages": attack.rate.messages_count,
-        "connections": attack.connections_count,
-        "refused": attack.refused_count,
-    }
-    sys.stdout.write(json.dumps(figures))
+    sent = Sent(
+        sent_bytes=attack.rate.sent_bytes,
+        messages=attack.rate.messages_count,
+        connections=attack.connections_count,
+        refused=attack.refused_count,
+    )
+    sys.stdout.write(msgspec.json.encode(sent).decode())
 
 
 if __name__ == "__main__":

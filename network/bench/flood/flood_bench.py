@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Any
 
 import aiohttp
+import msgspec
+from msgspec import Struct
 
 from clients.sdk.node_answers import D, read_answer
 from consensus.api_documents import PAGE_MAX_COUNT, BlockAnswer, BlocksAnswer, BlockSummary
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
-from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.event_follower import FinalityFollower
-from network.bench.flood.flood_attacker import OWN_ADDRESS
+from network.bench.flood.flood_attacker import OWN_ADDRESS, Orders, Sent
 from network.bench.flood.flood_kinds import FRAMES, Identity
 from network.bench.flood.flood_routes import Landmarks, kinds_of
 from network.bench.fresh_network import FreshNetwork, LoadRobot
@@ -181,7 +181,7 @@ class _Watch:
 @dataclass(frozen=True, slots=True)
 class _Attacker:
     names: tuple[str, ...]
-    orders: dict[str, Any]
+    orders: Orders
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,31 +198,31 @@ async def _describe(scene: _Scene, options: FloodOptions, kind: str, own: int) -
     node = genesis.nodes[NODES_COUNT + own] if options.identity == "node" else genesis.nodes[0]
     async with aiohttp.ClientSession() as session:
         status = await fetch_status(session, cluster.config(cluster.names[0])) or {}
-    orders = {
-        "parent": os.getpid(),
-        "kind": kind,
-        "identity": options.identity,
-        "seconds": options.seconds,
-        "chain_id": genesis.chain_id.hex(),
-        "member": robot.key.public_key.hex(),
-        "key": robot.key.secret.hex(),
-        "epoch": status.get("epoch", 0),
-        "round": status.get("round", 1),
-        "head_id": genesis.block_id.hex(),
-        "name": node.name,
-        "keys": str(network.stolen_folder(node.name) / "keys"),
-        "own_port": node.p2p_port,
-        "api_ports": {name: cluster.config(name).api_port for name in cluster.names},
-        "landmarks": asdict(scene.landmarks),
-        "p2p_ports": [cluster.config(name).p2p_port for name in cluster.names],
-    }
+    orders = Orders(
+        parent=os.getpid(),
+        kind=kind,
+        identity=options.identity,
+        seconds=options.seconds,
+        chain_id=genesis.chain_id.hex(),
+        member=robot.key.public_key.hex(),
+        key=robot.key.secret.hex(),
+        epoch=status.get("epoch", 0),
+        round=status.get("round", 1),
+        head_id=genesis.block_id.hex(),
+        name=node.name,
+        keys=str(network.stolen_folder(node.name) / "keys"),
+        own_port=node.p2p_port,
+        api_ports={name: cluster.config(name).api_port for name in cluster.names},
+        landmarks=scene.landmarks,
+        p2p_ports=[cluster.config(name).p2p_port for name in cluster.names],
+    )
     if options.identity == "node":
         return _Attacker((node.name, f"peer {node.name}"), orders)
     own_names = () if options.identity == "stranger" else (f"session {robot.key.public_key.hex()}",)
     return _Attacker((f"loopback {OWN_ADDRESS}", *own_names, f"member {robot.key.public_key.hex()}"), orders)
 
 
-async def _attack(orders: dict[str, Any]) -> dict[str, Any]:
+async def _attack(orders: Orders) -> Sent:
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
@@ -231,16 +231,57 @@ async def _attack(orders: dict[str, Any]) -> dict[str, Any]:
         stdout=asyncio.subprocess.PIPE,
     )
     try:
-        output, _ = await process.communicate(json.dumps(orders).encode())
+        output, _ = await process.communicate(msgspec.json.encode(orders))
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
-    figures: dict[str, Any] = read_json_text(output) if output else {}
-    return figures
+    return msgspec.convert(read_json_text(output), Sent) if output else Sent()
 
 
-async def _measure(scene: _Scene, options: FloodOptions, kind: str, own: int) -> dict[str, Any]:
+class FloodGoals(Struct, frozen=True, kw_only=True):
+    """Which goals were met."""
+
+    finality: bool
+    status: bool
+    named: bool
+    normal_after: bool
+
+
+class Flood(Struct, frozen=True, kw_only=True):
+    """What one kind of flood did to others."""
+
+    kind: str
+    quiet_p95_ms: float
+    attack_p95_ms: float
+    attack_max_ms: float
+    ratio: float
+    status_p95_ms: float
+    status_max_ms: float
+    after_p95_ms: float
+    recovered_s: float | None
+    named_in_log: bool
+    named_by_doctor: bool
+    sent: Sent
+    goals: FloodGoals
+    load: float
+
+
+class FloodFigures(Struct, frozen=True, kw_only=True):
+    """The worst of all floods, and the goals that were missed."""
+
+    worst_ratio: float
+    worst_status_ms: float
+    missed: list[str]
+
+
+class FloodResult(Result[FloodFigures], kw_only=True):
+    """Also each flood."""
+
+    floods: list[Flood]
+
+
+async def _measure(scene: _Scene, options: FloodOptions, kind: str, own: int) -> Flood:
     network = scene.network
     async with _Watch(network, scene.watched) as watch:
         await asyncio.sleep(1.0)
@@ -263,28 +304,29 @@ async def _measure(scene: _Scene, options: FloodOptions, kind: str, own: int) ->
         logs = await asyncio.to_thread(_read_logs, network)
     told = " ".join(finding.detail for finding in findings.findings)
     under_ms = percentile(under, 0.95)
-    figures: dict[str, Any] = {
-        "kind": kind,
-        "quiet_p95_ms": round(quiet, 1),
-        "attack_p95_ms": round(under_ms, 1),
-        "attack_max_ms": round(max(under, default=0.0), 1),
-        "ratio": round(under_ms / max(quiet, 0.1), 2),
-        "status_p95_ms": round(percentile(status, 0.95), 1),
-        "status_max_ms": round(max(status, default=0.0), 1),
-        "after_p95_ms": round(after, 1),
-        "recovered_s": None if recovered_s is None else round(recovered_s, 2),
-        "named_in_log": any(name in logs for name in attacker.names),
-        "named_by_doctor": any(name in told for name in attacker.names),
-        "sent": sent,
-    }
-    refused = sent.get("refused", 0)
-    figures["goals"] = {
-        "finality": figures["ratio"] <= FINALITY_RATIO_GOAL,
-        "status": figures["status_max_ms"] <= STATUS_GOAL_MS,
-        "named": (figures["named_in_log"] and figures["named_by_doctor"]) or (under_ms <= normal_ms and not refused),
-        "normal_after": after <= normal_ms,
-    }
-    return figures
+    ratio, status_max_ms = round(under_ms / max(quiet, 0.1), 2), round(max(status, default=0.0), 1)
+    in_log, by_doctor = (any(name in text for name in attacker.names) for text in (logs, told))
+    return Flood(
+        kind=kind,
+        quiet_p95_ms=round(quiet, 1),
+        attack_p95_ms=round(under_ms, 1),
+        attack_max_ms=round(max(under, default=0.0), 1),
+        ratio=ratio,
+        status_p95_ms=round(percentile(status, 0.95), 1),
+        status_max_ms=status_max_ms,
+        after_p95_ms=round(after, 1),
+        recovered_s=None if recovered_s is None else round(recovered_s, 2),
+        named_in_log=in_log,
+        named_by_doctor=by_doctor,
+        sent=sent,
+        goals=FloodGoals(
+            finality=ratio <= FINALITY_RATIO_GOAL,
+            status=status_max_ms <= STATUS_GOAL_MS,
+            named=(in_log and by_doctor) or (under_ms <= normal_ms and not sent.refused),
+            normal_after=after <= normal_ms,
+        ),
+        load=round(os.getloadavg()[0], 2),
+    )
 
 
 def _read_logs(network: FreshNetwork) -> str:
@@ -303,11 +345,11 @@ def choose_kinds(options: FloodOptions) -> list[str]:
     return chosen
 
 
-async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]) -> dict[str, Any]:
+async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]) -> FloodResult:
     """Measure each flood kind; as a node, each uses another never started node's certificate."""
     kinds = choose_kinds(options)
     conditions = measure_conditions(nodes=NODES_COUNT, identity=options.identity, seconds=options.seconds)
-    rows: list[dict[str, Any]] = []
+    rows: list[Flood] = []
     for first in range(0, len(kinds), FLOODS_OF_NETWORK_COUNT):
         group = kinds[first : first + FLOODS_OF_NETWORK_COUNT]
         stolen = len(group) if group[0] in FRAMES and options.identity == "node" else 0
@@ -316,12 +358,12 @@ async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]
             scene = _Scene(network, watched, attacker, await fill_blocks(filling))
             for own, kind in enumerate(group):
                 row = await _measure(scene, options, kind, own)
-                rows.append(row | {"load": round(os.getloadavg()[0], 2)})
-                tell(f"{kind}: finality {row['ratio']} times as late, /status {row['status_max_ms']} ms at most")
-    figures = {
-        "worst_ratio": max(row["ratio"] for row in rows),
-        "worst_status_ms": max(row["status_max_ms"] for row in rows),
-        "missed": sorted({f"{row['kind']} {goal}" for row in rows for goal, met in row["goals"].items() if not met}),
-    }
-    result = build_result("flood", ok=not figures["missed"], figures=figures, conditions=conditions)
-    return {**result, "floods": rows}
+                rows.append(row)
+                tell(f"{kind}: finality {row.ratio} times as late, /status {row.status_max_ms} ms at most")
+    met = [(row.kind, msgspec.structs.asdict(row.goals)) for row in rows]
+    figures = FloodFigures(
+        worst_ratio=max(row.ratio for row in rows),
+        worst_status_ms=max(row.status_max_ms for row in rows),
+        missed=sorted({f"{kind} {goal}" for kind, goals in met for goal, is_met in goals.items() if not is_met}),
+    )
+    return FloodResult(name="flood", ok=not figures.missed, figures=figures, conditions=conditions, floods=rows)

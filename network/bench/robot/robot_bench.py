@@ -14,17 +14,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+
+from msgspec import UNSET, Struct, UnsetType
 
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenario_bag import make_bag
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
-from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.conditions import Condition, Result, measure_conditions, percentile
 from network.bench.fresh_network import find_base_port
 from network.bench.robot.robot_counts import LoggedFrames, caught_up_at_ms, read_frames, reckon, untouched_by_cut
 from network.bench.robot.robot_owners import OwnFrames, find_own_frames
+from network.bench.robot.robot_player import PlayedSummary
 from network.bench.robot.robot_scene import PEOPLE, is_in_place, loop_seconds, make_scene
-from network.demo.processes import LongCommand
+from network.demo.processes import LongCommand, Progress
 from network.faults.actions import Heal, Pause
 from network.faults.control import FaultControl
 from network.testbed import NODES_COUNT, Stage
@@ -61,7 +63,7 @@ class _Played:
     folder: Path
     frames_read: int = 0
     begun: asyncio.Event = field(default_factory=asyncio.Event)
-    summary: dict[str, Any] = field(default_factory=dict)
+    summary: PlayedSummary | None = None
     logged: LoggedFrames = field(default_factory=LoggedFrames)
 
     @property
@@ -77,7 +79,7 @@ class _Cut:
     until_ms: int = 0
 
 
-async def run_robot_benchmark(options: RobotOptions, tell: Tell) -> dict[str, Any]:
+async def run_robot_benchmark(options: RobotOptions, tell: Tell) -> Result[RobotFigures]:
     """Run the robot benchmark; a cut stops all nodes by SIGSTOP, connections stay open."""
     scene = make_scene(loop_seconds(options.seconds), options.fps, options.seed)
     tags = load_or_draw_tags(options.cache, scene)
@@ -107,12 +109,12 @@ async def run_robot_benchmark(options: RobotOptions, tell: Tell) -> dict[str, An
     finally:
         await stage.stop()
         shutil.rmtree(folder, ignore_errors=True)
-    figures = make_figures(options, [(robot.member, robot.summary, robot.logged) for robot in robots], owners)
-    figures |= _cut_figures(robots, cut)
-    return build_result("robot", ok=is_good(figures), figures=figures, conditions=conditions)
+    played = [(robot.member, robot.summary, robot.logged) for robot in robots if robot.summary is not None]
+    figures = make_figures(options, played, owners, _cut_figures(robots, cut))
+    return Result(name="robot", ok=is_good(figures), figures=figures, conditions=conditions)
 
 
-def _conditions(options: RobotOptions, scene: Scenario) -> dict[str, Any]:
+def _conditions(options: RobotOptions, scene: Scenario) -> dict[str, Condition]:
     return measure_conditions(
         nodes=NODES_COUNT,
         seed=options.seed,
@@ -140,18 +142,18 @@ async def _play(
     loop_ms = round(scene.duration_s * 1000)
 
     async def play(robot: _Played) -> None:
-        def progress(figures: dict[str, Any]) -> None:
-            robot.frames_read = figures["frames_read"]
+        def progress(figures: Progress) -> None:
+            robot.frames_read = figures.frames_read
             if robot.frames_read:
                 robot.begun.set()
-            waiting = figures["waiting"]
-            tell(f"playing: {min(one.frames_read for one in robots)} of {options.frames} frames, {waiting} waiting")
+            least = min(one.frames_read for one in robots)
+            tell(f"playing: {least} of {options.frames} frames, {figures.waiting} waiting")
 
         where = {"folder": robot.folder, "genesis": stage.genesis_file, "bag": bag, "events": robot.log}
         where["approver"] = stage.approver_file
         what = {"loop-ms": loop_ms, "frames": options.frames, "purpose": PURPOSE}
         arguments = [word for name, value in {**where, **what}.items() for word in (f"--{name}", str(value))]
-        command = LongCommand(arguments, progress, module="network.bench.robot.robot_player")
+        command = LongCommand(arguments, PlayedSummary, progress, module="network.bench.robot.robot_player")
         robot.summary = await command.run(options.seconds + options.cut_s + SETTLING_MAX_S)
 
     playing = [asyncio.create_task(play(robot)) for robot in robots]
@@ -198,69 +200,105 @@ async def _look(stage: Stage) -> list[OwnFrames]:
     return found
 
 
+class RobotFigures(Struct, kw_only=True):
+    """What became of the frames of all robots, and what it cost."""
+
+    frames_published: int
+    frames_covered: int
+    frames_kept: int
+    frames_withheld: int
+    frames_withheld_by_reason: dict[str, int]
+    frames_found: int
+    frames_lost: int
+    frames_never_arrived: int
+    frames_doubled: int
+    frames_unexplained: int
+    frames_misplaced: int
+    frames_unreadable: int
+    records: int
+    records_found: int
+    records_missing: int
+    visits_unclosed: int
+    frame_to_final_p50_ms: int
+    frame_to_final_p95_ms: int
+    frame_to_final_max_ms: int
+    submit_to_final_p95_ms: float
+    frames_per_s: float
+    rss_peak_mb: float
+    spool_peak_bytes: int
+    stored_bytes_per_frame: int
+    robot_cpu_share: float
+    registry_stale_ms: int
+    cut_caught_up_s: float | UnsetType = UNSET
+    frame_to_final_without_cut_p95_ms: float | UnsetType = UNSET
+
+
 def make_figures(
-    options: RobotOptions, robots: list[tuple[bytes, dict[str, Any], LoggedFrames]], owners: list[OwnFrames]
-) -> dict[str, Any]:
-    frames = [summary["frames"] for _, summary, _ in robots]
+    options: RobotOptions,
+    robots: list[tuple[bytes, PlayedSummary, LoggedFrames]],
+    owners: list[OwnFrames],
+    cut: dict[str, float],
+) -> RobotFigures:
+    frames = [summary.frames for _, summary, _ in robots]
     reckonings = [
         reckon(logged, [owner.frames.get(member, Counter()) for owner in owners]) for member, _, logged in robots
     ]
-    published = sum(one["published"] for one in frames)
-    kept = sum(one["kept"] for one in frames)
+    published = sum(one.published for one in frames)
+    kept = sum(one.kept for one in frames)
     reasons: Counter[str] = Counter()
     for one in frames:
-        reasons.update(one["withheld_reasons"])
+        reasons.update(one.withheld_reasons)
     known = {member for member, _, _ in robots}
     strange = sum(found.total() for owner in owners for member, found in owner.frames.items() if member not in known)
     took = [time.took_ms for _, _, logged in robots for time in logged.times]
-    costs = [summary["process"] for _, summary, _ in robots]
-    return {
-        "frames_published": published,
-        "frames_covered": sum(one["covered"] for one in frames),
-        "frames_kept": kept,
-        "frames_withheld": sum(one["withheld"] for one in frames),
-        "frames_withheld_by_reason": dict(sorted(reasons.items())),
-        "frames_found": sum(found.total() for owner in owners for found in owner.frames.values()),
-        "frames_lost": sum(one.lost for one in reckonings),
-        "frames_never_arrived": options.frames * options.robots - published,
-        "frames_doubled": sum(one.doubled for one in reckonings),
-        "frames_unexplained": sum(one.unexplained for one in reckonings) + strange,
-        "frames_misplaced": sum(owner.misplaced_frames for owner in owners),
-        "frames_unreadable": sum(owner.bad_frames for owner in owners),
-        "records": sum(summary["records"] for _, summary, _ in robots),
-        "records_found": sum(owner.record_count for owner in owners),
-        "records_missing": sum(owner.missing_records for owner in owners),
-        "visits_unclosed": sum(owner.unclosed_visits for owner in owners),
-        "frame_to_final_p50_ms": round(percentile(took, 0.50)),
-        "frame_to_final_p95_ms": round(percentile(took, 0.95)),
-        "frame_to_final_max_ms": max(took, default=0),
-        "submit_to_final_p95_ms": max(summary["latency_ms"]["submit_to_final"]["p95"] for _, summary, _ in robots),
-        "frames_per_s": round(min(logged.frames_per_s for _, _, logged in robots), 2),
-        "rss_peak_mb": round(max(cost["rss_peak_bytes"] for cost in costs) / _MB, 1),
-        "spool_peak_bytes": max(summary["spool_peak_bytes"] for _, summary, _ in robots),
-        "stored_bytes_per_frame": round(sum(summary["stored_bytes"] for _, summary, _ in robots) / max(1, kept)),
-        "robot_cpu_share": round(max(cost["cpu_s"] / cost["seconds"] for cost in costs), 3),
-        "registry_stale_ms": max(summary["consents"]["stale_ms"] for _, summary, _ in robots),
-    }
-
-
-def is_good(figures: dict[str, Any]) -> bool:
-    """Return whether each kept frame was found exactly once, by its owner alone."""
-    wrong = (
-        "frames_lost",
-        "frames_never_arrived",
-        "frames_doubled",
-        "frames_unexplained",
-        "frames_misplaced",
-        "frames_unreadable",
-        "records_missing",
-        "visits_unclosed",
+    costs = [summary.process for _, summary, _ in robots]
+    return RobotFigures(
+        frames_published=published,
+        frames_covered=sum(one.covered for one in frames),
+        frames_kept=kept,
+        frames_withheld=sum(one.withheld for one in frames),
+        frames_withheld_by_reason=dict(sorted(reasons.items())),
+        frames_found=sum(found.total() for owner in owners for found in owner.frames.values()),
+        frames_lost=sum(one.lost for one in reckonings),
+        frames_never_arrived=options.frames * options.robots - published,
+        frames_doubled=sum(one.doubled for one in reckonings),
+        frames_unexplained=sum(one.unexplained for one in reckonings) + strange,
+        frames_misplaced=sum(owner.misplaced_frames for owner in owners),
+        frames_unreadable=sum(owner.bad_frames for owner in owners),
+        records=sum(summary.records for _, summary, _ in robots),
+        records_found=sum(owner.record_count for owner in owners),
+        records_missing=sum(owner.missing_records for owner in owners),
+        visits_unclosed=sum(owner.unclosed_visits for owner in owners),
+        frame_to_final_p50_ms=round(percentile(took, 0.50)),
+        frame_to_final_p95_ms=round(percentile(took, 0.95)),
+        frame_to_final_max_ms=max(took, default=0),
+        submit_to_final_p95_ms=max(summary.latency_ms.submit_to_final.p95 for _, summary, _ in robots),
+        frames_per_s=round(min(logged.frames_per_s for _, _, logged in robots), 2),
+        rss_peak_mb=round(max(cost.rss_peak_bytes for cost in costs) / _MB, 1),
+        spool_peak_bytes=max(summary.spool_peak_bytes for _, summary, _ in robots),
+        stored_bytes_per_frame=round(sum(summary.stored_bytes for _, summary, _ in robots) / max(1, kept)),
+        robot_cpu_share=round(max(cost.cpu_s / cost.seconds for cost in costs), 3),
+        registry_stale_ms=max(summary.consents.stale_ms for _, summary, _ in robots),
+        **cut,
     )
-    is_whole = figures["frames_found"] == figures["frames_kept"] > 0
-    return is_whole and figures["records_found"] == figures["records"] and not any(figures[name] for name in wrong)
 
 
-def _cut_figures(robots: list[_Played], cut: _Cut) -> dict[str, Any]:
+def is_good(figures: RobotFigures) -> bool:
+    """Return whether each kept frame was found exactly once, by its owner alone."""
+    is_whole = figures.frames_found == figures.frames_kept > 0 and figures.records_found == figures.records
+    return is_whole and not (
+        figures.frames_lost
+        or figures.frames_never_arrived
+        or figures.frames_doubled
+        or figures.frames_unexplained
+        or figures.frames_misplaced
+        or figures.frames_unreadable
+        or figures.records_missing
+        or figures.visits_unclosed
+    )
+
+
+def _cut_figures(robots: list[_Played], cut: _Cut) -> dict[str, float]:
     if not cut.until_ms:
         return {}
     times = [time for robot in robots for time in robot.logged.times]

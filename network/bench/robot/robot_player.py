@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 import os
 import resource
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
+from msgspec import Struct
 
 from clients.robot.recording.batching import CLIP_DEFAULT_MS
-from clients.robot.run.run_summary import RunProgress
+from clients.robot.run.run_summary import RunProgress, RunSummary
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
+from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import load_genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -28,6 +28,20 @@ from network.bench.robot.robot_scene import LoopedSource
 _PROGRESS_EVERY_S = 0.5
 
 
+class ProcessCost(Struct, frozen=True, kw_only=True):
+    """What the robot's process cost."""
+
+    cpu_s: float
+    seconds: float
+    rss_peak_bytes: int
+
+
+class PlayedSummary(RunSummary, frozen=True, kw_only=True):
+    """The summary of a run, and its cost."""
+
+    process: ProcessCost
+
+
 class _Progress:
     def __init__(self) -> None:
         self._last = 0.0
@@ -35,7 +49,7 @@ class _Progress:
     def __call__(self, figures: RunProgress, *, last: bool = False) -> None:
         if last or time.monotonic() - self._last >= _PROGRESS_EVERY_S:
             self._last = time.monotonic()
-            sys.stderr.write(json.dumps({"progress": msgspec.to_builtins(figures)}) + "\n")
+            sys.stderr.write(msgspec.json.encode({"progress": figures}).decode() + "\n")
             sys.stderr.flush()
 
 
@@ -57,7 +71,7 @@ def _cpu_s() -> float:
     return used.user + used.system
 
 
-async def _play(chosen: argparse.Namespace) -> dict[str, Any]:
+async def _play(chosen: argparse.Namespace) -> PlayedSummary:
     source = LoopedSource(BagSource(chosen.bag), loop_ms=chosen.loop_ms, frames=chosen.frames)
     options = ReplayOptions(
         roster=chosen.folder / "roster.sealed",
@@ -70,12 +84,12 @@ async def _play(chosen: argparse.Namespace) -> dict[str, Any]:
     )
     started_s, cpu_before_s = time.monotonic(), _cpu_s()
     summary = await replay_recording(chosen.folder, source, load_genesis(chosen.genesis), options, _Progress())
-    cost = {
-        "cpu_s": round(_cpu_s() - cpu_before_s, 3),
-        "seconds": round(time.monotonic() - started_s, 3),
-        "rss_peak_bytes": read_peak_bytes(),
-    }
-    return {**msgspec.to_builtins(summary), "process": cost}
+    cost = ProcessCost(
+        cpu_s=round(_cpu_s() - cpu_before_s, 3),
+        seconds=round(time.monotonic() - started_s, 3),
+        rss_peak_bytes=read_peak_bytes(),
+    )
+    return extend(PlayedSummary, summary, process=cost)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -87,10 +101,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--purpose", required=True)
     parser.add_argument("--json", action="store_true")
     try:
-        answer = asyncio.run(_play(parser.parse_args(arguments)))
+        answer: PlayedSummary | dict[str, object] = asyncio.run(_play(parser.parse_args(arguments)))
     except BlockRobotError as error:
         answer = {"error": {"code": error.code, "detail": error.detail}}
-    sys.stdout.write(json.dumps(answer) + "\n")
+    sys.stdout.write(msgspec.json.encode(answer).decode() + "\n")
 
 
 if __name__ == "__main__":

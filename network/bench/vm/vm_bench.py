@@ -11,12 +11,14 @@ from pathlib import PurePath
 from types import FrameType
 from typing import Any
 
+from msgspec import UNSET, Struct, UnsetType
+
 from consensus.limits import CALL_GAS_MAX, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.encoding import encode_value, u64
 from consensus.state import identity
 from contracts.lifecycle.registry import PRIVACY_CONTRACTS, load_contracts, read_source
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
-from network.bench.conditions import build_result, measure_conditions
+from network.bench.conditions import Result, measure_conditions
 from network.bench.vm.vm_blocks import measure_block_call_us
 from network.bench.vm.worker_blocks import measure_block_calls_per_s
 
@@ -128,8 +130,8 @@ class RecordBench:
         self.contracts = contracts
         self.host: MemoryHost = MemoryHost()
         self.count = 0
-        robot: dict[str, Any] = {"handle": b"h" * 32, "role": "robot", "org": "bench", "status": "active"}
-        robot |= {"since": _NOW_MS}
+        text = {"role": "robot", "org": "bench", "status": "active"}
+        robot = {"handle": b"h" * 32, **text, "since": _NOW_MS}
         self.host.entries[identity.MEMBER.key(ROBOT)] = encode_value(robot)
         self.host.entries[identity.PURPOSE.key(PURPOSE)] = encode_value(True)
         self.invoke("open_visit", [OWNER, b"\x02" + b"e" * 32, 7, _NOW_MS, PURPOSE])
@@ -197,25 +199,45 @@ def measure_record_us(seconds: float) -> tuple[list[float], int]:
     return each, gas
 
 
-def run_vm_benchmark(seconds: float = 3, *, profile: bool = False) -> dict[str, Any]:
+class VmFigures(Struct, frozen=True, kw_only=True):
+    """What the contract machine costs: a call alone, and a call in a block."""
+
+    record_calls_per_s: float
+    record_cpu_us: float
+    record_best_us: float
+    record_gas: int
+    gas_per_s: int
+    block_calls_in_process_per_s: float
+    block_call_cpu_us: float
+    compile_ms: float
+    block_calls_per_s: float
+
+
+class VmResult(Result[VmFigures], kw_only=True):
+    """`profile`: microseconds of a call by what they go to; absent unless asked for."""
+
+    profile: dict[str, float] | UnsetType = UNSET
+
+
+def run_vm_benchmark(seconds: float = 3, *, profile: bool = False) -> VmResult:
     """Measure for about `seconds` CPU time each; `profile` adds where the time goes."""
     conditions = measure_conditions(nodes=0)
     compile_ms = measure_compile_ms()
     records, gas = measure_record_us(seconds)
     calls, calls_a_block = measure_block_call_us(seconds)
     record_us, call_us = statistics.median(records), statistics.median(calls)
-    figures = {
-        "record_calls_per_s": round(1e6 / record_us, 1),
-        "record_cpu_us": round(record_us, 2),
-        "record_best_us": round(min(records), 2),
-        "record_gas": gas,
-        "gas_per_s": round(gas * 1e6 / record_us),
-        "block_calls_in_process_per_s": round(1e6 / call_us, 1),
-        "block_call_cpu_us": round(call_us, 2),
-        "compile_ms": round(compile_ms, 2),
-        "block_calls_per_s": round(measure_block_calls_per_s(seconds), 1),
-    }
-    more = {
+    figures = VmFigures(
+        record_calls_per_s=round(1e6 / record_us, 1),
+        record_cpu_us=round(record_us, 2),
+        record_best_us=round(min(records), 2),
+        record_gas=gas,
+        gas_per_s=round(gas * 1e6 / record_us),
+        block_calls_in_process_per_s=round(1e6 / call_us, 1),
+        block_call_cpu_us=round(call_us, 2),
+        compile_ms=round(compile_ms, 2),
+        block_calls_per_s=round(measure_block_calls_per_s(seconds), 1),
+    )
+    conditions |= {
         "clock": "thread CPU time",
         "figure": "median of batches",
         "batches": len(records),
@@ -224,9 +246,9 @@ def run_vm_benchmark(seconds: float = 3, *, profile: bool = False) -> dict[str, 
         "host_calls_per_record": RecordBench(load_contracts()).count_host_calls(),
         "contracts": len(PRIVACY_CONTRACTS),
     }
-    result = build_result("vm", ok=True, figures=figures, conditions={**conditions, **more})
+    result = VmResult(name="vm", ok=True, figures=figures, conditions=conditions)
     if profile:
         bench = RecordBench(load_contracts())
         shares = sample_shares(bench.run_batch, max(10, round(seconds * 1e6 / record_us / BATCH_CALLS_COUNT)))
-        result["profile"] = {group: round(share * record_us, 2) for group, share in shares.items()}
+        result.profile = {group: round(share * record_us, 2) for group, share in shares.items()}
     return result

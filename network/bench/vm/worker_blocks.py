@@ -76,8 +76,8 @@ class BlockBench:
             await self._store.close()
 
     async def _prepare_state(self) -> None:
-        robot: dict[str, Any] = {"handle": b"h" * 32, "role": "robot", "org": "bench", "status": "active"}
-        robot |= {"since": _NOW_MS}
+        text = {"role": "robot", "org": "bench", "status": "active"}
+        robot = {"handle": b"h" * 32, **text, "since": _NOW_MS}
         with self._store.snapshot() as parent:
             made = Overlay.apply(
                 parent,

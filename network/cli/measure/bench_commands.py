@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 from rich.table import Table
 
 from clients.sdk.terminal.safe_output import overwrite_line
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, home_folder, print_json
 from network.bench.bench_ending import run_to_end
+from network.bench.conditions import Result
 
 LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
 HELD_MAX_COUNT = 1_000_000
@@ -110,9 +113,7 @@ def vm(seconds: float, profile: bool, worst: bool, search_min: float | None, see
         return
     from network.bench.vm.vm_bench import run_vm_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
 
-    result = run_vm_benchmark(seconds, profile=profile)
-    result["conditions"] = {"nodes": 0, "seed": None, **result["conditions"]}
-    _finish(result, as_json=as_json)
+    _finish(run_vm_benchmark(seconds, profile=profile), as_json=as_json)
 
 
 @bench.command("sync")
@@ -346,30 +347,31 @@ def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, 
     _finish(run_to_end(run_robot_benchmark(options, _Teller())), as_json=as_json)
 
 
-def _finish(result: dict[str, Any], *, as_json: bool) -> None:
+def _finish(result: Result[Any], *, as_json: bool) -> None:
+    told = msgspec.to_builtins(result)
     if as_json:
-        print_json(result)
+        print_json(told)
     else:
-        console.print(_table(result))
-    if not result["ok"]:
+        console.print(_table(told))
+    if not result.ok:
         sys.exit(EXIT_FAILED)
 
 
-def _table(result: dict[str, Any]) -> Table:
-    table = Table(title=f"{result['name']}: {'ok' if result['ok'] else 'FAILED'}", title_justify="left")
+def _table(told: Mapping[str, Any]) -> Table:
+    table = Table(title=f"{told['name']}: {'ok' if told['ok'] else 'FAILED'}", title_justify="left")
     table.add_column("figure")
     table.add_column("value", justify="right")
-    for name, value in result["figures"].items():
+    for name, value in told["figures"].items():
         table.add_row(name, str(value))
     table.add_section()
-    for name, value in result["conditions"].items():
+    for name, value in told["conditions"].items():
         table.add_row(name, str(value))
-    if "programs" in result:
+    if "programs" in told:
         table.add_section()
-        for program in result["programs"]:
+        for program in told["programs"]:
             table.add_row(f"ms a million gas: {program['name']}", str(program["ms_per_million_gas"]))
-    if "profile" in result:
+    if "profile" in told:
         table.add_section()
-        for name, value in result["profile"].items():
+        for name, value in told["profile"].items():
             table.add_row(f"us a call in {name}", str(value))
     return table

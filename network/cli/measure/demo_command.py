@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import click
+import msgspec
 from rich.status import Status
 
 from clients.sdk.terminal.safe_output import escape
@@ -83,7 +84,7 @@ def demo(out: Path, store: str, base_port: int, keep: bool, as_json: bool) -> No
     summary = build_summary(checks, story.state, nodes=NODES_COUNT, store=store, out=place)
     write_report(place, summary, story.state)
     if as_json:
-        print_json(summary)
+        print_json(msgspec.to_builtins(summary))
     else:
         held = sum(check.ok for check in checks.checks)
         console.print(f"\n{held} of {len(checks.checks)} checks held. The report is {place / 'report.html'}.")

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import click
+import msgspec
 
 from clients.sdk.terminal.terminal import EXIT_FAILED, FILE, FOLDER, command_output, console, home_folder, print_json
 from consensus.errors import BlockRobotError
@@ -56,14 +57,14 @@ def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
         click.echo("Ended; everything that was started is stopped.", err=True)
         sys.exit(EXIT_FAILED)
     if as_json:
-        print_json(result)
+        print_json(msgspec.to_builtins(result))
     else:
         held = sum(outcome.ok for outcome in outcomes)
         console.print(f"\n{held} of {len(outcomes)} experiments held. The report is {place / 'report.html'}.")
-        if outcomes and result["conditions"]["drawn_by"] != "graphviz":
+        if outcomes and result.conditions["drawn_by"] != "graphviz":
             refusal = BlockRobotError("DRAWING_UNAVAILABLE")
             click.echo(f"Process maps are plainer ones of our own. {refusal.code}: {refusal.next_step}", err=True)
-    if not result["ok"]:
+    if not result.ok:
         sys.exit(EXIT_FAILED)
 
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
+import msgspec
 from rich.table import Table
 
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_json
+
+if TYPE_CHECKING:
+    from network.bench.conditions import Result
+    from network.lab.privacy.attack_run import Figure
 
 _SCHEMES = ("prototype", "salted", "peppered", "pepper_stolen", "ours")
 
@@ -44,11 +49,11 @@ def attack(seed: int, people: int, days: int, uid_bits: int, as_json: bool) -> N
     options = AttackOptions(people=people, days=days, seed=seed, serial_bits=uid_bits)
     result = run_privacy_attack(options, _Teller())
     if as_json:
-        print_json(result)
+        print_json(msgspec.to_builtins(result))
     else:
         for table in _tables(result):
             console.print(table)
-    if not result["ok"]:
+    if not result.ok:
         sys.exit(EXIT_FAILED)
 
 
@@ -60,9 +65,9 @@ class _Teller:
         click.echo(f"{time.monotonic() - self._started:5.0f} s  {line}", err=True)
 
 
-def _tables(result: dict[str, Any]) -> list[Table]:
-    figures = result["figures"]
-    side = Table(title=f"{result['name']}: {'ok' if result['ok'] else 'FAILED'}", title_justify="left")
+def _tables(result: Result[dict[str, Figure]]) -> list[Table]:
+    figures = result.figures
+    side = Table(title=f"{result.name}: {'ok' if result.ok else 'FAILED'}", title_justify="left")
     side.add_column("attack", no_wrap=True)
     for scheme in _SCHEMES:
         side.add_column(scheme.replace("_", " "), justify="right")
@@ -80,7 +85,7 @@ def _tables(result: dict[str, Any]) -> list[Table]:
             cells = ["" if success is None else str(success), str(figures[f"{name}_guess_rate"])]
             limits.add_row(name.removeprefix("limit_"), *cells)
     rest = Table(title="searches and conditions", title_justify="left", show_header=False)
-    for name, value in {**figures, **result["conditions"]}.items():
+    for name, value in {**figures, **result.conditions}.items():
         if not name.endswith(("_rate", "_bound", "_trials")):
             rest.add_row(name, str(value))
     return [side, limits, rest]

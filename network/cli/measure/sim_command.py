@@ -15,6 +15,7 @@ from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.terminal import EXIT_FAILED, FILE, command_output, console, print_json
 
 if TYPE_CHECKING:
+    from network.bench.conditions import Condition
     from network.sim.history import Observation
     from network.sim.plan import Plan
     from network.sim.sweep import Failure, SweepResult
@@ -247,7 +248,7 @@ def _say_shrinking(seed: int) -> None:
     click.echo(f"cutting the plan of seed {seed} down to what it takes; this takes a while", err=True)
 
 
-def _report(total: SweepResult, conditions: dict[str, Any], plan_file: Path | None, *, as_json: bool) -> None:
+def _report(total: SweepResult, conditions: dict[str, Condition], plan_file: Path | None, *, as_json: bool) -> None:
     figures = {
         "seeds": total.seeds,
         "violations": total.violations,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
+from clients.robot.run.run_summary import FrameCounts, RunLatencies
 from clients.sdk.pictures.picture_names import read_robot_frame
 from consensus.errors import BlockRobotError
+from network.bench.conditions import Condition
 from network.demo.checks import Check
 from network.demo.words import name_person
 from network.experiments.pages.map_picture import draw_svg
@@ -25,12 +26,12 @@ def build_page(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | N
     """Return an experiment's page. `drawn`: Graphviz's SVG map; `refusal`: why there is none."""
     experiment = outcome.experiment
     sections = [Section("What was checked", _checks(outcome.checks.checks) + quiet(_told(outcome.conditions)))]
-    if outcome.reading is not None:
-        figures = outcome.reading.figures
+    if outcome.reading is not None and outcome.robot is not None:
+        figures, frames = outcome.reading.figures, outcome.robot.frames
         sections += [
-            Section("What share was paired", _paired(outcome, figures)),
-            Section("Where the time goes", _times(outcome, figures)),
-            Section("What was lost", _lost(outcome, figures)),
+            Section("What share was paired", _paired(outcome, figures, frames)),
+            Section("Where the time goes", _times(outcome, figures, outcome.robot.latency_ms)),
+            Section("What was lost", _lost(outcome, figures, frames)),
             Section(f"Beside {experiment.beside.name}", _side_by_side(outcome, figures)),
             Section("What follows what", _map(outcome, refusal, drawn), new_sheet=True),
             Section("What people see", _pictures(outcome)),
@@ -42,25 +43,24 @@ def build_page(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | N
     )
 
 
-def build_index(outcomes: Sequence[Outcome], result: dict[str, Any]) -> str:
+def build_index(outcomes: Sequence[Outcome], seconds: float, conditions: Mapping[str, Condition]) -> str:
     rows = []
     for outcome in outcomes:
         held = sum(check.ok for check in outcome.checks.checks)
-        frames = outcome.robot.get("frames", {})
+        frames = outcome.robot and outcome.robot.frames
         name = outcome.experiment.name
         rows.append(
             [
                 f'<a href="{name}/report.html">{outcome.experiment.number}: {text(outcome.experiment.title)}</a>',
                 badge(ok=outcome.ok),
                 f"{held} of {len(outcome.checks.checks)}",
-                *(f"{frames.get(key, 0):,}" for key in ("published", "covered", "kept", "withheld", "lost")),
+                *(f"{getattr(frames, key, 0):,}" for key in ("published", "covered", "kept", "withheld", "lost")),
             ]
         )
     headings = ["Experiment", "Claims", "Checks", "Frames", "Covered", "Kept", "Withheld", "Lost"]
-    seconds = result["figures"]["seconds"]
     note = quiet(
         "Covered, kept, withheld and lost count a frame once for each owner. "
-        f"All of it took {seconds:,.0f} s. {_told(result['conditions'])}"
+        f"All of it took {seconds:,.0f} s. {_told(conditions)}"
     )
     held = bool(outcomes) and all(outcome.ok for outcome in outcomes)
     checks = [check for outcome in outcomes for check in outcome.checks.checks]
@@ -70,7 +70,7 @@ def build_index(outcomes: Sequence[Outcome], result: dict[str, Any]) -> str:
     return build_report("The experiments", lead, [Section("What was run", body)], lead_is_good=held)
 
 
-def _told(conditions: dict[str, Any]) -> str:
+def _told(conditions: Mapping[str, Condition]) -> str:
     shown = {key: value for key, value in conditions.items() if value is not None and key != "scenarios"}
     told = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in shown.items())
     return f"Measured with: {text(told)}. A load above the cores means that others worked too."
@@ -91,24 +91,23 @@ def _percent(part: float, whole: float) -> str:
     return f"{100 * part / whole:.1f} %" if whole else "0 %"
 
 
-def _paired(outcome: Outcome, figures: RunFigures) -> str:
+def _paired(outcome: Outcome, figures: RunFigures, frames: FrameCounts) -> str:
     theirs = outcome.experiment.beside.figures
-    frames = outcome.robot["frames"]
     received, covered = theirs["frames received"], theirs["frames received within 5 s of a reading, by arrival"]
     return (
         f"<p>{figures.frames_received:,} frames were received. {figures.frames_covered:,} of them "
         f"({_percent(figures.frames_covered, figures.frames_received)}) arrived within five seconds of a tag's reading. "
         f"Pairing goes by when a frame was taken, not by when it arrived: {figures.frames_paired:,} were paired with a "
-        f"registered tag, which makes {frames['covered']:,} frames and owners, since a frame belongs to everybody whose "
-        f"tag was near. Of these, {frames['kept']:,} "
-        f"({_percent(frames['kept'], frames['covered'])}) are on the chain, and {frames['withheld']:,} were withheld.</p>"
+        f"registered tag, which makes {frames.covered:,} frames and owners, since a frame belongs to everybody whose "
+        f"tag was near. Of these, {frames.kept:,} "
+        f"({_percent(frames.kept, frames.covered)}) are on the chain, and {frames.withheld:,} were withheld.</p>"
         f"<p>The prototype received {received:,.0f} frames, {covered:,.0f} of them within five seconds of a reading, and "
         f"paired {theirs['frames paired']:,.0f} ({_percent(theirs['frames paired'], received)})."
         f"{text(outcome.experiment.beside.remark)}</p>"
     )
 
 
-def _times(outcome: Outcome, figures: RunFigures) -> str:
+def _times(outcome: Outcome, figures: RunFigures, latency: RunLatencies) -> str:
     theirs = outcome.experiment.beside.figures
     rows = []
     ways = [("received to paired", "received to paired"), ("paired to on the chain", "paired to on the chain")]
@@ -119,8 +118,7 @@ def _times(outcome: Outcome, figures: RunFigures) -> str:
     for name, _ in ways:
         ours, other = figures.stretches[name].mean_ms, theirs[f"{name}, mean (ms)"]
         rows.append([name, bar(ours, longest, 1), f"{ours:,.0f} ms", bar(other, longest, 2), f"{other:,.0f} ms"])
-    latency = outcome.robot["latency_ms"]
-    window = latency["frame_to_final"]
+    window = latency.frame_to_final
     return (
         "<p>A frame is paired when nothing that may still arrive can change its owners: five seconds for readings to "
         "come, one for those that come late. That wait is most of the way, and it is chosen. The prototype paired at "
@@ -128,19 +126,18 @@ def _times(outcome: Outcome, figures: RunFigures) -> str:
         + table(
             "From one step to the next, on average", ["Mean", "ours", _IN_MS, "theirs", _IN_MS], rows, numbers_from=5
         )
-        + f"<p>From the end of the five seconds to final: median {window['p50']:,.0f} ms, 95 in 100 within "
-        f"{window['p95']:,.0f} ms, at most {window['max']:,.0f} ms (longer where whom a silhouette belongs to was settled "
-        f"only by later readings). From submission to final: median {latency['submit_to_final']['p50']:,.0f} ms.</p>"
+        + f"<p>From the end of the five seconds to final: median {window.p50:,.0f} ms, 95 in 100 within "
+        f"{window.p95:,.0f} ms, at most {window.max:,.0f} ms (longer where whom a silhouette belongs to was settled "
+        f"only by later readings). From submission to final: median {latency.submit_to_final.p50:,.0f} ms.</p>"
     )
 
 
-def _lost(outcome: Outcome, figures: RunFigures) -> str:
+def _lost(outcome: Outcome, figures: RunFigures, frames: FrameCounts) -> str:
     theirs = outcome.experiment.beside.figures
-    frames = outcome.robot["frames"]
-    reasons = ", ".join(f"{text(name)} {count:,}" for name, count in frames["withheld_reasons"].items())
+    reasons = ", ".join(f"{text(name)} {count:,}" for name, count in frames.withheld_reasons.items())
     return (
         f"<p>{figures.frames_published - figures.frames_received:,} of {figures.frames_published:,} frames did not arrive; "
-        f"of those that had an owner, {frames['lost']:,} were lost. The prototype lost "
+        f"of those that had an owner, {frames.lost:,} were lost. The prototype lost "
         f"{theirs['frames lost before they arrived (%)']:.1f} % of its frames before they arrived.</p>"
         f"<p>Withheld is not lost: who cannot be shown alone is not shown, and their wallet tells them so with the reason. "
         f"Here: {reasons or 'none'}. (no-silhouette: they were not to be seen; ambiguous: it could not be settled which "

@@ -6,7 +6,6 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from network.experiments.pages.flow_graph import FlowGraph, Tally
 from network.experiments.run_figures import RunFigures
@@ -36,7 +35,7 @@ class Row:
     def name(self) -> str:
         return f"{self.activity} → {self.following}" if self.following else self.activity
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, str | float | None]:
         return {"activity": self.activity, "following": self.following, **dict(zip(_KEYS, self.values, strict=True))}
 
 

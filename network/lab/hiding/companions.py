@@ -6,9 +6,8 @@ No scene is from training seeds, and every silhouette with a second person count
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +19,7 @@ from clients.robot.hiding.segmentation import segment
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Manner, Scenario
 from clients.robot.synthetic.scenes import Stratum, draw_scene
-from network.bench.conditions import build_result, measure_conditions
+from network.bench.conditions import Result, measure_conditions
 from network.bench.workers import worker_pool
 
 BACKGROUND_FRAMES_COUNT = 7
@@ -48,6 +47,7 @@ SINGLES: tuple[tuple[str, Stratum, Manner | None, bool | None], ...] = (
     ("iv pole", "iv-pole", None, None),
     ("child alone", "child", None, None),
 )
+Rates = Mapping[str, Mapping[str, float | None]]
 GOAL_FOUND, GOAL_FALSE, GOAL_AIDS = 0.90, 0.01, 0.05
 
 
@@ -96,9 +96,15 @@ def _look(job: tuple[str, Stratum, Manner | None, bool | None, int]) -> tuple[st
     return name, seed, list(observe(scenario, frames, CompanionWatch()))
 
 
+class CompanionsResult(Result[dict[str, float | None]], kw_only=True):
+    """`strata`: more of each kind."""
+
+    strata: dict[str, dict[str, float | None]]
+
+
 def judge_companions(
     seed: int = 1, *, scenes: int = SCENES_DEFAULT_COUNT, workers: int | None = None
-) -> dict[str, Any]:
+) -> CompanionsResult:
     """Return how often companions are found and single people taken for two.
 
     `scenes` per kind, four times as many of single people without aid. Per stratum: `merged_frames` and `merged_tracks`
@@ -118,11 +124,16 @@ def judge_companions(
     met = goals_met(companions, singles)
     every = {**companions, **singles}
     figures = {f"{name.replace(' ', '_')}_merged": kind["merged_frames"] for name, kind in every.items()}
-    result = build_result("companions", ok=all(met.values()), figures={**figures, **met}, conditions=conditions)
-    return {**result, "strata": every}
+    return CompanionsResult(
+        name="companions",
+        ok=all(met.values()),
+        figures={**figures, **met},
+        conditions=conditions,
+        strata=every,
+    )
 
 
-def rates(name: str, seen: list[tuple[str, int, list[Observed]]], *, pairs: bool) -> dict[str, float | int | None]:
+def rates(name: str, seen: list[tuple[str, int, list[Observed]]], *, pairs: bool) -> dict[str, float | None]:
     tracks: dict[tuple[int, int], list[Observed]] = {}
     split = total = 0
     for kind, seed, observed in seen:
@@ -136,7 +147,7 @@ def rates(name: str, seen: list[tuple[str, int, list[Observed]]], *, pairs: bool
                 split += 1
     frames = [one for track in tracks.values() for one in track]
     merged = [one.trouble == "merged" for one in frames]
-    figures: dict[str, float | int | None] = {
+    figures: dict[str, float | None] = {
         "frames": len(frames),
         "tracks": len(tracks),
         "merged_frames": _share(merged),
@@ -155,12 +166,12 @@ def _share(flags: list[bool]) -> float | None:
     return round(float(np.mean(flags)), 4) if flags else None
 
 
-def goals_met(companions: dict[str, Any], singles: dict[str, Any]) -> dict[str, bool]:
+def goals_met(companions: Rates, singles: Rates) -> dict[str, bool]:
     wanted = [companions[name]["merged_frames"] for name in ("arm in arm", "embrace", "pushing")]
+    alone = singles["single"]["merged_frames"]
     aids = [singles[name]["merged_frames"] for name in ("wheelchair", "rollator")]
     return {
         "companions_found": all(rate is not None and rate >= GOAL_FOUND for rate in wanted),
-        "single_false_alarms": singles["single"]["merged_frames"] is not None
-        and singles["single"]["merged_frames"] <= GOAL_FALSE,
+        "single_false_alarms": alone is not None and alone <= GOAL_FALSE,
         "aids_not_taken_for_companions": all(rate is not None and rate <= GOAL_AIDS for rate in aids),
     }

@@ -6,22 +6,21 @@ import os
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
+from msgspec import UNSET
 
-from network.bench.conditions import build_result, measure_conditions
+from network.bench.conditions import Result, count_cores, measure_conditions
 from network.bench.workers import worker_pool
 from network.lab.hiding.attacks import ON_OURS, ON_RAW, Examples, SceneReport, judge_scene, learn_from
 from network.lab.hiding.companions import judge_companions
-from network.lab.hiding.figures import summarise
+from network.lab.hiding.figures import HidingFigures, summarise
 from network.lab.hiding.gait import GaitReport, judge_gait
 from network.lab.hiding.learned import LearnedAttacker, require_learning, train
 from network.lab.hiding.scenes import JUDGING, LEARNING, draw_scenes
 from network.lab.matcher.matcher_judge import judge_matcher
 
 Progress = Callable[[str], None]
-PARTS = ("matcher", "companions")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +37,11 @@ class HidingOptions:
     companion_scenes: int = 0  # also judge the cues for companions on so many scenes of each kind
 
 
-def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
-    """Return name, ok, figures and conditions. Raises EXTRA_MISSING.
-
-    `ok`: every scene was judged and every goal holds.
-    """
+def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> Result[HidingFigures]:
+    """Return the figures; `ok`: every scene was judged and every goal holds. Raises EXTRA_MISSING."""
     require_learning()
     conditions = measure_conditions(nodes=0, seed=options.seed)
-    processes = options.processes or conditions["cores"] or 1
+    processes = options.processes or count_cores()
     seeds = range(options.seed, options.seed + options.seeds)
     reports: list[SceneReport] = []
     gaits: list[GaitReport] = []
@@ -65,8 +61,8 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
     reports.sort(key=lambda report: (report.seed, report.number))
     gaits.sort(key=lambda report: report.seed)
     figures = summarise(reports, gaits, seed=options.seed)
-    figures |= _judge_parts(options, processes, progress)
-    more = {
+    _judge_parts(figures, options, processes, progress)
+    conditions |= {
         "scenes": len(reports),
         "seeds": options.seeds,
         "learning_scenes_a_seed": options.learning_scenes,
@@ -74,16 +70,15 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
         "frame": "640x480",
     }
     ok = len(reports) == options.scenes and holds(figures)
-    return build_result("hiding", ok=ok, figures=figures, conditions={**conditions, **more})
+    return Result(name="hiding", ok=ok, figures=figures, conditions=conditions)
 
 
-def holds(figures: dict[str, Any]) -> bool:
-    parts = [figures[name]["ok"] for name in PARTS if name in figures]
-    return all(figures["goals"].values()) and all(parts)
+def holds(figures: HidingFigures) -> bool:
+    parts = [part["ok"] for part in (figures.matcher, figures.companions) if part is not UNSET]
+    return all(figures.goals.values()) and all(parts)
 
 
-def _judge_parts(options: HidingOptions, processes: int, progress: Progress) -> dict[str, Any]:
-    parts: dict[str, Any] = {}
+def _judge_parts(figures: HidingFigures, options: HidingOptions, processes: int, progress: Progress) -> None:
     if options.matcher_tracks:
         matcher = judge_matcher(
             options.matcher_tracks,
@@ -91,12 +86,11 @@ def _judge_parts(options: HidingOptions, processes: int, progress: Progress) -> 
             workers=processes,
             progress=lambda done, of: progress(f"judged {done} of {of} hundreds of the matcher's tracks"),
         )
-        parts["matcher"] = {"ok": matcher["ok"], **matcher["figures"]}
+        figures.matcher = {"ok": matcher.ok, **matcher.figures}
     if options.companion_scenes:
         progress("judging the cues for companions")
         companions = judge_companions(options.seed, scenes=options.companion_scenes, workers=processes)
-        parts["companions"] = {"ok": companions["ok"], **companions["figures"]}
-    return parts
+        figures.companions = {"ok": companions.ok, **companions.figures}
 
 
 def _shares(total: int, parts: int) -> list[int]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
 
 from clients.robot.hiding.matcher import Matcher
 from network.bench.conditions import percentile
@@ -14,7 +13,7 @@ TAGS_COUNT = 3
 STORM_COUNT = 10_000
 
 
-def measure_cost(seed: int) -> dict[str, Any]:
+def measure_cost(seed: int) -> dict[str, float]:
     """Return CPU times with three people and tags, and of a storm."""
     drawn = [draw(Setting(5, 0.3, 3, "present"), seed, number) for number in range(TAGS_COUNT)]
     matcher, waiting = Matcher(), []
@@ -39,7 +38,7 @@ def measure_cost(seed: int) -> dict[str, Any]:
     }
 
 
-def _measure_storm(seed: int) -> dict[str, Any]:
+def _measure_storm(seed: int) -> dict[str, float]:
     one = draw(Setting(5, 0.3, 3, "present"), seed, 0)
     matcher = Matcher()
     for track in one.tracks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -13,7 +13,7 @@ from scipy.stats import beta
 
 from clients.robot.hiding.hider import BUFFER_DEFAULT_MS
 from clients.robot.hiding.matcher import Matcher
-from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.workers import worker_pool
 from network.lab.matcher.matcher_cost import measure_cost
 from network.lab.matcher.matcher_draws import FRAME_EVERY_MS, TRACK_MS, Bearer, Drawn, Setting, draw
@@ -58,6 +58,7 @@ class Outcome:
 
 
 Progress = Callable[[int, int], None]
+Stratum = dict[str, str | float | dict[str, float]]
 
 
 def play(drawn: Drawn) -> list[tuple[int, int | None]]:
@@ -121,6 +122,12 @@ def _outcomes(jobs: Sequence[tuple[str, int, int, int]], workers: int) -> Iterat
         yield from pool.map(_judge_chunk, jobs)
 
 
+class MatcherResult(Result[dict[str, float]], kw_only=True):
+    """`strata`: the same for each group, sigma and rate."""
+
+    strata: list[Stratum]
+
+
 def judge_matcher(
     tracks: int,
     seed: int,
@@ -128,11 +135,8 @@ def judge_matcher(
     workers: int | None = None,
     groups: Iterable[str] = tuple(GROUPS),
     progress: Progress | None = None,
-) -> dict[str, Any]:
-    """Judge `tracks` tracks in each group with facing (fewer in others).
-
-    Returns name, ok, figures, conditions and `strata` (per group, sigma, rate); independent of `workers`.
-    """
+) -> MatcherResult:
+    """Judge `tracks` tracks in each group with facing (fewer in others); independent of `workers`."""
     workers = workers or len(os.sched_getaffinity(0))
     conditions = measure_conditions(nodes=0, seed=seed, tracks=tracks, workers=workers)
     cost = measure_cost(seed)
@@ -146,13 +150,13 @@ def judge_matcher(
         if progress is not None:
             progress(done, len(jobs))
     figures = {**headline(outcomes), **cost}
-    result = build_result("matcher", ok=meets_goals(figures), figures=figures, conditions=conditions)
-    return {**result, "strata": strata(outcomes)}
+    ok, rows = meets_goals(figures), strata(outcomes)
+    return MatcherResult(name="matcher", ok=ok, figures=figures, conditions=conditions, strata=rows)
 
 
-def headline(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def headline(outcomes: Sequence[Outcome]) -> dict[str, float]:
     facing = [o for o in outcomes if o.group == "facing"]
-    figures: dict[str, Any] = {"tracks": len(outcomes)}
+    figures: dict[str, float] = {"tracks": len(outcomes)}
     figures |= _wrong("wrong_owner", facing)
     figures |= _wrong("wrong_absent", [o for o in facing if o.setting.bearer != "present"])
     for group in list(GROUPS)[1:]:
@@ -164,7 +168,7 @@ def headline(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     return figures
 
 
-def meets_goals(figures: dict[str, Any]) -> bool:
+def meets_goals(figures: Mapping[str, float]) -> bool:
     names = ("wrong_owner", "wrong_absent", "wrong_sigma_understated", "wrong_drifting")
     rates = [figures.get(f"{name}_rate") for name in names]
     withheld = figures.get("withheld_rate")
@@ -173,13 +177,13 @@ def meets_goals(figures: dict[str, Any]) -> bool:
     )
 
 
-def strata(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+def strata(outcomes: Sequence[Outcome]) -> list[Stratum]:
     rows = []
     for group, sigma_m, rate_hz in product(GROUPS, SIGMAS_M, RATES_HZ):
         mine = [o for o in outcomes if (o.group, o.setting.sigma_m, o.setting.rate_hz) == (group, sigma_m, rate_hz)]
         if not mine:
             continue
-        row: dict[str, Any] = {"group": group, "sigma_m": sigma_m, "rate_hz": rate_hz, "tracks": len(mine)}
+        row: Stratum = {"group": group, "sigma_m": sigma_m, "rate_hz": rate_hz, "tracks": len(mine)}
         row |= _wrong("wrong", mine)
         for bearer in BEARERS:
             row[f"bearer_{bearer}"] = _wrong("wrong", [o for o in mine if o.setting.bearer == bearer])
@@ -195,7 +199,7 @@ def upper_bound(wrong: int, count: int) -> float:
     return 1.0 if wrong >= count else float(beta.ppf(0.95, wrong + 1, count - wrong))
 
 
-def _wrong(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def _wrong(name: str, outcomes: Sequence[Outcome]) -> dict[str, float]:
     if not outcomes:
         return {}
     wrong = sum(outcome.wrong for outcome in outcomes)
@@ -207,7 +211,7 @@ def _wrong(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def _withheld(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def _withheld(name: str, outcomes: Sequence[Outcome]) -> dict[str, float]:
     shares = np.array([o.withheld for o in outcomes if o.withheld is not None])
     if shares.size == 0:
         return {}
@@ -219,7 +223,7 @@ def _withheld(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def _delays(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def _delays(outcomes: Sequence[Outcome]) -> dict[str, float]:
     present = [o for o in outcomes if o.withheld is not None]
     bound = [float(o.bound_at_ms) for o in present if o.bound_at_ms is not None]
     if not present:

@@ -5,17 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict
 
 from clients.robot.hiding.hider import Kept
 from clients.robot.pairing.occupancy import OccupancyMonitor
 from clients.robot.recording.waiting_samples import cut_colour
 from clients.robot.sensing.sensor_events import Mask
 from consensus.errors import BlockRobotError
-from network.bench.conditions import build_result, measure_conditions
+from network.bench.conditions import Result, measure_conditions
 from network.lab.pedestrians.film import FILM, FRAME_MS, FRAME_RATE, Colour, Film, read_film
 from network.lab.pedestrians.marks import Box, find_people, is_marked_film, marked_people
 from network.lab.pedestrians.play import (
@@ -33,6 +34,54 @@ TAGS_DEFAULT_COUNT = 12
 PICTURE_EACH_COUNT = 3
 
 
+class Looked(Struct, frozen=True, kw_only=True):
+    """What the marks say of the pictures of marked frames."""
+
+    pictures_looked_at: int
+    others_visible: int
+    others_visible_without_hiding: int
+    pictures_of_nobody_known: int
+
+
+class Totals(Looked, frozen=True, kw_only=True):
+    """What became of the pictures of all who bear tags."""
+
+    people_shown: int
+    pictures_kept: int
+    pictures_withheld: int
+    withheld_rate: float
+    pictures_of_another: int
+    frames_with_the_bearer_alone: int
+
+
+class PedestrianFigures(Totals, frozen=True, kw_only=True):
+    """How many real pedestrians stay visible to whom."""
+
+    film_frames: int
+    silhouettes: int
+    silhouettes_taken_for_several_people: int
+    people_followed: int
+    tags_drawn: int
+    pictures_kept_without_depth: int
+    cpu_frame_ms: float
+
+
+class Bearer(Struct, frozen=True, kw_only=True):
+    """What became of one who bears a tag."""
+
+    followed_frames: int
+    first_frame: int
+    last_frame: int
+    pictures_kept: int
+    pictures_withheld: dict[str, int]
+
+
+class PedestrianResult(Result[PedestrianFigures], kw_only=True):
+    """`people`: each tag's bearer by alias."""
+
+    people: dict[str, Bearer]
+
+
 def judge_pedestrians(
     seed: int = 1,
     *,
@@ -41,8 +90,8 @@ def judge_pedestrians(
     film_file: Path = FILM,
     picture: Path | None = None,
     tell: Callable[[str], None] = lambda _: None,
-) -> dict[str, Any]:
-    """Return the measurement; `people` has each tag bearer's result.
+) -> PedestrianResult:
+    """Return the measurement.
 
     `frames`: stretch of the film, else all. `picture`: PNG output. Other films are not compared with marks. Raises
     FILE_UNUSABLE.
@@ -63,25 +112,26 @@ def judge_pedestrians(
     played = play(film, depths, bearers, seed)
     took_s = time.process_time() - started
     shown = _look(film, played, first, marked_people() if is_marked_film(film_file) else {})
-    figures: dict[str, Any] = {
-        "film_frames": len(film.frames),
-        "silhouettes": sum(seen.troubles.values()),
-        "silhouettes_taken_for_several_people": seen.troubles["merged"],
-        "people_followed": len(seen.followed),
-        "tags_drawn": len(bearers),
-        **_totals(played),
-        "pictures_kept_without_depth": keep_without_depth(film),
-        **shown,
-        "cpu_frame_ms": round(1000 * took_s / max(1, 2 * len(film.frames)), 1),
-    }
-    ok = figures["pictures_kept"] > 0 and all(
-        figures[name] == 0
-        for name in ("pictures_of_another", "pictures_kept_without_depth", "others_visible", "pictures_of_nobody_known")
+    figures = PedestrianFigures(
+        film_frames=len(film.frames),
+        silhouettes=sum(seen.troubles.values()),
+        silhouettes_taken_for_several_people=seen.troubles["merged"],
+        people_followed=len(seen.followed),
+        tags_drawn=len(bearers),
+        pictures_kept_without_depth=keep_without_depth(film),
+        **asdict(_totals(played, shown)),
+        cpu_frame_ms=round(1000 * took_s / max(1, 2 * len(film.frames)), 1),
+    )
+    ok = figures.pictures_kept > 0 and not (
+        figures.pictures_of_another
+        or figures.pictures_kept_without_depth
+        or figures.others_visible
+        or figures.pictures_of_nobody_known
     )
     people = {alias: _person(played, one, alias, first) for alias, one in bearers.items()}
     if picture is not None:
         draw_shown(film, played, first, picture)
-    return {**build_result("pedestrians", ok=ok, figures=figures, conditions=conditions), "people": people}
+    return PedestrianResult(name="pedestrians", ok=ok, figures=figures, conditions=conditions, people=people)
 
 
 def _stretch(film: Film, frames: range | None) -> tuple[Film, int]:
@@ -90,28 +140,29 @@ def _stretch(film: Film, frames: range | None) -> tuple[Film, int]:
     return Film(film.frames[frames.start : frames.stop], film.empty), frames.start
 
 
-def _totals(played: Played) -> dict[str, Any]:
+def _totals(played: Played, looked: Looked) -> Totals:
     kept = sum(map(len, played.kept.values()))
     withheld = sum(sum(reasons.values()) for reasons in played.withheld.values())
     whole = sum(played.whole.values())
-    return {
-        "people_shown": sum(1 for pictures in played.kept.values() if pictures),
-        "pictures_kept": kept,
-        "pictures_withheld": withheld,
-        "withheld_rate": round(withheld / max(1, kept + withheld), 3),
-        "pictures_of_another": sum(played.of_others.values()),
-        "frames_with_the_bearer_alone": whole,
-    }
+    return Totals(
+        **asdict(looked),
+        people_shown=sum(1 for pictures in played.kept.values() if pictures),
+        pictures_kept=kept,
+        pictures_withheld=withheld,
+        withheld_rate=round(withheld / max(1, kept + withheld), 3),
+        pictures_of_another=sum(played.of_others.values()),
+        frames_with_the_bearer_alone=whole,
+    )
 
 
-def _person(played: Played, one: Followed, alias: str, first: int) -> dict[str, Any]:
-    return {
-        "followed_frames": len(one.ranges_m),
-        "first_frame": first + min(one.ranges_m),
-        "last_frame": first + max(one.ranges_m),
-        "pictures_kept": len(played.kept[alias]),
-        "pictures_withheld": dict(played.withheld[alias]),
-    }
+def _person(played: Played, one: Followed, alias: str, first: int) -> Bearer:
+    return Bearer(
+        followed_frames=len(one.ranges_m),
+        first_frame=first + min(one.ranges_m),
+        last_frame=first + max(one.ranges_m),
+        pictures_kept=len(played.kept[alias]),
+        pictures_withheld=dict(played.withheld[alias]),
+    )
 
 
 def keep_without_depth(film: Film) -> int:
@@ -124,7 +175,7 @@ def keep_without_depth(film: Film) -> int:
     return kept
 
 
-def _look(film: Film, played: Played, first: int, people: Mapping[int, tuple[Box, ...]]) -> dict[str, Any]:
+def _look(film: Film, played: Played, first: int, people: Mapping[int, tuple[Box, ...]]) -> Looked:
     looked = others = unknown = before = 0
     for pictures in played.kept.values():
         for kept in pictures:
@@ -136,12 +187,12 @@ def _look(film: Film, played: Played, first: int, people: Mapping[int, tuple[Box
             others += len(found.others)
             unknown += found.owner is None
             before += len(marked) - 1
-    return {
-        "pictures_looked_at": looked,
-        "others_visible": others,
-        "others_visible_without_hiding": before,
-        "pictures_of_nobody_known": unknown,
-    }
+    return Looked(
+        pictures_looked_at=looked,
+        others_visible=others,
+        others_visible_without_hiding=before,
+        pictures_of_nobody_known=unknown,
+    )
 
 
 def _shown(film: Film, kept: Kept) -> Mask:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -35,25 +35,25 @@ class InPicture:
     others: tuple[int, ...]
 
 
+class _Marked(msgspec.Struct, frozen=True):
+    film_sha256: str
+    frames: dict[int, tuple[Box, ...]]
+
+
 @lru_cache(maxsize=1)
-def _marked() -> dict[str, Any]:
-    marked: dict[str, Any] = read_json_text(
-        (resources.files("network.lab.pedestrians") / MARKED_FILE).read_text(encoding="utf-8")
-    )
-    return marked
+def _marked() -> _Marked:
+    text = (resources.files("network.lab.pedestrians") / MARKED_FILE).read_text(encoding="utf-8")
+    return msgspec.convert(read_json_text(text), _Marked, str_keys=True)
 
 
 def is_marked_film(film: Path) -> bool:
     with film.open("rb") as file:
-        return bool(hashlib.file_digest(file, "sha256").hexdigest() == _marked()["film_sha256"])
+        return bool(hashlib.file_digest(file, "sha256").hexdigest() == _marked().film_sha256)
 
 
 def marked_people() -> dict[int, tuple[Box, ...]]:
     """Return each marked frame's boxes (x, y, width, height)."""
-    return {
-        int(frame): tuple((int(x), int(y), int(width), int(height)) for x, y, width, height in boxes)
-        for frame, boxes in _marked()["frames"].items()
-    }
+    return _marked().frames
 
 
 def find_people(shown: Mask, people: tuple[Box, ...]) -> InPicture:

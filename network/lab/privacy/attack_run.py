@@ -12,9 +12,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from network.bench.conditions import build_result, measure_conditions
+from network.bench.conditions import Condition, Result, measure_conditions
 from network.lab.privacy.attacks.attacks_on_all import attack_all_schemes
 from network.lab.privacy.attacks.attacks_on_insides import attack_insides
 from network.lab.privacy.attacks.evidence import Evidence, gather
@@ -32,6 +31,7 @@ _MEMORY_FOLDER = Path("/dev/shm")  # noqa: S108 - in memory, and below a folder 
 
 Progress = Callable[[str], None]
 Rates = dict[str, dict[str, Rate]]
+Figure = float | list[str] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class AttackOptions:
     serial_bits: int = 20
 
 
-def run_privacy_attack(options: AttackOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
+def run_privacy_attack(options: AttackOptions, progress: Progress = lambda _: None) -> Result[dict[str, Figure]]:
     boosting = has_boosting()
     conditions = measure_conditions(nodes=0, seed=options.seed)
     started = time.monotonic()
@@ -63,16 +63,17 @@ def run_privacy_attack(options: AttackOptions, progress: Progress = lambda _: No
         rates |= inside
         limits = limits_of(evidence, custody, folder, progress)
     figures |= more
-    table: dict[str, Any] = {}
+    table: dict[str, Figure] = {}
     for attack, found in rates.items():
         for scheme in (scheme for scheme in SCHEMES if scheme in found):
             table |= found[scheme].figures(f"{attack}_{scheme}")
-    table |= limit_figures(limits) | figures
+    table |= limit_figures(limits)
+    table |= figures
     table["leaks_on_ours"] = [attack for attack, found in rates.items() if not found[OURS].is_guessing]
     table["attacks_too_weak"] = too_weak(rates)
     table["elapsed_s"] = round(time.monotonic() - started, 1)
-    return build_result(
-        "privacy attack",
+    return Result(
+        name="privacy attack",
         ok=not table["leaks_on_ours"] and not table["attacks_too_weak"],
         figures=table,
         conditions={**conditions, **_scale(options, evidence, boosting=boosting)},
@@ -83,7 +84,7 @@ def too_weak(rates: Rates) -> list[str]:
     return [name for name in MUST_WIN if name not in rates or rates[name][PROTOTYPE].success < MUST_WIN_RATE]
 
 
-def _scale(options: AttackOptions, evidence: Evidence, *, boosting: bool) -> dict[str, Any]:
+def _scale(options: AttackOptions, evidence: Evidence, *, boosting: bool) -> dict[str, Condition]:
     return {
         "people": options.people,
         "days": options.days,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -65,8 +64,8 @@ def limits_of(evidence: Evidence, custody: CustodyStory, folder: Path, progress:
     return limits
 
 
-def limit_figures(limits: Limits) -> dict[str, Any]:
-    figures: dict[str, Any] = {}
+def limit_figures(limits: Limits) -> dict[str, float | None]:
+    figures: dict[str, float | None] = {}
     for name, found in limits.items():
         figures |= found.figures(f"limit_{name}") if isinstance(found, Rate) else {f"limit_{name}": found}
     return figures

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import beta
@@ -34,7 +33,7 @@ class Rate:
         """Return whether it is shown within 0.05 of guessing."""
         return self.trials > 0 and self.excess_bound <= ALLOWED_EXCESS
 
-    def figures(self, name: str) -> dict[str, Any]:
+    def figures(self, name: str) -> dict[str, float | None]:
         return {
             f"{name}_success_rate": round(self.success, 4) if self.trials else None,
             f"{name}_guess_rate": float(f"{self.guess:.3g}"),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
-from network.bench.conditions import build_result, latency_figures, measure_conditions, percentile
+from network.bench.conditions import Result, latency_figures, measure_conditions, percentile
 
 
 def test_a_percentile_is_a_value_that_was_measured() -> None:
@@ -23,8 +24,8 @@ def test_nothing_measured_is_zero_and_no_crash() -> None:
 
 def test_a_result_names_its_units_and_conditions() -> None:
     conditions = measure_conditions(nodes=4, seed=7, batch=2)
-    result = build_result("tx", ok=True, figures=latency_figures([1.0]), conditions=conditions)
-    assert list(result) == ["name", "ok", "figures", "conditions"]
+    result = Result(name="tx", ok=True, figures=latency_figures([1.0]), conditions=conditions)
+    assert list(msgspec.to_builtins(result)) == ["name", "ok", "figures", "conditions"]
     assert {"nodes", "cores", "load", "python", "seed", "batch"} <= set(conditions)
     assert conditions["cores"] >= 1
-    assert all(name.endswith("_ms") for name in result["figures"])
+    assert all(name.endswith("_ms") for name in result.figures)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
+from msgspec.structs import replace
 
 from clients.robot.hiding.hider import Reason
+from clients.robot.run.run_summary import FrameCounts, Latency, RunLatencies
 from clients.sdk.pictures.picture_names import name_picture
+from clients.wallet.present.record_answers import AuditEvent
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList
 from network.demo.leader_kill import LeaderKill
@@ -16,6 +21,13 @@ from network.demo.processes import parse_answer
 from network.demo.report import PICTURES_A_PERSON_COUNT, build_summary, write_report
 from network.demo.story import DemoState, what_is_left
 from network.demo.words import REASONS, name_person, say_events, say_refusal
+from tests.unit.clients.robot.run_summaries import summary_of
+
+FRAMES = FrameCounts(published=10, covered=10, kept=7, withheld=3, withheld_reasons={"no-silhouette": 3}, lost=0)
+
+
+def happened(**fields: Any) -> AuditEvent:
+    return AuditEvent(visit="", index=0, records=[], time_ms=0, detail="", **fields)
 
 
 def checks(*held: bool) -> CheckList:
@@ -26,21 +38,21 @@ def checks(*held: bool) -> CheckList:
 
 
 def state(tmp_path: Path) -> DemoState:
-    pictures = []
+    pictures, zero = [], Latency(p50=0.0, p95=0.0, max=0.0)
+    none = dict.fromkeys(("decided_to_final", "arrival_to_final", "submit_to_final"), zero)
     for number in range(10):
         path = tmp_path / name_picture(number % 4, number, "png")
         path.write_bytes(b"PNG" + bytes([number]))
         pictures.append(path)
     return DemoState(
-        summary={
-            "frames": {"published": 10, "kept": 7, "withheld": 3, "lost": 0},
-            "latency_ms": {"frame_to_final": {"p50": 12.5, "p95": 40.0, "max": 41.0}},
-        },
+        summary=replace(
+            summary_of(FRAMES), latency_ms=RunLatencies(frame_to_final=Latency(p50=12.5, p95=40.0, max=41.0), **none)
+        ),
         kill=LeaderKill(name="node-2", finalized_height_before=5, gap_s=0.9, caught_up=True, catch_up_s=1.0),
         pictures={"patient-a": pictures, "patient-b": []},
         audit=[
-            {"height": 3, "kind": "visit_opened", "record_id": ""},
-            {"height": 4, "kind": "<script>", "record_id": "ab" * 16},
+            happened(height=3, kind="visit_opened", record_id=""),
+            happened(height=4, kind="<script>", record_id="ab" * 16),
         ],
         blocks=77,
         transactions=12,
@@ -69,16 +81,17 @@ def test_each_check_is_told_as_it_is_made_and_its_outcome_returned() -> None:
 
 def test_the_summary_says_what_was_checked_and_measured(tmp_path: Path) -> None:
     summary = build_summary(checks(True), state(tmp_path), nodes=4, store="sqlite", out=tmp_path)
-    assert summary["ok"] is True
-    assert summary["checks"] == [{"name": "check 0", "ok": True, "detail": "seen 0"}]
-    assert (summary["frames"]["kept"], summary["blocks"], summary["leader_kill_gap_s"]) == (7, 77, 0.9)
+    assert summary.ok is True
+    assert summary.checks == [Check(name="check 0", ok=True, detail="seen 0")]
+    assert summary.frames is not None
+    assert (summary.frames.kept, summary.blocks, summary.leader_kill_gap_s) == (7, 77, 0.9)
 
 
 def test_a_password_in_the_stores_address_is_not_in_the_summary(tmp_path: Path) -> None:
     store = "mongodb://ann:secret@db.example:27017"
     summary = build_summary(checks(True), state(tmp_path), nodes=4, store=store, out=tmp_path)
-    assert "secret" not in json.dumps(summary)
-    assert summary["store"] == "mongodb"
+    assert b"secret" not in msgspec.json.encode(summary)
+    assert summary.store == "mongodb"
 
 
 def test_a_run_that_broke_off_early_still_has_a_report(tmp_path: Path) -> None:
@@ -100,7 +113,7 @@ def test_the_report_holds_its_pictures_and_escapes_what_it_tells(tmp_path: Path)
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
     assert "Every check held." in page
-    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == summary
+    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == msgspec.to_builtins(summary)
 
 
 def test_the_report_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
@@ -111,21 +124,25 @@ def test_the_report_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
     assert "https://" not in page
 
 
+class Numbered(msgspec.Struct):
+    n: int
+
+
 def test_a_childs_answer_is_its_json() -> None:
-    assert parse_answer(b'{"ok": true, "n": 1}', b"", ["wallet"]) == {"ok": True, "n": 1}
+    assert parse_answer(b'{"ok": true, "n": 1}', b"", ["wallet"], Numbered) == Numbered(1)
 
 
 def test_a_childs_refusal_is_raised_with_its_code() -> None:
     answer = json.dumps({"ok": False, "error": {"code": "NOT_FOUND", "detail": "You have no record."}}).encode()
     with pytest.raises(BlockRobotError) as caught:
-        parse_answer(answer, b"", ["wallet", "view"])
+        parse_answer(answer, b"", ["wallet", "view"], Numbered)
     assert (caught.value.code, caught.value.detail) == ("NOT_FOUND", "You have no record.")
 
 
 @pytest.mark.parametrize("output", [b"", b"Traceback", b"[]", b'"text"', b"7"])
 def test_a_child_that_says_nothing_readable_is_a_fault_that_names_it(output: bytes) -> None:
     with pytest.raises(BlockRobotError) as caught:
-        parse_answer(output, b"first\nlast line\n", ["wallet", "view"])
+        parse_answer(output, b"first\nlast line\n", ["wallet", "view"], Numbered)
     assert caught.value.code == "INTERNAL"
     assert "wallet view" in caught.value.detail
     assert "last line" in caught.value.detail
@@ -133,7 +150,6 @@ def test_a_child_that_says_nothing_readable_is_a_fault_that_names_it(output: byt
 
 def test_the_report_says_in_words_what_programs_name_by_codes(tmp_path: Path) -> None:
     known = state(tmp_path)
-    known.summary["frames"] |= {"covered": 10, "withheld_reasons": {"no-silhouette": 3}}
     summary = build_summary(checks(True), known, nodes=4, store="sqlite", out=tmp_path)
     write_report(tmp_path, summary, known)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
-from typing import Any
 
 from network.lab.privacy.attacks import linking
 from network.lab.privacy.attacks.dictionary import Search, computed_costs, search_chain, search_marks
@@ -23,7 +22,7 @@ Rates = dict[str, dict[str, Rate]]
 Progress = Callable[[str], None]
 
 
-def attack_all_schemes(evidence: Evidence, progress: Progress) -> tuple[Rates, dict[str, Any]]:
+def attack_all_schemes(evidence: Evidence, progress: Progress) -> tuple[Rates, dict[str, float]]:
     schemes = make_schemes()
     rates: Rates = {}
     progress("trying all UIDs")
@@ -77,7 +76,7 @@ def _learned(evidence: Evidence, features: Features) -> Rate:
     return attack_trials(evidence.matched, features, seed=evidence.seed, boosting=evidence.boosting)
 
 
-def _attack_dictionary(evidence: Evidence, schemes: dict[str, Scheme]) -> tuple[dict[str, Rate], dict[str, Any]]:
+def _attack_dictionary(evidence: Evidence, schemes: dict[str, Scheme]) -> tuple[dict[str, Rate], dict[str, float]]:
     bits = evidence.played.population.serial_bits
     uids = [holder.person.uid for holder in evidence.played.holders.values()]
     guess = 2.0**-bits
@@ -90,7 +89,7 @@ def _attack_dictionary(evidence: Evidence, schemes: dict[str, Scheme]) -> tuple[
     searches[OURS] = search_chain(evidence.marks, evidence.played.chain.chain_id, bits)
     hits = len(set(searches[OURS].found.values()) & set(uids))
     rates[OURS] = count_rate(hits, len(uids), guess)
-    figures: dict[str, Any] = {"dictionary_hashes_per_s": round(searches[PROTOTYPE].rate)}
+    figures: dict[str, float] = {"dictionary_hashes_per_s": round(searches[PROTOTYPE].rate)}
     for name, search in searches.items():
         figures[f"dictionary_{name}_s"] = round(search.seconds, 2)
     return rates, figures | computed_costs(searches[PROTOTYPE].rate)

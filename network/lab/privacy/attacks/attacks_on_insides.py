@@ -36,7 +36,7 @@ Rates = dict[str, dict[str, Rate]]
 
 def attack_insides(
     evidence: Evidence, custody: CustodyStory, folder: Path, progress: Callable[[str], None]
-) -> tuple[Rates, dict[str, Any]]:
+) -> tuple[Rates, dict[str, int]]:
     progress("opening what a custodian, a backup and a stolen robot hold")
     played = evidence.played
     own = [played.chain.custodian.secret]

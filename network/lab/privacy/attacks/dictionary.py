@@ -7,7 +7,6 @@ import hmac
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from consensus.primitives.hashing import tagged_hasher
 from network.lab.privacy.hospital.population import UID_PREFIX
@@ -86,9 +85,9 @@ def search_chain(marks: Collection[bytes], chain_id: bytes, serial_bits: int) ->
     return Search(found, hashes, time.process_time() - started)
 
 
-def computed_costs(hashes_a_second: float) -> dict[str, Any]:
+def computed_costs(hashes_a_second: float) -> dict[str, float]:
     """Return core hours per number of unknown bits, and those of a graphics card."""
-    figures: dict[str, Any] = {}
+    figures: dict[str, float] = {}
     for bits in COMPUTED_BITS:
         hours = 2.0**bits / max(hashes_a_second, 1.0) / 3600
         figures[f"computed_dictionary_{bits}_bit_core_hours"] = float(f"{hours:.3g}")

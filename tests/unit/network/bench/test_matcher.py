@@ -200,12 +200,12 @@ def test_the_figures_do_not_depend_on_the_number_of_processes() -> None:
     told: list[tuple[int, int]] = []
     one = judge_matcher(30, 7, workers=1, groups=["facing"], progress=lambda done, of: told.append((done, of)))
     two = judge_matcher(30, 7, workers=2, groups=["facing"])
-    judged = [name for name in one["figures"] if not name.startswith(("matcher_", "storm_"))]
-    assert {name: one["figures"][name] for name in judged} == {name: two["figures"][name] for name in judged}
-    assert one["strata"] == two["strata"]
+    judged = [name for name in one.figures if not name.startswith(("matcher_", "storm_"))]
+    assert {name: one.figures[name] for name in judged} == {name: two.figures[name] for name in judged}
+    assert one.strata == two.strata
     assert told == [(1, 1)]
-    assert one["figures"]["wrong_owner_of"] == 30
-    assert sum(row["tracks"] for row in one["strata"]) == 30
+    assert one.figures["wrong_owner_of"] == 30
+    assert sum(row["tracks"] for row in one.strata) == 30
 
 
 def test_the_command_prints_the_figures_and_fails_where_a_goal_is_missed() -> None:

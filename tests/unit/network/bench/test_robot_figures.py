@@ -7,27 +7,26 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
-from network.bench.robot.robot_bench import RobotOptions, is_good, make_figures
+from clients.robot.run.run_summary import FrameCounts, Latency
+from clients.sdk.terminal.json_answers import extend
+from network.bench.robot.robot_bench import RobotFigures, RobotOptions, is_good, make_figures
 from network.bench.robot.robot_counts import LoggedFrames, Timed
 from network.bench.robot.robot_owners import OwnFrames
-from network.bench.robot.robot_player import read_peak_bytes
+from network.bench.robot.robot_player import PlayedSummary, ProcessCost, read_peak_bytes
+from tests.unit.clients.robot.run_summaries import summary_of
 
 ROBOT = b"\x02" * 33
 OPTIONS = RobotOptions(seconds=0.5, robots=1, fps=4, cut_s=0.0, seed=1, cache=Path("nowhere"))
 
 
-def summary(**frames: int) -> dict[str, Any]:
+def summary(**frames: int) -> PlayedSummary:
     counts = {"published": 2, "covered": 3, "kept": 2, "withheld": 1, "lost": 0, **frames}
-    return {
-        "frames": {**counts, "withheld_reasons": {"contact": counts["withheld"]}},
-        "records": 2,
-        "stored_bytes": 3_000,
-        "spool_peak_bytes": 4_000,
-        "latency_ms": {"submit_to_final": {"p50": 20.0, "p95": 30.0, "max": 40.0}},
-        "consents": {"stale_ms": 0},
-        "process": {"cpu_s": 1.0, "seconds": 4.0, "rss_peak_bytes": 100 * 1024 * 1024},
-    }
+    told = summary_of(FrameCounts(**counts, withheld_reasons={"contact": counts["withheld"]}))
+    latencies = replace(told.latency_ms, submit_to_final=Latency(p50=20.0, p95=30.0, max=40.0))
+    told = replace(told, records=2, stored_bytes=3_000, spool_peak_bytes=4_000, latency_ms=latencies)
+    return extend(PlayedSummary, told, process=ProcessCost(cpu_s=1.0, seconds=4.0, rss_peak_bytes=100 * 1024 * 1024))
 
 
 def logged() -> LoggedFrames:
@@ -44,17 +43,17 @@ def owners() -> list[OwnFrames]:
     return [OwnFrames(frames={ROBOT: Counter([number])}, record_count=1) for number in (0, 1)]
 
 
-def figures(found: list[OwnFrames], **frames: int) -> dict[str, Any]:
-    return make_figures(OPTIONS, [(ROBOT, summary(**frames), logged())], found)
+def figures(found: list[OwnFrames], **frames: int) -> RobotFigures:
+    return make_figures(OPTIONS, [(ROBOT, summary(**frames), logged())], found, {})
 
 
 def test_a_run_in_which_owners_found_all_is_good() -> None:
     found = figures(owners())
     assert is_good(found)
-    assert (found["frame_to_final_p50_ms"], found["frame_to_final_p95_ms"]) == (200, 600)
-    assert (found["rss_peak_mb"], found["robot_cpu_share"], found["stored_bytes_per_frame"]) == (100.0, 0.25, 1_500)
-    assert (found["submit_to_final_p95_ms"], found["frames_per_s"]) == (30.0, 4.0)
-    assert found["frames_withheld_by_reason"] == {"contact": 1}
+    assert (found.frame_to_final_p50_ms, found.frame_to_final_p95_ms) == (200, 600)
+    assert (found.rss_peak_mb, found.robot_cpu_share, found.stored_bytes_per_frame) == (100.0, 0.25, 1_500)
+    assert (found.submit_to_final_p95_ms, found.frames_per_s) == (30.0, 4.0)
+    assert found.frames_withheld_by_reason == {"contact": 1}
 
 
 @pytest.mark.parametrize(
@@ -73,13 +72,13 @@ def test_a_run_is_not_good_where_an_owner_finds_it_otherwise(name: str, spoil: A
     found = owners()
     spoil(found)
     spoilt = figures(found)
-    assert spoilt[name] == 1
+    assert getattr(spoilt, name) == 1
     assert not is_good(spoilt)
 
 
 def test_a_run_is_not_good_where_frames_never_arrived() -> None:
     found = figures(owners(), published=1)
-    assert (found["frames_never_arrived"], is_good(found)) == (1, False)
+    assert (found.frames_never_arrived, is_good(found)) == (1, False)
 
 
 def test_a_run_is_not_good_where_a_record_stands_twice_on_the_chain() -> None:
@@ -89,7 +88,7 @@ def test_a_run_is_not_good_where_a_record_stands_twice_on_the_chain() -> None:
 
 
 def test_a_run_in_which_nothing_was_kept_is_not_good() -> None:
-    assert not is_good({**figures(owners()), "frames_kept": 0, "frames_found": 0})
+    assert not is_good(replace(figures(owners()), frames_kept=0, frames_found=0))
 
 
 def test_memory_is_the_kernels_own_peak_where_it_tells(tmp_path: Path) -> None:

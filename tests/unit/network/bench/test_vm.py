@@ -14,12 +14,13 @@ from network.bench.vm.vm_blocks import BlockBench
 
 def test_a_short_run_gives_all_figures_and_conditions() -> None:
     result = run_vm_benchmark(0.01, profile=True)
-    assert (result["name"], result["ok"]) == ("vm", True)
+    assert (result.name, result.ok) == ("vm", True)
     named = ("record_calls_per_s", "block_calls_in_process_per_s", "compile_ms", "gas_per_s", "record_gas")
-    assert all(result["figures"][name] > 0 for name in named)
-    assert result["conditions"]["host_calls_per_record"] == 10
-    assert {"nodes", "cores", "load", "python", "calls_a_block"} <= set(result["conditions"])
-    assert sum(result["profile"].values()) == pytest.approx(result["figures"]["record_cpu_us"], abs=0.1)
+    assert all(getattr(result.figures, name) > 0 for name in named)
+    assert result.conditions["host_calls_per_record"] == 10
+    assert {"nodes", "cores", "load", "python", "calls_a_block"} <= set(result.conditions)
+    assert isinstance(result.profile, dict)
+    assert sum(result.profile.values()) == pytest.approx(result.figures.record_cpu_us, abs=0.1)
 
 
 def test_a_sample_counts_for_the_innermost_function_of_the_machine() -> None:

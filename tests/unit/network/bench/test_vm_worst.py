@@ -42,12 +42,12 @@ def test_a_table_of_programs_dearest_first():
     result = run_worst_benchmark(
         [LOOP, HOARD, refused("no", "FLOAT", "return 1 / 2"), bomb("bomb", "x = [0] * 2 ** 90")]
     )
-    assert result["name"] == "vm-worst"
-    assert [program["name"] for program in result["programs"]] in (["loop"], ["loop", "hoard"], ["hoard", "loop"])
-    assert result["figures"]["cheapest"] == "loop"
-    assert result["figures"]["ratio"] > 0
-    assert result["figures"]["block_max_ms"] == 125
-    assert result["conditions"]["language"] >= 2
+    assert result.name == "vm-worst"
+    assert [program.name for program in result.programs] in (["loop"], ["loop", "hoard"], ["hoard", "loop"])
+    assert result.figures.cheapest == "loop"
+    assert result.figures.ratio > 0
+    assert result.figures.block_max_ms == 125
+    assert result.conditions["language"] >= 2
 
 
 def test_who_never_gets_to_use_the_gas_is_not_called_cheap():
@@ -76,10 +76,10 @@ def test_a_search_is_named_by_its_seed_and_reaches_everything():
 def test_a_search_tells_the_dearest_with_their_sources():
     told: list[str] = []
     result = run_worst_search(0.01, 1, told.append)
-    assert result["figures"]["programs"] >= result["figures"]["counted"] > 0
-    prices = [program["ms_per_million_gas"] for program in result["programs"]]
+    assert result.figures.programs >= result.figures.counted > 0
+    prices = [program.ms_per_million_gas for program in result.programs]
     assert prices == sorted(prices, reverse=True) != []
-    assert all("while True:" in program["source"] for program in result["programs"])
+    assert all("while True:" in program.source for program in result.programs)
 
 
 @pytest.mark.parametrize("given", [["--search", "1"], ["--worst", "--search", "0"]])

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+from network.bench import conditions
 from network.cli.main import main
 from network.experiments import run_all
 
@@ -61,9 +62,9 @@ def test_run_takes_one_experiment_or_all_and_its_exit_code_is_the_verdict(
 ) -> None:
     asked: list[int] = []
 
-    async def pretend(chosen: list[Any], options: run_all.RunOptions) -> tuple[dict[str, Any], list[Any]]:
+    async def pretend(chosen: list[Any], options: run_all.RunOptions) -> tuple[conditions.Result[Any], list[Any]]:
         asked.extend(experiment.number for experiment, _ in chosen)
-        return {"name": "experiments", "ok": number == "3", "figures": {}, "conditions": {}}, []
+        return conditions.Result(name="experiments", ok=number == "3", figures={}, conditions={}), []
 
     monkeypatch.setattr(run_all, "run_experiments", pretend)
     result = call("run", number, "--out", str(tmp_path / "out"), "--json")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from clients.robot.run.run_summary import FrameCounts
 from clients.robot.synthetic.scenario import Scenario
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList
@@ -27,6 +28,7 @@ from network.experiments.post_stage import Belongings
 from network.experiments.progress import Progress
 from network.experiments.run_figures import work_out_figures
 from network.experiments.run_one import Outcome
+from tests.unit.clients.robot.run_summaries import summary_of
 
 
 def refused(out: Path) -> str:
@@ -193,11 +195,9 @@ def outcome(tmp_path: Path, *, ok: bool) -> Outcome:
     checks.add("own <data> only", ok=ok, detail="0 of 1 & none")
     picture = tmp_path / "picture-0003.frame-00000012.png"
     picture.write_bytes(b"\x89PNG")
-    times = {"p50": 1_000.0, "p95": 2_000.0, "max": 3_000.0}
-    frames = {"published": 1, "covered": 1, "kept": 1, "withheld": 0, "withheld_reasons": {}, "lost": 0}
-    robot = {"frames": frames, "latency_ms": {"frame_to_final": times, "submit_to_final": times}, "records": 1}
+    frames = FrameCounts(published=1, covered=1, kept=1, withheld=0, withheld_reasons={}, lost=0)
     belongings = {"patient-a": Belongings([], [picture], []), "patient-b": Belongings()}
-    made = Outcome(EXPERIMENTS[0], scenario_of(1), checks, robot, belongings=belongings)
+    made = Outcome(EXPERIMENTS[0], scenario_of(1), checks, summary_of(frames), belongings=belongings)
     return replace(made, reading=work_out("ours", small_table()))
 
 
@@ -216,9 +216,9 @@ def test_the_page_is_one_file_that_says_what_was_paired_where_time_went_and_what
 def test_a_failed_check_is_on_both_pages_and_in_the_figures(tmp_path: Path) -> None:
     failed = outcome(tmp_path, ok=False)
     assert not failed.ok
-    assert failed.figures()["checks_failed"] == ["own <data> only"]
+    assert failed.figures().checks_failed == ["own <data> only"]
     assert "FAILED" in build_page(failed, None)
-    index = build_index([failed], {"figures": {"seconds": 5}, "conditions": {"nodes": 4}})
+    index = build_index([failed], 5.0, {"nodes": 4})
     assert "FAILED" in index
     assert "experiment-1/report.html" in index
     assert "Not every claim held." in index
@@ -227,7 +227,7 @@ def test_a_failed_check_is_on_both_pages_and_in_the_figures(tmp_path: Path) -> N
 def test_the_page_over_all_says_in_words_how_many_checks_held_and_how_it_was_measured(tmp_path: Path) -> None:
     made = outcome(tmp_path, ok=True)
     conditions = {"nodes": 4, "seed": None, "scenarios": {"experiment-1": "ab"}, "drawn_by": "graphviz"}
-    index = build_index([made], {"figures": {"seconds": 1092.5}, "conditions": conditions})
+    index = build_index([made], 1092.5, conditions)
     count = len(made.checks.checks)
     assert f"{count} of {count} checks held." in index
     assert "All of it took 1,092 s. Measured with: nodes 4, drawn by graphviz." in index
@@ -237,7 +237,7 @@ def test_the_page_over_all_says_in_words_how_many_checks_held_and_how_it_was_mea
 
 
 def test_an_experiment_that_never_recorded_has_a_page_and_did_not_hold(tmp_path: Path) -> None:
-    made = replace(outcome(tmp_path, ok=True), reading=None, robot={})
+    made = replace(outcome(tmp_path, ok=True), reading=None, robot=None)
     assert not made.ok
     assert "What was checked" in build_page(made, None)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -20,6 +21,11 @@ PEOPLE = ("patient-a", "patient-b")
 IN_A_TIME, IN_B_TIME, A_ALONE_IN_B_WINDOW = 200, 700, 400
 
 
+def said(**fields: Any) -> Any:
+    """An answer with these fields alone, objects in it likewise."""
+    return json.loads(json.dumps(fields), object_hook=lambda found: SimpleNamespace(**found))
+
+
 class House:
     """Wallets as the post-stage meets them: what each lists, sees and is refused."""
 
@@ -32,7 +38,7 @@ class House:
         nodes = [SimpleNamespace(name="node-1"), SimpleNamespace(name="node-2")]
         self.cluster = SimpleNamespace(genesis=SimpleNamespace(custodians=nodes), config=lambda name: name)
 
-    async def wallet(self, alias: str, *arguments: str) -> dict[str, Any]:
+    async def wallet(self, alias: str, _kind: type, *arguments: str) -> SimpleNamespace:
         record = {"record_id": alias.encode().hex(), "frames": len(self.pictures[alias])}
         frames = [
             {"number": index + 1, "status": self.status.get(f"{alias}/{index}", "ok")}
@@ -40,7 +46,7 @@ class House:
         ]
         if arguments[0] == "records":
             visit = {"records": [record], "missing_records": 0, "closed": True}
-            return {"visits": [visit] if self.pictures[alias] else []}
+            return said(visits=[visit] if self.pictures[alias] else [])
         if arguments[0] == "view":
             folder = Path(arguments[2]) / "record"
             folder.mkdir(parents=True)
@@ -48,10 +54,10 @@ class House:
                 (folder / name_picture(index, number, "depth.png")).touch()
                 (folder / name_picture(index, number, "png")).touch()
         if arguments[0] == "probe":
-            return {"refusals": self.refusals}
+            return SimpleNamespace(refusals=self.refusals)
         if arguments[0] == "audit":
-            return {"entries": [{"kind": "verdict", "records": [record["record_id"]]}]}
-        return {"records": [{"record_id": record["record_id"], "frames": frames}]}
+            return said(entries=[{"kind": "verdict", "records": [record["record_id"]]}])
+        return said(records=[{"record_id": record["record_id"], "frames": frames}])
 
     async def refusal(self, alias: str, *arguments: str) -> str:
         return self.view_refusal

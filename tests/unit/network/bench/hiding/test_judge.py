@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cut import CutOut, encode_cut
@@ -49,27 +50,27 @@ GAIT = GaitReport(1, 4, right={OURS: 2.0, NONE: 7.0}, clips={OURS: 8, NONE: 8})
 
 def test_no_gain_over_the_control_meets_the_goals() -> None:
     figures = summarise([report(n, "apart", 0.2, 0.2) for n in range(20)], [GAIT], seed=1)
-    assert figures["difference_upper95"] == 0.0
-    assert (figures["reid_rate"], figures["chance_rate"]) == (0.25, 0.25)
-    assert figures["withheld_rate"] == 0.2
-    assert all(figures["goals"].values())
+    assert figures.difference_upper95 == 0.0
+    assert (figures.reid_rate, figures.chance_rate) == (0.25, 0.25)
+    assert figures.withheld_rate == 0.2
+    assert all(figures.goals.values())
 
 
 def test_a_leak_in_one_stratum_shows_there_and_in_sum() -> None:
     clean = [report(n, "apart", 0.2, 0.2) for n in range(10)]
     leaking = [report(n, "touching", 0.5, 0.2, wrong=1) for n in range(10, 20)]
     figures = summarise([*clean, *leaking], [GAIT], seed=1)
-    assert figures["strata"]["apart"]["difference_upper95"] == 0.0
-    assert figures["strata"]["touching"]["difference"] == pytest.approx(0.3)
-    assert figures["difference_upper95"] > 0.15
-    assert figures["wrong_owner_rate"] == pytest.approx(10 / 160)
-    assert not figures["goals"]["difference_upper95 <= 0.02"]
-    assert not figures["goals"]["wrong_owner_rate == 0"]
+    assert figures.strata["apart"].difference_upper95 == 0.0
+    assert figures.strata["touching"].difference == pytest.approx(0.3)
+    assert figures.difference_upper95 > 0.15
+    assert figures.wrong_owner_rate == pytest.approx(10 / 160)
+    assert not figures.goals["difference_upper95 <= 0.02"]
+    assert not figures.goals["wrong_owner_rate == 0"]
 
 
 def test_a_goal_that_was_not_measured_is_not_met() -> None:
     figures = summarise([], [], seed=1)
-    assert not any(figures["goals"].values())
+    assert not any(figures.goals.values())
 
 
 def test_one_rendition_that_shows_the_other_misses_a_goal_however_many_are_clean() -> None:
@@ -77,8 +78,8 @@ def test_one_rendition_that_shows_the_other_misses_a_goal_however_many_are_clean
     reports = [report(n, "apart", 0.2, 0.2) for n in range(20)]
     reports[7].played.foreign_px, reports[7].played.foreign_share = 18_000, 0.9
     figures = summarise(reports, [GAIT], seed=1)
-    assert (figures["foreign_px_max"], figures["foreign_share_max"]) == (18_000, 0.9)
-    assert [goal for goal, met in figures["goals"].items() if not met] == ["foreign_share_max <= 0.001"]
+    assert (figures.foreign_px_max, figures.foreign_share_max) == (18_000, 0.9)
+    assert [goal for goal, met in figures.goals.items() if not met] == ["foreign_share_max <= 0.001"]
 
 
 def test_frames_and_scenes_that_could_not_be_attacked_are_counted() -> None:
@@ -86,17 +87,17 @@ def test_frames_and_scenes_that_could_not_be_attacked_are_counted() -> None:
     none.frames = []
     some.unattacked, none.unattacked = Counter({CONTROL_NOT_CUT: 1}), Counter({CONTROL_NOT_CUT: 3})
     figures = summarise([some, none], [GAIT], seed=1)
-    assert figures["frames_not_attacked"] == {CONTROL_NOT_CUT: 4}
-    assert figures["scenes_not_attacked"] == 1
+    assert figures.frames_not_attacked == {CONTROL_NOT_CUT: 4}
+    assert figures.scenes_not_attacked == 1
 
 
 def test_the_judge_holds_only_where_every_goal_and_every_part_does() -> None:
     good = summarise([report(n, "apart", 0.2, 0.2) for n in range(20)], [GAIT], seed=1)
     assert holds(good)
-    assert holds({**good, "matcher": {"ok": True}, "companions": {"ok": True}})
-    assert not holds({**good, "matcher": {"ok": True}, "companions": {"ok": False}})
-    for goal in good["goals"]:
-        assert not holds({**good, "goals": {**good["goals"], goal: False}})
+    assert holds(replace(good, matcher={"ok": True}, companions={"ok": True}))
+    assert not holds(replace(good, matcher={"ok": True}, companions={"ok": False}))
+    for goal in good.goals:
+        assert not holds(replace(good, goals={**good.goals, goal: False}))
 
 
 @pytest.mark.parametrize("shows", ["owner", "both", "other"])
@@ -155,8 +156,8 @@ def _noting(run: list[str], name: str, really: Callable[..., Any]) -> Callable[.
 def test_a_released_walk_that_shows_the_other_misses_a_goal() -> None:
     walks = GaitReport(1, 4, right={OURS: 2.0}, clips={OURS: 8}, frames=72, released=36, foreign_share=0.95)
     figures = summarise([report(n, "apart", 0.2, 0.2) for n in range(20)], [walks], seed=1)
-    assert (figures["reid_released_rate"], figures["reid_foreign_share_max"]) == (0.5, 0.95)
-    assert [goal for goal, met in figures["goals"].items() if not met] == ["reid_foreign_share_max <= 0.001"]
+    assert (figures.reid_released_rate, figures.reid_foreign_share_max) == (0.5, 0.95)
+    assert [goal for goal, met in figures.goals.items() if not met] == ["reid_foreign_share_max <= 0.001"]
 
 
 def test_no_scene_to_learn_from_is_judged() -> None:
