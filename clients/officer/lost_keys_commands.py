@@ -105,7 +105,7 @@ def _print_preview(preview: Preview) -> None:
         console.print(f"  {visits} denied: what is denied stays with its breach (blockrobot officer breaches).")
     if preview.touched:
         console.print(
-            "  [bold red]The chain cannot say whose visits these are.[/bold red] All of them go, those of others too, "
+            "  [red]The chain cannot say whose visits these are.[/red] All of them go, those of others too, "
             "for everyone and for ever.\n"
             "  If that is more than one person's, make the span shorter: they may know the minute, or who was there."
         )
