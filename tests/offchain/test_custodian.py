@@ -26,8 +26,7 @@ from tests.offchain.small_chain import (
 
 
 async def test_an_owner_gets_her_clip_after_a_final_access_request(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(access(ACCESS_ID, clip))
     download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
     assert read_all(clip, download) == list(clip.plaintexts)
@@ -35,16 +34,12 @@ async def test_an_owner_gets_her_clip_after_a_final_access_request(opened: House
 
 
 async def test_nothing_leaves_before_the_access_request_is_final(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
 
 
 async def test_a_request_opens_only_what_it_names_and_only_to_its_owner(opened: House) -> None:
-    clip, other, bobs = record_clip(), record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(other)
-    await opened.keep(bobs, BOB)
+    clip, other, bobs = await opened.keep(), await opened.keep(), await opened.keep(owner=BOB)
     await opened.follow(access(ACCESS_ID, clip, bobs))
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(other.record_id, ACCESS_ID, ALICE))
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(clip.record_id, ACCESS_ID, BOB))
@@ -150,8 +145,7 @@ async def test_an_upload_that_comes_after_its_record_is_confirmed_at_once(opened
 
 
 async def test_erasing_frames_leaves_the_others_and_says_what_remains(opened: House) -> None:
-    clip = record_clip(4)
-    await opened.keep(clip)
+    clip = await opened.keep(record_clip(4))
     await opened.follow(access(ACCESS_ID, clip), erasure(ERASURE_ID, clip, frames=(1, 3)))
     download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
     assert read_all(clip, download) == [clip.plaintexts[0], None, clip.plaintexts[2], None]
@@ -162,9 +156,7 @@ async def test_erasing_frames_leaves_the_others_and_says_what_remains(opened: Ho
 
 
 async def test_erasing_a_record_destroys_all_and_it_never_comes_back(opened: House) -> None:
-    clip, other = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(other)
+    clip, other = await opened.keep(), await opened.keep()
     await opened.follow(access(ACCESS_ID, clip, other), erasure(ERASURE_ID, clip))
     await refused("CLIP_ERASED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
     await refused("CLIP_ERASED", opened.custodian.export(clip.record_id))
@@ -176,8 +168,7 @@ async def test_erasing_a_record_destroys_all_and_it_never_comes_back(opened: Hou
 
 
 async def test_nobody_erases_anothers_record_even_if_a_contract_let_her(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip, owner=BOB))
     assert (await opened.custodian.export(clip.record_id)).frames[0].erased is False
     receipt = next(arguments for call, arguments in await opened.owed() if call == "erasure.receipt")
@@ -199,9 +190,7 @@ async def test_an_expired_record_is_erased_unasked(opened: House) -> None:
 
 
 async def test_what_is_owed_stays_until_the_chain_shows_it_of_this_custodian(opened: House) -> None:
-    clip, expiring = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(expiring)
+    clip, expiring = await opened.keep(), await opened.keep()
     await opened.follow(access(ACCESS_ID, clip), erasure(ERASURE_ID, clip))
     await opened.follow(at_ms=EXPIRES_MS)
     assert len(await opened.owed()) == 3
@@ -220,8 +209,7 @@ async def test_what_is_owed_stays_until_the_chain_shows_it_of_this_custodian(ope
 
 
 async def test_what_the_chain_refuses_for_good_can_be_dismissed(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip))
     [row] = await opened.custodian.owed(10)
     await opened.custodian.dismiss(row)
@@ -229,8 +217,7 @@ async def test_what_the_chain_refuses_for_good_can_be_dismissed(opened: House) -
 
 
 async def test_a_block_that_comes_twice_is_in_effect_once(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     block = opened.chain.block(access(ACCESS_ID, clip), erasure(ERASURE_ID, clip, frames=(0,)))
     for _ in range(3):
         await opened.custodian.on_finalized_block(block)
@@ -250,8 +237,7 @@ async def test_a_block_out_of_order_or_of_another_chain_is_refused(opened: House
 
 
 async def test_changed_bytes_in_the_store_reach_the_owner_as_a_named_frame(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     row = await opened.store.clips([clip.record_id])
     frames = await opened.store.frames(clip.record_id)
     changed = bytearray(frames[1].ciphertext)
@@ -317,9 +303,7 @@ async def test_an_erasure_of_what_is_erased_destroys_nothing_and_is_confirmed_al
     opened: House, frames: tuple[int, ...]
 ) -> None:
     """No contract lets anybody ask so; whoever did would wait for a receipt that never comes."""
-    clip, other = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(other)
+    clip, other = await opened.keep(), await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip, frames=frames))
     await opened.follow(erasure(b"\xe2" * 32, clip, frames=frames))
     receipts = [arguments for call, arguments in await opened.owed() if call == "erasure.receipt"]
@@ -334,8 +318,7 @@ async def test_an_erasure_of_what_is_erased_destroys_nothing_and_is_confirmed_al
 async def test_of_what_is_erased_while_it_is_asked_for_nothing_leaves(
     opened: House, monkeypatch: pytest.MonkeyPatch, asked: str, frames: tuple[int, ...], held_up: str
 ) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(access(ACCESS_ID, clip))
     original, asks = getattr(opened.store, held_up), []
 

@@ -15,9 +15,7 @@ from tests.offchain.test_sharing import revoked, share
 async def test_a_deletion_that_the_store_lost_is_done_again_at_the_next_try(
     opened: House, monkeypatch: pytest.MonkeyPatch, loses: str, frames: tuple[int, ...]
 ) -> None:
-    clip, second = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(second)
+    clip, second = await opened.keep(), await opened.keep()
     delete, lost = getattr(opened.store, loses), []
 
     async def lose_the_first_of_each(record_id: bytes, *more: Any) -> None:
@@ -56,8 +54,7 @@ async def test_a_part_of_a_key_that_the_store_still_returns_stops_the_block(
 
 
 async def test_an_erase_key_that_is_still_there_stops_the_block(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     block = opened.chain.block(erasure(ERASURE_ID, clip))
     with monkeypatch.context() as patch:
         patch.setattr(opened.keys, "destroy", lambda _slots: None)
@@ -68,8 +65,7 @@ async def test_an_erase_key_that_is_still_there_stops_the_block(opened: House, m
 
 
 async def test_what_the_state_says_is_erased_is_read_back_too(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     with monkeypatch.context() as patch:
 
         async def lose(_record_id: bytes) -> None:
@@ -86,8 +82,7 @@ async def test_no_row_is_deleted_before_its_keys_are_destroyed(
     opened: House, monkeypatch: pytest.MonkeyPatch, deletes: str, frames: tuple[int, ...]
 ) -> None:
     """A power cut in between leaves bytes that nobody opens, never a key without a row that names it."""
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     places = await opened.store.frame_places([clip.record_id])
     slots = [place.slot for place in places if not frames or place.index in frames]
     delete, found = getattr(opened.store, deletes), []
@@ -106,8 +101,7 @@ async def test_what_was_never_erased_keeps_its_keys_until_its_rows_are_gone(
     opened: House, monkeypatch: pytest.MonkeyPatch, dropped: str
 ) -> None:
     """Whoever asks meanwhile gets a whole clip or none."""
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     slots = [place.slot for place in await opened.store.frame_places([clip.record_id])]
     delete, found = opened.store.drop_staged, []
 

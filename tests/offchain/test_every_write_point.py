@@ -1,5 +1,7 @@
 """A power cut at every single write of the hook, down to a key's bytes or a command to the server; and stores that fail.
 
+Two blocks are cut: one by which clips begin and end, and one by which shares do.
+
 What is cut here is lower than in `test_custodian_crashes`: a file's single write, a database's single transaction, a
 server's single command, each of them just before it and just after it.
 """
@@ -27,6 +29,7 @@ from tests.offchain import secantus
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
+    CUSTODIAN,
     EXPIRES_MS,
     START_MS,
     access,
@@ -35,12 +38,14 @@ from tests.offchain.small_chain import (
     record_clip,
     recorded,
 )
+from tests.offchain.test_sharing import asked, granted, parts_for, request, revoked
 
 LATER_MS = EXPIRES_MS + 9_999_999
 SECOND_ID = b"\xe2" * 32
 FRAME = b"\xf1" * 32
 STEPS_MAX_COUNT = 400
-CHUNKS_COUNT = 4
+GRANTED, REVOKED, OVER, ERASED, LAPSED = (bytes((0xA0 + number,)) * 32 for number in range(5))
+AT_MS = START_MS + 50_000
 
 
 class PowerCutError(Exception):
@@ -88,6 +93,8 @@ class Cutter:
 class Story:
     """One block that confirms, releases, erases frames, erases a record, purges and expires; and what must come of it."""
 
+    chunks_count, commands_min_count = 4, 25
+
     def __init__(self, house: House) -> None:
         self.house = house
         self.kept, self.cut, self.gone, self.lapsed, self.expiring = (record_clip() for _ in range(5))
@@ -127,10 +134,56 @@ class Story:
         assert receipts == {ERASURE_ID: [2, "commitment-leaves"], SECOND_ID: [3, "nothing"]}
 
 
-async def play(house: House, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Play the story with one power cut; return whether there still was a write to cut."""
+class SharesStory:
+    """One block that makes a grant final, revokes one, erases a shared record, and ends two shares by time."""
+
+    chunks_count, commands_min_count = 6, 20
+
+    def __init__(self, house: House) -> None:
+        self.house = house
+        self.clips = {name: record_clip() for name in (GRANTED, REVOKED, OVER, ERASED, LAPSED)}
+
+    async def prepare(self) -> FinalizedEvents:
+        custodian, clips = self.house.custodian, self.clips
+        for clip in clips.values():
+            await custodian.stage(clip.upload)
+        await self.house.follow(*(recorded(clip, expires_at_ms=EXPIRES_MS) for clip in clips.values()))
+        for name, clip in clips.items():
+            valid_until_ms = AT_MS if name == LAPSED else AT_MS + 60_000
+            await custodian.stage_part(parts_for(clip, name, valid_until_ms=valid_until_ms)[CUSTODIAN], ALICE)
+        early = [granted(clips[name], grant_id=name) for name in (REVOKED, ERASED)]
+        await self.house.follow(*early, granted(clips[OVER], grant_id=OVER, until_ms=AT_MS))
+        await self.house.follow(asked(clips[REVOKED], grant_id=REVOKED))
+        events = (
+            granted(clips[GRANTED], grant_id=GRANTED, until_ms=EXPIRES_MS),
+            asked(clips[GRANTED], grant_id=GRANTED, access_id=GRANTED),
+            revoked(REVOKED),
+            erasure(ERASURE_ID, clips[ERASED]),
+        )
+        return self.house.chain.block(*events, at_ms=AT_MS)
+
+    async def check(self) -> None:
+        custodian, store, keys = self.house.custodian, self.house.store, self.house.keys
+        kept = [(place.grant_id, place.status) async for place in store.all_parts()]
+        assert kept == [(GRANTED, "confirmed")]
+        assert [share.grant_id async for share in store.all_shares()] == [GRANTED, ERASED]
+        found = await custodian.download_shared(request(self.clips[GRANTED], GRANTED), GRANTED)
+        assert found.package
+        assert sorted([slot async for slot in store.slots_in_use()]) == keys.held
+        assert keys.check_destroyed() == 0
+        assert ("access.released", [GRANTED, [self.clips[GRANTED].record_id]]) in await self.house.owed()
+        with pytest.raises(BlockRobotError) as refusal:
+            await self.house.custodian.download_shared(request(self.clips[REVOKED]), REVOKED)
+        assert refusal.value.code in {"GRANT_ENDED", "GRANT_PARTS_MISSING"}
+
+
+Kind = type[Story] | type[SharesStory]
+
+
+async def play(kind: Kind, house: House, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Play a story with one power cut; return whether there still was a write to cut."""
     async with house.open() as custodian:
-        story = Story(house)
+        story = kind(house)
         block = await story.prepare()
         with monkeypatch.context() as patches:
             cutter.install(patches)
@@ -146,30 +199,40 @@ async def play(house: House, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) ->
     return was_cut
 
 
+@pytest.mark.parametrize("kind", [Story, SharesStory])
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 async def test_a_power_cut_at_every_write_of_the_embedded_store_and_of_the_keys(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: bool, kind: Kind
 ) -> None:
     steps = 0
     for step in range(1, STEPS_MAX_COUNT):
         folder = tmp_path / str(step)
         house = House(lambda folder=folder: SqliteStore(folder / "custody"), folder / "erase-keys")
-        if not await play(house, Cutter(step, after=after), monkeypatch):
+        if not await play(kind, house, Cutter(step, after=after), monkeypatch):
             break
         steps = step
     assert 25 < steps < STEPS_MAX_COUNT - 1
 
 
 @pytest.mark.parametrize(
-    ("first", "has_transactions"),
+    ("kind", "first", "has_transactions"),
     [
-        (1, False),
-        (1, True),
-        *(pytest.param(first, False, marks=pytest.mark.long) for first in range(2, 1 + CHUNKS_COUNT)),
+        (Story, 1, True),
+        *((kind, 1, False) for kind in (Story, SharesStory)),
+        *(
+            pytest.param(kind, first, False, marks=pytest.mark.long)
+            for kind in (Story, SharesStory)
+            for first in range(2, 1 + kind.chunks_count)
+        ),
     ],
 )
 async def test_a_power_cut_at_every_command_to_the_server(
-    tmp_path: Path, mongo_database: str, monkeypatch: pytest.MonkeyPatch, has_transactions: bool, first: int
+    tmp_path: Path,
+    mongo_database: str,
+    monkeypatch: pytest.MonkeyPatch,
+    kind: Kind,
+    first: int,
+    has_transactions: bool,
 ) -> None:
     """Without transactions the order of the commands has to bear it: each is cut, most of them in the long run of tests."""
     if not has_transactions:
@@ -177,14 +240,14 @@ async def test_a_power_cut_at_every_command_to_the_server(
     steps = 0
     with MongoClient(mongo_database) as client:
         database = client[urlsplit(mongo_database).path.lstrip("/")]
-        for step in range(first, STEPS_MAX_COUNT, CHUNKS_COUNT):
+        for step in range(first, STEPS_MAX_COUNT, kind.chunks_count):
             house = House(lambda: MongoStore(mongo_database), tmp_path / str(step))
-            if not await play(house, Cutter(step, after=False), monkeypatch):
+            if not await play(kind, house, Cutter(step, after=False), monkeypatch):
                 break
             steps = step
             for name in set(database.list_collection_names()) - {"format"}:
                 database[name].delete_many({})
-    assert 25 < steps < STEPS_MAX_COUNT - CHUNKS_COUNT
+    assert kind.commands_min_count < steps < STEPS_MAX_COUNT - kind.chunks_count
 
 
 async def test_a_disk_that_fills_up_in_the_middle_of_a_block_stops_it_and_freed_it_is_completed(tmp_path: Path) -> None:

@@ -114,9 +114,8 @@ def test_the_configured_name_chooses_the_store(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["", "postgres://127.0.0.1/x", "sqlite:///x", "MONGODB"])
 def test_another_name_is_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID:"):
         open_store(name, tmp_path)
-    assert refusal.value.code == "CONFIGURATION_INVALID"
 
 
 BY_KEY_ALONE = {

@@ -162,8 +162,7 @@ async def test_an_erasure_asked_for_meanwhile_is_carried_out_and_owed(opened: Ho
 
 
 async def test_frames_erased_meanwhile_go_from_what_is_held(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     state = State()
     state.record(clip)
     state.access(clip)
@@ -175,8 +174,7 @@ async def test_frames_erased_meanwhile_go_from_what_is_held(opened: House) -> No
 
 async def test_a_store_put_back_from_a_backup_erases_what_it_had_erased(opened: House) -> None:
     """Its receipt is on the chain: nothing is owed, and nothing is kept."""
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     state = State()
     state.record(clip, status="erased")
     state.erasure(clip, receipts=BOTH, status="complete")
@@ -198,8 +196,7 @@ async def test_an_erasure_from_before_this_custodian_came_is_carried_out_without
 
 
 async def test_what_expired_meanwhile_is_erased_and_reported(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     state = State()
     state.record(clip, status="expired", custodians=[OTHER_CUSTODIAN])
     await reconcile(opened, state, at_ms=EXPIRES_MS + 1)
@@ -209,8 +206,7 @@ async def test_what_expired_meanwhile_is_erased_and_reported(opened: House) -> N
 
 
 async def test_a_state_older_than_the_store_changes_nothing(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     before = await opened.custodian.checkpoint()
     state = State()
     state.record(clip, status="erasing")

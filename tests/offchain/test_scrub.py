@@ -277,8 +277,7 @@ async def test_the_checkpoint_of_a_rebuilt_store_is_the_states(desk: Desk) -> No
     assert after is not None
     assert after.height == before.height
     await desk.house.store.apply(BlockEffects())
-    fresh = record_clip()
-    await desk.house.keep(fresh)
+    fresh = await desk.house.keep()
     assert await desk.opens(fresh)
 
 

@@ -112,8 +112,7 @@ def request_of(upload: GrantUpload) -> SharedRequest:
 
 
 async def test_a_grantee_reads_with_two_custodians_parts_and_not_with_ones(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     brought = parts_for(clip)
     await opened.custodian.stage_part(brought[CUSTODIAN], ALICE)
     await opened.follow(granted(clip))
@@ -165,8 +164,7 @@ async def test_each_request_opens_for_its_own_side(opened: House) -> None:
 
 
 async def test_the_same_part_is_taken_again_and_another_is_not(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     upload = parts_for(clip)[CUSTODIAN]
     for _ in range(2):
         assert await opened.custodian.stage_part(upload, ALICE) == "staged"
@@ -192,16 +190,14 @@ async def test_only_the_owner_of_a_record_that_is_here_brings_parts(opened: Hous
 
 
 async def test_a_part_comes_in_time_or_not_at_all(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     for valid_until_ms, code in ((START_MS, "TRANSACTION_EXPIRED"), (START_MS + 3_600_000, "UPLOAD_INVALID")):
         late = parts_for(clip, valid_until_ms=valid_until_ms)[CUSTODIAN]
         await refused_with(code, opened.custodian.stage_part(late, ALICE))
 
 
 async def test_parts_for_grants_that_never_come_are_bounded_and_lapse(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     upload = parts_for(clip)[CUSTODIAN]
     await opened.custodian.stage_part(upload, ALICE)
     row = await opened.store.part(GRANT_ID, clip.record_id)
@@ -216,9 +212,7 @@ async def test_parts_for_grants_that_never_come_are_bounded_and_lapse(opened: Ho
 
 async def test_a_part_that_came_late_counts_while_the_grant_stands(opened: House) -> None:
     """The custodian refused her first, and owes the chain the release once it has its part."""
-    clip, other = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(other)
+    clip, other = await opened.keep(), await opened.keep()
     await opened.follow(granted(clip))
     await opened.follow(asked(clip))
     assert await opened.owed() == [("access.refused", [HER_ACCESS_ID, "GRANT_PARTS_MISSING"])]
@@ -233,9 +227,7 @@ async def test_a_part_that_came_late_counts_while_the_grant_stands(opened: House
 
 
 async def test_what_was_uploaded_under_anothers_grant_goes_when_it_is_final(opened: House) -> None:
-    clip, others = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(others, BOB)
+    clip, others = await opened.keep(), await opened.keep(owner=BOB)
     await opened.custodian.stage_part(parts_for(clip)[CUSTODIAN], ALICE)
     await opened.custodian.stage_part(parts_for(others)[CUSTODIAN], BOB)
     await opened.follow(granted(clip))
@@ -281,8 +273,7 @@ async def test_erased_frames_take_the_package_with_their_keys_with_them(opened: 
 
 
 async def test_an_expired_record_takes_its_parts_with_it(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.custodian.stage_part(parts_for(clip)[CUSTODIAN], ALICE)
     await opened.follow(granted(clip, until_ms=EXPIRES_MS + 3_600_000))
     await opened.follow(at_ms=EXPIRES_MS)

@@ -69,8 +69,7 @@ async def test_from_the_state_after_a_quarantine_ended_parts_from_before_it_are_
 
 
 async def test_a_grant_from_after_a_quarantine_that_was_missed_keeps_its_parts(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.custodian.stage_part(parts_for(clip)[CUSTODIAN], ALICE)
     state = state_of(clip)
     state.grant(GRANT_ID, clip, height=60)
@@ -151,9 +150,7 @@ async def test_an_upload_is_refused_if_the_state_says_so_and_leaves_no_key(opene
 
 
 async def test_a_record_that_expires_while_its_clip_is_away_takes_its_parts_with_it(opened: House) -> None:
-    clip, other = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(other)
+    clip, other = await opened.keep(), await opened.keep()
     for each in (clip, other):
         await opened.custodian.stage_part(parts_for(each)[CUSTODIAN], ALICE)
     await opened.follow(granted(clip, other, until_ms=EXPIRES_MS + 3_600_000))
@@ -175,8 +172,7 @@ async def test_a_record_that_expires_while_its_clip_is_away_takes_its_parts_with
 
 @pytest.mark.parametrize("end", ["revoked", "over"])
 async def test_nothing_is_owed_for_an_old_request_of_a_grant_that_has_ended(opened: House, end: str) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     state = state_of(clip)
     state.grant(GRANT_ID, clip, **({"status": "revoked"} if end == "revoked" else {"until_ms": AT_MS}))
     state.access(clip, grant=GRANT_ID)
@@ -189,8 +185,7 @@ async def test_nothing_is_owed_for_an_old_request_of_a_grant_that_has_ended(open
 async def test_who_has_released_does_not_refuse_because_its_store_was_put_back(
     opened: House, has_released: bool
 ) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     state = state_of(clip)
     state.grant(GRANT_ID, clip)
     state.access(clip, grant=GRANT_ID, released={CUSTODIAN: 1} if has_released else {})

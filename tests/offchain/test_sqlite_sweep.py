@@ -298,9 +298,8 @@ async def test_a_reader_that_holds_the_log_delays_the_sweep_and_hides_no_page(
             reader.execute("SELECT count(*) FROM frames").fetchall()
             for _ in range(20):
                 await churn.step()
-            with pytest.raises(BlockRobotError) as refusal:
+            with pytest.raises(BlockRobotError, match=r"^STORE_UNAVAILABLE:"):
                 await store.sweep()
-            assert refusal.value.code == "STORE_UNAVAILABLE"
         for _ in range(5):
             await churn.step()
         await store.sweep()

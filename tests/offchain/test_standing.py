@@ -78,9 +78,7 @@ NARROWED = [
 
 @pytest.mark.parametrize(("code", "said"), NARROWED)
 async def test_a_request_that_was_open_before_is_void(opened: House, code: str, said: Any) -> None:
-    clip, others = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(others, BOB)
+    clip, others = await opened.keep(), await opened.keep(owner=BOB)
     await opened.follow(access(ACCESS_ID, clip), access(SECOND_ACCESS, others, owner=BOB))
     assert await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
     await opened.follow(said())
@@ -91,8 +89,7 @@ async def test_a_request_that_was_open_before_is_void(opened: House, code: str, 
 @pytest.mark.parametrize("is_asked_first", [True, False])
 async def test_a_request_of_the_same_block_is_void_in_either_order(opened: House, is_asked_first: bool) -> None:
     """A custodian keeps heights, not places: who asked in the very block asks once more."""
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     events = [access(ACCESS_ID, clip), restricted(clip)]
     await opened.follow(*(events if is_asked_first else events[::-1]))
     await refused("ACCESS_ENDED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
@@ -114,8 +111,7 @@ async def test_it_stays_void_over_a_restart_and_a_block_that_comes_twice(house: 
 
 
 async def test_what_the_chain_lets_her_ask_for_afterwards_is_released(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(restricted(clip))
     await opened.follow(access(ACCESS_ID, clip))
     assert await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
@@ -143,8 +139,7 @@ async def test_a_denied_visit_is_released_to_nobody_until_an_officer_ends_it(ope
 
 async def test_a_restricted_clip_is_still_copied_to_other_custodians(opened: House) -> None:
     """Article 18(2): storing goes on."""
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(restricted(clip))
     assert (await opened.custodian.export(clip.record_id)).record_id == clip.record_id
 
@@ -152,8 +147,7 @@ async def test_a_restricted_clip_is_still_copied_to_other_custodians(opened: Hou
 async def test_a_word_that_becomes_final_while_frames_are_read_stops_the_release(
     opened: House, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(access(ACCESS_ID, clip))
     reading, go_on = asyncio.Event(), asyncio.Event()
     frames = opened.store.frames
@@ -186,9 +180,7 @@ async def test_a_clip_that_comes_late_is_not_released_under_a_void_request(opene
 
 
 async def test_what_is_kept_for_a_claim_outlives_its_expiry_until_it_is_lifted(opened: House) -> None:
-    clip, other = record_clip(), record_clip()
-    await opened.keep(clip)
-    await opened.keep(other)
+    clip, other = await opened.keep(), await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(at_ms=EXPIRES_MS + 1)
     await opened.follow(access(ACCESS_ID, clip))
@@ -202,8 +194,7 @@ async def test_what_is_kept_for_a_claim_outlives_its_expiry_until_it_is_lifted(o
 
 
 async def test_a_lift_before_the_expiry_gives_the_clip_its_own_time_again(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].expires_at_ms == START_MS + YEAR_MS
     await opened.follow(lifted())
@@ -211,8 +202,7 @@ async def test_a_lift_before_the_expiry_gives_the_clip_its_own_time_again(opened
 
 
 async def test_keeping_ends_by_itself(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(at_ms=START_MS + YEAR_MS)
     assert [kind for kind, _ in await opened.owed()] == ["erasure.expired"]
@@ -244,8 +234,7 @@ async def test_all_that_is_missing_of_a_visit_is_kept_and_nothing_of_others(open
 
 
 async def test_an_owner_who_denies_keeps_nothing(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(denied())
     await opened.follow(at_ms=EXPIRES_MS + 1)
@@ -253,8 +242,7 @@ async def test_an_owner_who_denies_keeps_nothing(opened: House) -> None:
 
 
 async def test_a_restricted_clip_is_erased_when_its_owner_asks(opened: House) -> None:
-    clip = record_clip()
-    await opened.keep(clip)
+    clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(erasure(ERASURE_ID, clip))
     assert [kind for kind, _ in await opened.owed()] == ["erasure.receipt"]
